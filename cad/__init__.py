@@ -1,0 +1,1 @@
+"""Printable parts and cut outlines of a layout."""

@@ -1,0 +1,1 @@
+"""The mirrorcam command and the pipeline that chains the rooms."""

@@ -1,0 +1,1 @@
+"""Optics of a mirror camera: design, calibration and light field. Imports nothing else of this project."""

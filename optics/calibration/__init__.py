@@ -1,0 +1,1 @@
+"""Calibration of a layout from frames of a target."""

@@ -1,0 +1,1 @@
+"""Design of a layout: seeds, metrics, optimiser."""

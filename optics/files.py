@@ -1,0 +1,112 @@
+"""Reading and writing the files users meet: whole or not at all, and refused in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+
+from optics.values import InputError, Metric
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`, with its suffix, renamed to it when the block ends well and removed otherwise."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 text file atomically."""
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write JSON atomically; NaN is refused rather than written."""
+    write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
+    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit."""
+    write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file, or InputError in one line."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, expected a file") from None
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+
+
+def one_line(error: ValidationError) -> str:
+    """What is wrong, where, in one line: the first of pydantic's findings and how many more there are."""
+    details = error.errors(include_url=False)
+    where = ".".join(str(part) for part in details[0]["loc"])
+    message = details[0]["msg"].removeprefix("Value error, ")
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    return f"{where}: {message}{more}" if where else f"{message}{more}"
+
+
+def read_model(model: type[Model], path: Path) -> Model:
+    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line."""
+    raw = read_bytes(path)
+    try:
+        text = raw.decode("utf-8")
+        data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: not valid {'TOML' if path.suffix == '.toml' else 'JSON'}: {error}") from None
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{path}: {one_line(error)}") from None
+
+
+def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
+    """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey; truncated or foreign files raise InputError."""
+    raw = read_bytes(path)
+    whole = {b"\x89PNG": b"IEND\xaeB`\x82", b"\xff\xd8": b"\xff\xd9"}
+    for head, tail in whole.items():
+        if raw.startswith(head) and tail not in raw[-4096:]:
+            raise InputError(f"{path}: image is truncated")
+    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
+    image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags) if raw else None
+    if image is None:
+        raise InputError(f"{path}: not an image that can be decoded, expected PNG or JPEG")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
+    encoded, buffer = cv2.imencode(path.suffix, image if image.ndim == 2 else image[..., ::-1])
+    if not encoded:
+        raise ValueError(f"{path}: no encoder for {image.shape=}")
+    with atomic(path) as temporary:
+        temporary.write_bytes(buffer.tobytes())

@@ -1,0 +1,126 @@
+"""A flat mirror is one point: the pupil reflected. Its plane is the perpendicular bisector of pupil and that point."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from shapely import LinearRing
+
+from optics.values import FloatArray, Points3, Value, Vector3
+
+ON_PLANE_TOLERANCE_MM = 1e-6
+
+
+def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Reflect points (..., 3) at the plane of a virtual centre c: x - 2 (x.c / |c|^2 - 1/2) c. Broadcasts."""
+    squared = np.sum(virtual_centre * virtual_centre, axis=-1, keepdims=True)
+    along = np.sum(points_in_rig * virtual_centre, axis=-1, keepdims=True) / squared
+    return points_in_rig - 2.0 * (along - 0.5) * virtual_centre
+
+
+class Mirror(Value):
+    """One flat mirror of a layout, in the rig frame (origin at the pupil of the base camera).
+
+    The plane is the *reflecting* surface: the front of a first-surface mirror, the coated back of a second-surface one.
+    The outline is where that surface is cut, a convex polygon of at least three corners on the plane.
+    """
+
+    virtual_centre_in_rig_mm: Vector3
+    outline_in_rig_mm: Points3
+    surface: Literal["first", "second"] = "first"
+    thickness_mm: float = Field(default=1.0, gt=0)
+    refractive_index: float = Field(default=1.49, ge=1)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.distance_mm < 1e-3:
+            raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
+        outline = self.outline_in_rig_mm
+        if len(outline) < 3:
+            raise ValueError(f"outline has {len(outline)} corners, expected at least 3")
+        off_plane = np.abs(outline @ self.normal_in_rig + self.distance_mm).max()
+        if off_plane > ON_PLANE_TOLERANCE_MM:
+            raise ValueError(f"outline leaves the mirror plane by {off_plane:.3g} mm, expected all corners on it")
+        if (outline[:, 2] <= 0).any():
+            raise ValueError("outline has a corner behind the camera, expected z > 0")
+        polygon = self.outline_in_plane_mm
+        if not LinearRing(polygon).is_simple:
+            raise ValueError("outline crosses itself, expected a convex polygon")
+        edges = np.roll(polygon, -1, axis=0) - polygon
+        following = np.roll(edges, -1, axis=0)
+        turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+        scale = np.square(edges).sum(axis=1).max()
+        if not (turns > -1e-9 * scale).all() and not (turns < 1e-9 * scale).all():
+            raise ValueError("outline is not convex, expected a convex polygon")
+        return self
+
+    @classmethod
+    def from_plane(cls, point_in_rig: FloatArray, normal_in_rig: FloatArray, **fields: object) -> Self:
+        """The mirror through a point (3,) in mm with a normal (3,) of any length and sign."""
+        normal = normal_in_rig / np.linalg.norm(normal_in_rig)
+        return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point_in_rig) * normal, **fields)
+
+    @cached_property
+    def distance_mm(self) -> float:
+        """Distance of the plane from the pupil."""
+        return float(np.linalg.norm(self.virtual_centre_in_rig_mm)) / 2.0
+
+    @cached_property
+    def normal_in_rig(self) -> FloatArray:
+        """Unit normal (3,) on the reflecting side, where the pupil is: n.x = -distance on the plane."""
+        return -self.virtual_centre_in_rig_mm / (2.0 * self.distance_mm)
+
+    @cached_property
+    def reflection(self) -> FloatArray:
+        """The 3x3 linear part I - 2 n n^T (determinant -1), for directions."""
+        return np.eye(3) - 2.0 * np.outer(self.normal_in_rig, self.normal_in_rig)
+
+    def reflect(self, points_in_rig: FloatArray) -> FloatArray:
+        """Reflect points (..., 3) in mm at the plane."""
+        return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
+
+    def cut(self, normalized: FloatArray) -> FloatArray:
+        """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""
+        rays = np.concatenate([normalized, np.ones((*np.shape(normalized)[:-1], 1))], axis=-1)
+        return rays * (-self.distance_mm / (rays @ self.normal_in_rig))[..., None]
+
+    @cached_property
+    def outline_normalized(self) -> FloatArray:
+        """The outline (n, 2) as the camera sees it, in normalized image coordinates."""
+        return self.outline_in_rig_mm[:, :2] / self.outline_in_rig_mm[:, 2:]
+
+    @cached_property
+    def rig_from_plane(self) -> FloatArray:
+        """Rigid 4x4 of the mirror's own frame.
+
+        Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows, z out of the
+        reflecting side.
+        """
+        x_axis = np.array([1.0, 0.0, 0.0])
+        x_axis = x_axis - (x_axis @ self.normal_in_rig) * self.normal_in_rig
+        x_axis /= np.linalg.norm(x_axis)
+        matrix = np.eye(4)
+        matrix[:3, 0], matrix[:3, 1] = x_axis, np.cross(self.normal_in_rig, x_axis)
+        matrix[:3, 2], matrix[:3, 3] = self.normal_in_rig, self.outline_in_rig_mm.mean(axis=0)
+        return matrix
+
+    @cached_property
+    def outline_in_plane_mm(self) -> FloatArray:
+        """The outline (n, 2) in the mirror's own frame, as seen from the reflecting side."""
+        matrix = self.rig_from_plane
+        return (self.outline_in_rig_mm - matrix[:3, 3]) @ matrix[:3, :2]
+
+    def moved(self, rotation: FloatArray, translation_mm: FloatArray) -> Self:
+        """The mirror as a rigid body: turned by a 3x3 rotation about its outline mean, then shifted by (3,) in rig."""
+        centre = self.outline_in_rig_mm.mean(axis=0)
+        return type(self).from_plane(
+            centre + translation_mm,
+            rotation @ self.normal_in_rig,
+            outline_in_rig_mm=(self.outline_in_rig_mm - centre) @ rotation.T + centre + translation_mm,
+            surface=self.surface,
+            thickness_mm=self.thickness_mm,
+            refractive_index=self.refractive_index,
+        )

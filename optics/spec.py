@@ -1,0 +1,39 @@
+"""What a designer asks for."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from optics.camera import Camera
+from optics.values import Value
+
+
+class DesignSpec(Value):
+    """A request for a mirror layout; the optimiser answers with a `Layout` or says which constraint cannot hold."""
+
+    camera: Camera = Field(default_factory=Camera.c920)
+    rows: int = Field(default=3, ge=1, le=12, description="rows of mirrors, one row of views each")
+    cols: int = Field(default=3, ge=1, le=12, description="columns of mirrors")
+    scale_mm: float = Field(default=80.0, gt=0, description="height of the central mirror above the pupil")
+    depths_mm: tuple[float, ...] = Field(
+        default=(300.0, 500.0), min_length=1, description="scene depths (along +y from the pupil) where views overlap"
+    )
+    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between neighbouring mirrors")
+    tradeoff: float = Field(
+        default=0.3, ge=0, le=1, description="0 asks for pixel efficiency alone, 1 for a perfect grid of views alone"
+    )
+    surface: Literal["first", "second"] = Field(default="first", description="which face of the mirror is coated")
+    thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirror sheet")
+    refractive_index: float = Field(default=1.49, ge=1, description="index of the sheet (acrylic 1.49)")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.rows * self.cols < 2:
+            raise ValueError("rows x cols is 1, expected at least two mirrors")
+        if any(depth <= 0 for depth in self.depths_mm):
+            raise ValueError(f"depths_mm {self.depths_mm}, expected positive depths")
+        if len(set(self.depths_mm)) != len(self.depths_mm):
+            raise ValueError(f"depths_mm {self.depths_mm} names a depth twice")
+        return self

@@ -1,0 +1,95 @@
+"""Frozen, self-checking values: the base of everything that MirrorCam writes to or reads from a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import core_schema
+
+FloatArray = NDArray[np.float64]
+
+
+class InputError(ValueError):
+    """Bad input from outside: its message is the one line the user sees (what, where, what was expected)."""
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """Annotation that turns nested lists into a finite, read-only float64 array of a given shape.
+
+    `None` in `shape` stands for any length.
+    """
+
+    shape: tuple[int | None, ...]
+
+    def check(self, value: Any) -> FloatArray:
+        expected = "(" + ", ".join("n" if length is None else str(length) for length in self.shape) + ")"
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"not an array of numbers, expected shape {expected}") from None
+        if array.ndim != len(self.shape) or any(
+            want is not None and want != got for want, got in zip(self.shape, array.shape, strict=True)
+        ):
+            raise ValueError(f"shape {array.shape}, expected {expected}")
+        if not np.isfinite(array).all():
+            raise ValueError("holds a value that is NaN or infinite, expected finite numbers")
+        array.flags.writeable = False
+        return array
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.check,
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda array: array.tolist()),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {"type": "array"}
+
+
+Vector3 = Annotated[FloatArray, Shaped((3,))]
+Points2 = Annotated[FloatArray, Shaped((None, 2))]
+Points3 = Annotated[FloatArray, Shaped((None, 3))]
+Matrix3 = Annotated[FloatArray, Shaped((3, 3))]
+Matrix4 = Annotated[FloatArray, Shaped((4, 4))]
+SquareMatrix = Annotated[FloatArray, Shaped((None, None))]
+
+
+class Value(BaseModel):
+    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
+    )
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())
+
+    def replaced(self, **changes: Any) -> Self:
+        """Copy with some fields changed; the copy checks itself (unlike `model_copy`)."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**(fields | changes))
+
+
+class Metric(Value):
+    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it."""
+
+    value: float
+    unit: str
+    limit: float | None = None
+    lower_is_better: bool = True
+
+    @property
+    def passed(self) -> bool:
+        if self.limit is None:
+            return True
+        return self.value <= self.limit if self.lower_is_better else self.value >= self.limit

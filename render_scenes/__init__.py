@@ -1,0 +1,1 @@
+"""Synthetic frames of a layout, with sealed truth."""
