@@ -1,0 +1,218 @@
+"""Levenberg-Marquardt for cameras, mirrors and board poses, with the poses eliminated by the Schur complement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from optics.calibration.observations import Observations
+from optics.calibration.residuals import N_INTRINSICS, Estimate, residuals, residuals_with_jacobians
+from optics.camera import INTRINSIC_NAMES
+from optics.values import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+HUBER_SCALE = 1.345
+FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A minimum: estimate, residuals (n, 2), which rows took part (n,), pixel noise and covariance of the globals.
+
+    `covariance` is (g, g) over the free globals, whose places in the vector of 9 intrinsics and 3 numbers per mirror
+    are `free` (g,); it is sigma_px^2 times the inverse of the reduced normal matrix.
+    """
+
+    estimate: Estimate
+    residuals: FloatArray
+    inliers: BoolArray
+    iterations: int
+    sigma_px: float
+    free: NDArray[np.int64]
+    covariance: FloatArray
+
+    @property
+    def rms_px(self) -> FloatArray:
+        """Root mean square residual (2,) per axis over the rows that took part."""
+        return np.sqrt(np.mean(self.residuals[self.inliers] ** 2, axis=0))
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
+
+    u: FloatArray
+    v: FloatArray
+    w: FloatArray
+    gradient_global: FloatArray
+    gradient_poses: FloatArray
+
+    def step(self, damping: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The damped step of globals (g,) and poses (f, 6), and the reduced matrix (g, g)."""
+        u = self.u + damping * np.diag(np.diag(self.u))
+        v = self.v + damping * self.v * np.eye(6)
+        solved = np.linalg.solve(v, np.concatenate([self.w, self.gradient_poses[:, :, None]], axis=2))
+        reduced = u - np.einsum("fij,fik->jk", self.w, solved[:, :, :-1])
+        right = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
+        step_global = -cho_solve(cho_factor(reduced), right) if right.size else right
+        step_poses = -solved[:, :, -1] - solved[:, :, :-1] @ step_global
+        return step_global, step_poses, reduced
+
+
+def _normal_equations(
+    estimate: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    free: NDArray[np.int64],
+    root_weights: FloatArray,
+) -> _Normal:
+    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, corners_in_board_mm)
+    r = r * root_weights[:, None]
+    by_global = by_global[:, :, free] * root_weights[:, None, None]
+    by_twist = by_twist * root_weights[:, None, None]
+    frames = len(estimate.rig_from_board)
+    bounds = np.searchsorted(observations.frame, np.arange(frames + 1))
+    v = np.empty((frames, 6, 6))
+    w = np.empty((frames, 6, free.size))
+    gradient_poses = np.empty((frames, 6))
+    for frame in range(frames):
+        rows = slice(bounds[frame], bounds[frame + 1])
+        twist = by_twist[rows].reshape(-1, 6)
+        v[frame] = twist.T @ twist
+        w[frame] = twist.T @ by_global[rows].reshape(-1, free.size)
+        gradient_poses[frame] = twist.T @ r[rows].ravel()
+    flat = by_global.reshape(-1, free.size)
+    return _Normal(flat.T @ flat, v, w, flat.T @ r.ravel(), gradient_poses)
+
+
+def free_globals(mirrors: int, *, intrinsics: tuple[str, ...], mirrors_free: bool = True) -> NDArray[np.int64]:
+    """Places of the free parameters among 9 intrinsics (by their names) and 3 numbers per mirror."""
+    places = [INTRINSIC_NAMES.index(name) for name in intrinsics]
+    if mirrors_free:
+        places += range(N_INTRINSICS, N_INTRINSICS + 3 * mirrors)
+    return np.array(sorted(places), dtype=np.int64)
+
+
+def minimise(
+    start: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    free: NDArray[np.int64],
+    *,
+    root_weights: FloatArray | None = None,
+    max_iterations: int = 50,
+) -> tuple[Estimate, _Normal, int]:
+    """Weighted least squares from `start` to where a step no longer lowers the cost by 1e-12 of it.
+
+    Every frame must have observations that determine its pose. Raises `numpy.linalg.LinAlgError` where the
+    observations do not determine the globals.
+    """
+    root = np.ones(len(observations)) if root_weights is None else root_weights
+    estimate, damping = start, 1e-6
+    cost = _cost(residuals(estimate, observations, corners_in_board_mm), root)
+    if not np.isfinite(cost):
+        raise ValueError("the start predicts a corner behind the camera")
+    size = N_INTRINSICS + 3 * len(start.virtual_centres_in_rig_mm)
+    for iteration in range(1, max_iterations + 1):
+        normal = _normal_equations(estimate, observations, corners_in_board_mm, free, root)
+        while True:
+            step_free, step_poses, _ = normal.step(damping)
+            step = np.zeros(size)
+            step[free] = step_free
+            trial = _moved(estimate, step, step_poses)
+            trial_cost = (
+                np.inf if trial is None else _cost(residuals(trial, observations, corners_in_board_mm), root)
+            )
+            if trial is not None and trial_cost <= cost:
+                break
+            damping = max(10.0 * damping, 1e-9)
+            if damping > 1e9:
+                return estimate, normal, iteration
+        gain = cost - trial_cost
+        estimate, cost, damping = trial, trial_cost, max(damping / 10.0, 1e-15)
+        if gain <= 1e-12 * cost or cost == 0.0:
+            break
+    return estimate, _normal_equations(estimate, observations, corners_in_board_mm, free, root), iteration
+
+
+def _cost(r: FloatArray, root_weights: FloatArray) -> float:
+    total = float(np.sum((r * root_weights[:, None]) ** 2))
+    return total if np.isfinite(total) else np.inf
+
+
+def _moved(estimate: Estimate, step_global: FloatArray, step_poses: FloatArray) -> Estimate | None:
+    """The estimate after a step, or None where a wild trial step makes no camera (a focal length of zero or less)."""
+    focal = estimate.camera.intrinsics[:2] + step_global[:2]
+    return estimate.moved(step_global, step_poses) if (focal > 0).all() and np.isfinite(step_global).all() else None
+
+
+def fit(
+    start: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    free: NDArray[np.int64],
+) -> Solution:
+    """Robust start (Huber), plain least-squares finish without outliers, covariance.
+
+    Outliers by the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma
+    are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay.
+    """
+    estimate, _, huber_iterations = _huber(start, observations, corners_in_board_mm, free)
+    r = residuals(estimate, observations, corners_in_board_mm)
+    inliers = np.ones(len(observations), dtype=bool)
+    sigma = _robust_sigma(r)
+    iterations = huber_iterations
+    while True:
+        dropped = _outliers(r, observations.view, inliers, sigma)
+        inliers &= ~dropped
+        estimate, normal, steps = minimise(
+            estimate, observations, corners_in_board_mm, free, root_weights=inliers.astype(np.float64)
+        )
+        iterations += steps
+        r = residuals(estimate, observations, corners_in_board_mm)
+        unknowns = free.size + 6 * len(estimate.rig_from_board)
+        spare = 2 * int(inliers.sum()) - unknowns
+        if spare <= 0:
+            raise ValueError(f"{int(inliers.sum())} corners for {unknowns} unknowns, expected more")
+        sigma = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
+        if not _outliers(r, observations.view, inliers, sigma).any():
+            break
+    _, _, reduced = normal.step(0.0)
+    covariance = sigma**2 * np.linalg.inv(reduced) if free.size else np.empty((0, 0))
+    return Solution(estimate, r, inliers, iterations, sigma, free, covariance)
+
+
+def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, sigma: float) -> BoolArray:
+    norm = np.abs(r).max(axis=1)
+    found = inliers & (norm > FIND_SIGMAS * sigma)
+    return inliers & np.isin(view, view[found]) & (norm > DROP_SIGMAS * sigma)
+
+
+def _robust_sigma(r: FloatArray) -> float:
+    return max(1.4826 * float(np.median(np.abs(r))), 1e-9)
+
+
+def _huber(
+    start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, free: NDArray[np.int64]
+) -> tuple[Estimate, FloatArray, int]:
+    """Iteratively re-weighted least squares with Huber's weights, to a few digits."""
+    estimate, iterations = start, 0
+    root = np.ones(len(observations))
+    previous = np.inf
+    for _ in range(20):
+        r = residuals(estimate, observations, corners_in_board_mm)
+        sigma = _robust_sigma(r)
+        norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
+        root = np.sqrt(1.0 / np.maximum(norm, 1.0))
+        estimate, _, steps = minimise(
+            estimate, observations, corners_in_board_mm, free, root_weights=root, max_iterations=10
+        )
+        iterations += steps
+        if abs(previous - sigma) < 1e-3 * sigma:
+            break
+        previous = sigma
+    return estimate, root, iterations
