@@ -24,8 +24,13 @@ Model = TypeVar("Model", bound=BaseModel)
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, with its suffix, renamed to it when the block ends well and removed otherwise."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected a file to write")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -81,7 +86,7 @@ def read_model(model: type[Model], path: Path) -> Model:
     try:
         text = raw.decode("utf-8")
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid {'TOML' if path.suffix == '.toml' else 'JSON'}: {error}") from None
     try:
         return model.model_validate(data)
@@ -105,6 +110,8 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
+    if not cv2.haveImageWriter(path.name):
+        raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
     encoded, buffer = cv2.imencode(path.suffix, image if image.ndim == 2 else image[..., ::-1])
     if not encoded:
         raise ValueError(f"{path}: no encoder for {image.shape=}")

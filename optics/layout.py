@@ -70,8 +70,15 @@ class Layout(Value):
 
     @cached_property
     def identity(self) -> str:
-        """Sixteen hexadecimal digits of what light meets: camera, mirrors and view axes; nothing else changes it."""
-        light = self.model_dump(mode="json", include={"rows", "cols", "camera", "mirrors", "view_from_rig"})
+        """Sixteen hexadecimal digits of what light meets: camera, mirrors and view axes; nothing else changes it.
+
+        Names do not: not even the camera's.
+        """
+        light = self.model_dump(
+            mode="json",
+            include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
+            exclude={"camera": {"name"}},
+        )
         return hashlib.sha256(json.dumps(light, sort_keys=True).encode()).hexdigest()[:16]
 
     @cached_property

@@ -96,11 +96,13 @@ class Mirror(Value):
     def rig_from_plane(self) -> FloatArray:
         """Rigid 4x4 of the mirror's own frame.
 
-        Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows, z out of the
-        reflecting side.
+        Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows (for a mirror that
+        faces along the rig's x: along the rig's z), z out of the reflecting side.
         """
         x_axis = np.array([1.0, 0.0, 0.0])
         x_axis = x_axis - (x_axis @ self.normal_in_rig) * self.normal_in_rig
+        if np.linalg.norm(x_axis) < 1e-6:
+            x_axis = np.cross([0.0, 1.0, 0.0], self.normal_in_rig)
         x_axis /= np.linalg.norm(x_axis)
         matrix = np.eye(4)
         matrix[:3, 0], matrix[:3, 1] = x_axis, np.cross(self.normal_in_rig, x_axis)

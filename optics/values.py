@@ -30,7 +30,7 @@ class Shaped:
         expected = "(" + ", ".join("n" if length is None else str(length) for length in self.shape) + ")"
         try:
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"not an array of numbers, expected shape {expected}") from None
         if array.ndim != len(self.shape) or any(
             want is not None and want != got for want, got in zip(self.shape, array.shape, strict=True)
@@ -61,6 +61,13 @@ Matrix4 = Annotated[FloatArray, Shaped((4, 4))]
 SquareMatrix = Annotated[FloatArray, Shaped((None, None))]
 
 
+def _hashable(data: Any) -> Any:
+    """Nested dumps as something that hashes alike where they compare equal (0.0 and -0.0, any order of keys)."""
+    if isinstance(data, dict):
+        return frozenset((key, _hashable(value)) for key, value in data.items())
+    return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
+
+
 class Value(BaseModel):
     """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal."""
 
@@ -72,7 +79,7 @@ class Value(BaseModel):
         return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()
 
     def __hash__(self) -> int:
-        return hash(self.model_dump_json())
+        return hash(_hashable(self.model_dump()))
 
     def replaced(self, **changes: Any) -> Self:
         """Copy with some fields changed; the copy checks itself (unlike `model_copy`)."""
