@@ -1,0 +1,7 @@
+"""`python -m mirrorcam`."""
+
+import sys
+
+from mirrorcam.cli import main
+
+sys.exit(main())

@@ -1,0 +1,142 @@
+"""The `mirrorcam` command: parses, runs one command, and turns bad input into one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from pydantic import ValidationError
+from tyro.conf import (
+    CascadeSubcommandArgs,
+    FlagCreatePairsOff,
+    OmitArgPrefixes,
+    OmitSubcommandPrefixes,
+    PositionalMetavarFromFieldName,
+    subcommand,
+)
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+
+from mirrorcam.commands import cad, decode, design
+from optics.camera import Camera
+from optics.values import InputError
+
+DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+RUNNERS: dict[type, Callable[[Any], int]] = {
+    design.DesignOptions: design.run,
+    cad.CadOptions: cad.run,
+    decode.DecodeOptions: decode.run,
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """MirrorCam: design, build, render, calibrate and decode a light field camera made of a webcam and flat mirrors."""
+
+    command: OmitSubcommandPrefixes[
+        Annotated[design.DesignOptions, subcommand("design")]
+        | Annotated[cad.CadOptions, subcommand("cad")]
+        | Annotated[decode.DecodeOptions, subcommand("decode")]
+    ]
+    debug: FlagCreatePairsOff[bool] = False
+    """show the traceback of an error"""
+
+
+def camera_from_text(text: str) -> Camera:
+    """A camera by its preset's name, or read from a JSON or TOML file."""
+    if text == "c920":
+        return Camera.c920()
+    from optics.files import read_model
+
+    return read_model(Camera, Path(text))
+
+
+def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | None:
+    if info.type is not Camera:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="c920|FILE",
+        instance_from_str=lambda texts: camera_from_text(texts[0]),
+        is_instance=lambda value: isinstance(value, Camera),
+        str_from_instance=lambda camera: ["c920" if camera == Camera.c920() else camera.name],
+    )
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        cause = cause.__cause__ or cause.__context__
+
+
+def _refusal(error: SystemExit, box: str) -> str:
+    """What tyro found wrong, in one line: from the error behind it, else from the box that it printed."""
+    for cause in _causes(error):
+        if isinstance(cause, ValidationError):
+            detail = cause.errors(include_url=False)[0]
+            flag = "--" + "-".join(str(part) for part in detail["loc"][:1]).replace("_", "-")
+            reason = detail["msg"].removeprefix("Value error, ")
+            return f"{flag} {detail['input']!r}: {reason}" if detail["loc"] else reason
+        if isinstance(cause, InputError):
+            return str(cause)
+    lines = [re.sub(r"\x1b\[[0-9;]*m|[─│╭╮╰╯]+", "", line).strip() for line in box.splitlines()[1:]]
+    until_rule = lines[: lines.index("")] if "" in lines else lines
+    return " ".join(until_rule).rstrip(".")
+
+
+def parse(arguments: Sequence[str]) -> Command:
+    """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
+    registry = ConstructorRegistry()
+    registry.primitive_rule(_camera_rule)
+    printed = StringIO()
+    try:
+        with redirect_stderr(printed):
+            return tyro.cli(
+                Command,
+                prog="mirrorcam",
+                args=arguments,
+                config=(CascadeSubcommandArgs, OmitArgPrefixes, PositionalMetavarFromFieldName),
+                registry=registry,
+            )
+    except SystemExit as error:
+        if not error.code:
+            raise
+        raise InputError(f"{_refusal(error, printed.getvalue())} (see mirrorcam --help)") from error
+
+
+def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:
+    """Say in one line on standard error why it ends (with --debug, also where it happened), and pass the code on."""
+    if "--debug" in arguments:
+        traceback.print_exc()
+    print("mirrorcam: " + " ".join(message.split()), file=sys.stderr)
+    return code
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        command = parse(arguments)
+        return RUNNERS[type(command.command)](command.command)
+    except InputError as error:
+        return _refuse(str(error), BAD_INPUT, arguments)
+    except BrokenPipeError:
+        # Whoever read our output has gone; leave quietly, also from the flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CHECK_FAILED
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)
+    except KeyboardInterrupt:
+        return _refuse("interrupted; finished files are whole", INTERRUPTED, arguments)

@@ -1,0 +1,35 @@
+"""`mirrorcam cad`: from a layout to parts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.extras import require
+from mirrorcam.folders import merged
+from mirrorcam.progress import long_work, print_metrics, say
+from optics.values import Value
+
+
+class CadOptions(Value):
+    """Build the mirror holder of a layout: STEP, STL, DXF and a check of every figure; exit 1 when a check fails."""
+
+    layout: tyro.conf.Positional[Path] = Field(description="layout.json")
+    out: Path = Field(default=Path("output/cad"), description="folder for the parts")
+
+
+def run(options: CadOptions) -> int:
+    """Build the parts and print their checks."""
+    from optics.layout import Layout
+
+    layout = Layout.load(options.layout)
+    require("cad")
+    from cad.build import build
+
+    with long_work("cad", f"a holder for {len(layout.mirrors)} mirrors"), merged(options.out) as folder:
+        checks = build(layout, folder)
+    print_metrics({"measured": checks})
+    say("cad", f"parts written to {options.out}")
+    return 0 if all(check.passed for check in checks.values()) else 1

@@ -1,0 +1,97 @@
+"""One style for all long work: a bar on a terminal, plain lines in a log, both on standard output.
+
+Standard error stays free for the one line that says what was wrong.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from optics.values import Metric
+
+SECONDS_BETWEEN_LINES = 5.0
+TITLE_WIDTH = 10
+
+Advance = Callable[[int, int], None]
+
+
+@cache
+def console() -> Console:
+    """The console on standard output; text is printed as it is, without markup."""
+    return Console(markup=False, highlight=False, emoji=False)
+
+
+def say(title: str, text: str) -> None:
+    """One line of the running commentary: what is worked on, then what happened."""
+    console().print(Text.assemble((title.ljust(TITLE_WIDTH), "bold"), " ", text), soft_wrap=True)
+
+
+@contextmanager
+def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
+    """Show that `title` is at work until the block ends well, then say how long it took.
+
+    The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
+    """
+    started = time.monotonic()
+    if console().is_terminal:
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
+        with Progress(*columns, TimeElapsedColumn(), console=console(), transient=True) as bar:
+            task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+    else:
+        say(title, f"{doing} ...")
+        last = started
+
+        def advance(done: int, total: int) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last >= SECONDS_BETWEEN_LINES:
+                last = now
+                say(title, f"{done}/{total} {unit}".rstrip() + f" after {now - started:.0f} s")
+
+        yield advance
+    say(title, f"done in {time.monotonic() - started:.1f} s")
+
+
+def figure_text(value: float) -> str:
+    """A measured figure as people read it: four significant digits, no exponent between 0.0001 and a million."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+
+
+def limit_text(metric: Metric) -> str:
+    """The limit with its direction, or nothing where there is none."""
+    if metric.limit is None:
+        return ""
+    return f"{'≤' if metric.lower_is_better else '≥'} {figure_text(metric.limit)}"
+
+
+def print_metrics(columns: Mapping[str, Mapping[str, Metric]]) -> None:
+    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are."""
+    names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
+    every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
+    limited = any(metric.limit is not None for metric in every.values())
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for title in columns:
+        table.add_column(title, justify="right")
+    table.add_column("unit")
+    if limited:
+        table.add_column("limit")
+        table.add_column("")
+    for name in names:
+        found = [metrics.get(name) for metrics in columns.values()]
+        row = [name.replace("_", " "), *("" if metric is None else figure_text(metric.value) for metric in found)]
+        row.append(every[name].unit)
+        if limited:
+            row.append(limit_text(every[name]))
+            row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
+        table.add_row(*row)
+    console().print(table)

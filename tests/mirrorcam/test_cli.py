@@ -1,0 +1,247 @@
+"""The command: bad input ends in one line on standard error, exit 2 and no file; help comes without heavy imports."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam import cli
+from optics.camera import Camera
+from optics.files import read_image, write_image
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.values import InputError
+
+HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
+
+
+def folding_mirror(left: float, right: float) -> Mirror:
+    """A mirror at 45 degrees, 80 mm up the axis, turned inwards, cut along image coordinates left..right."""
+    normal = np.array([-(left + right) / 2.0, 1.0, -1.0])
+    rays = np.array([[left, -0.15, 1], [right, -0.15, 1], [right, 0.15, 1], [left, 0.15, 1]])
+    outline = rays * (80.0 * normal[2] / (rays @ normal))[:, None]
+    return Mirror.from_plane(np.array([0.0, 0.0, 80.0]), normal, outline_in_rig_mm=outline)
+
+
+@pytest.fixture
+def layout_data(tmp_path: Path) -> dict[str, Any]:
+    """What a small layout.json holds."""
+    mirrors = (folding_mirror(-0.3, -0.02), folding_mirror(0.02, 0.3))
+    Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors).save(tmp_path / "layout.json")
+    data: dict[str, Any] = json.loads((tmp_path / "layout.json").read_text())
+    return data
+
+
+def mirrorcam(folder: Path, arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mirrorcam", *arguments.split()]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
+    """Exit 2, one line on standard error that holds the expected words, and not one new file."""
+    before = sorted(folder.rglob("*"))
+    result = mirrorcam(folder, arguments)
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("mirrorcam: ")
+    for words in expected:
+        assert words in lines[0]
+    assert result.returncode == 2
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("", "Expected one of {"),
+        ("desing", "Unrecognized options: desing"),
+        ("design --tradeof 0.3", "--tradeof"),
+        ("design --tradeoff 2", "--tradeoff 2.0: Input should be less than or equal to 1"),
+        ("design --rows 0", "--rows 0: Input should be greater than or equal to 1"),
+        ("design --rows three", "--rows: invalid literal"),
+        ("design --rows 1 --cols 1", "rows x cols is 1, expected at least two mirrors"),
+        ("design --scale-mm nan", "--scale-mm nan"),
+        ("design --depths-mm", "--depths-mm (): Tuple should have at least 1 item"),
+        ("design --surface third", "invalid choice 'third' for argument '--surface'"),
+        ("design --camera nikon.json", "nikon.json: no such file"),
+        ("cad", "LAYOUT"),
+        ("cad nowhere.json", "nowhere.json: no such file"),
+        ("decode --layout layout.json", "--frames (): Tuple should have at least 1 item"),
+        ("decode frame.png", "--layout"),
+        ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
+    ],
+)
+def test_a_bad_command_line_is_refused_in_one_line(tmp_path: Path, arguments: str, expected: str) -> None:
+    assert_refused(tmp_path, arguments, expected)
+
+
+def not_a_number(data: dict[str, Any]) -> None:
+    data["mirrors"][1]["virtual_centre_in_rig_mm"][2] = float("nan")
+
+
+def crossing_outline(data: dict[str, Any]) -> None:
+    outline = data["mirrors"][1]["outline_in_rig_mm"]
+    outline[1], outline[2] = outline[2], outline[1]
+
+
+def overlapping_outlines(data: dict[str, Any]) -> None:
+    data["mirrors"][1] = data["mirrors"][0]
+
+
+def unknown_key(data: dict[str, Any]) -> None:
+    data["mirrors"][1]["curvature"] = 0.1
+
+
+def unknown_schema(data: dict[str, Any]) -> None:
+    data["schema"] = "mirrorcam.layout/99"
+
+
+@pytest.mark.parametrize(
+    ("harm", "expected"),
+    [
+        (not_a_number, "mirrors.1.virtual_centre_in_rig_mm: holds a value that is NaN"),
+        (crossing_outline, "mirrors.1: outline crosses itself, expected a convex polygon"),
+        (overlapping_outlines, "outlines of mirrors 0 and 1 overlap"),
+        (unknown_key, "mirrors.1.curvature: Extra inputs are not permitted"),
+        (unknown_schema, "schema: Input should be 'mirrorcam.layout/1'"),
+    ],
+)
+@pytest.mark.parametrize("command", ["cad", "decode frame.png --layout"])
+def test_a_bad_layout_is_refused_in_one_line(
+    tmp_path: Path,
+    layout_data: dict[str, Any],
+    harm: Callable[[dict[str, Any]], None],
+    expected: str,
+    command: str,
+) -> None:
+    harm(layout_data)
+    (tmp_path / "bad.json").write_text(json.dumps(layout_data))
+    assert_refused(tmp_path, f"{command} bad.json", "bad.json: ", expected)
+
+
+@pytest.fixture
+def frame(tmp_path: Path, layout_data: dict[str, Any]) -> Path:
+    """A whole frame of the small layout's camera: smooth noise, so that its PNG has many bytes to lose."""
+    pixels = np.random.default_rng(0).integers(0, 256, (1080, 1920, 3), dtype=np.uint8)
+    write_image(tmp_path / "frame.png", pixels)
+    return tmp_path / "frame.png"
+
+
+def truncate(frame: Path) -> None:
+    frame.write_bytes(frame.read_bytes()[:100_000])
+
+
+def empty(frame: Path) -> None:
+    frame.write_bytes(b"")
+
+
+def another_size(frame: Path) -> None:
+    write_image(frame, np.zeros((540, 960, 3), dtype=np.uint8))
+
+
+def a_folder(frame: Path) -> None:
+    frame.unlink()
+    frame.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("harm", "expected"),
+    [
+        (truncate, "bad.png: image is truncated"),
+        (empty, "bad.png: not an image that can be decoded"),
+        (another_size, "bad.png: 960x540 px, expected 1920x1080 of layout.json's camera"),
+        (a_folder, "bad.png: is a folder, expected a file"),
+        (Path.unlink, "bad.png: no such file"),
+    ],
+)
+def test_one_bad_frame_among_good_ones_leaves_nothing_decoded(
+    tmp_path: Path, frame: Path, harm: Callable[[Path], None], expected: str
+) -> None:
+    bad = tmp_path / "bad.png"
+    bad.write_bytes(frame.read_bytes())
+    harm(bad)
+    assert_refused(tmp_path, "decode frame.png bad.png --layout layout.json --out out", expected)
+
+
+def test_two_frames_of_one_name_are_refused(tmp_path: Path, frame: Path) -> None:
+    assert_refused(tmp_path, "decode frame.png ./frame.png --layout layout.json", "two frames are called 'frame'")
+
+
+def test_decode_writes_every_view_and_a_picture_of_them(tmp_path: Path, frame: Path) -> None:
+    result = mirrorcam(tmp_path, "decode frame.png --layout layout.json --out out")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frame.npz", "frame_views.png"]
+    with np.load(tmp_path / "out" / "frame.npz", allow_pickle=False) as light_field:
+        rows, cols, height, width, colours = light_field["samples"].shape
+        assert (rows, cols, colours) == (1, 2, 3)
+        assert light_field["weights"].shape == (1, 2, height, width)
+        assert light_field["positions_mm"].shape == (1, 2, 3)
+    assert read_image(tmp_path / "out" / "frame_views.png").shape[1] > 2 * width
+
+
+def test_debug_shows_the_traceback(tmp_path: Path) -> None:
+    result = mirrorcam(tmp_path, "cad nowhere.json --debug")
+    assert result.returncode == 2
+    assert "Traceback" in result.stderr
+    assert result.stderr.splitlines()[-1] == "mirrorcam: nowhere.json: no such file"
+
+
+def test_help_names_the_commands_and_needs_no_heavy_import(tmp_path: Path) -> None:
+    program = (
+        "import sys; from mirrorcam.cli import main\n"
+        "try: main(['--help'])\n"
+        f"finally: print(sorted(set(sys.modules) & {set(HEAVY)!r}), file=sys.stderr)"
+    )
+    result = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert result.stderr == "[]\n"
+    for options in cli.RUNNERS:
+        assert (options.__doc__ or "").split(":")[0].split(";")[0][:40] in result.stdout
+
+
+def raising(error: BaseException) -> Callable[[object], int]:
+    def run(options: object) -> int:
+        raise error
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (InputError("two\nlines"), 2, "mirrorcam: two lines"),
+        (PermissionError(13, "Permission denied", "out/x"), 2, "mirrorcam: out/x: Permission denied"),
+        (KeyboardInterrupt(), 130, "mirrorcam: interrupted; finished files are whole"),
+    ],
+)
+def test_what_ends_a_command_is_told_in_one_line(
+    error: BaseException, code: int, line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
+    monkeypatch.setitem(cli.RUNNERS, options, raising(error))
+    assert cli.main(["cad", "layout.json"]) == code
+    assert capfd.readouterr().err == line + "\n"
+
+
+def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -> None:
+    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
+    monkeypatch.setitem(cli.RUNNERS, options, raising(KeyError("bug")))
+    with pytest.raises(KeyError):
+        cli.main(["cad", "layout.json"])
+
+
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(
+    tmp_path: Path, layout_data: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mirrorcam.extras.find_spec", lambda module: None if module == "build123d" else object())
+    assert cli.main(["cad", "layout.json"]) == 2
+    assert capfd.readouterr().err == (
+        'mirrorcam: build123d not installed, needed for this command: pip install "mirrorcam[cad]"\n'
+    )

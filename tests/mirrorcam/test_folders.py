@@ -1,0 +1,58 @@
+"""Folders appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.folders import merged, replaced
+from optics.values import InputError
+
+
+def test_merged_adds_files_and_keeps_others(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "deep").mkdir(parents=True)
+    (out / "mine.txt").write_text("mine")
+    (out / "deep" / "old.txt").write_text("old")
+    with merged(out) as folder:
+        (folder / "deep").mkdir()
+        (folder / "deep" / "old.txt").write_text("new")
+        (folder / "more.txt").write_text("more")
+        assert not (out / "more.txt").exists()
+    texts = {path.name: path.read_text() for path in out.rglob("*.txt")}
+    assert texts == {"mine.txt": "mine", "old.txt": "new", "more.txt": "more"}
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_merged_leaves_nothing_when_the_block_fails(tmp_path: Path) -> None:
+    with pytest.raises(InputError), merged(tmp_path / "out") as folder:
+        (folder / "half.txt").write_text("half")
+        raise InputError("no")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_replaced_removes_what_was_there(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        with replaced(tmp_path / "out", marker="marker") as folder:
+            (folder / "marker").touch()
+            (folder / name).touch()
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["marker", "two"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_replaced_refuses_a_file_and_a_folder_without_the_marker(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "mine.txt").write_text("mine")
+    for name in ("file", "folder"):
+        with pytest.raises(InputError, match="holds no marker"), replaced(tmp_path / name, marker="marker"):
+            pass
+    assert (tmp_path / "file").read_text() == (tmp_path / "folder" / "mine.txt").read_text() == "mine"
+
+
+def test_replaced_takes_an_empty_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with replaced(tmp_path / "out", marker="marker") as folder:
+        (folder / "file").touch()
+    assert (tmp_path / "out" / "file").exists()

@@ -1,0 +1,169 @@
+"""A stage is done once, and again when anything it depends on has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mirrorcam import stages
+from mirrorcam.stages import MANIFEST, Stage, is_current, perform
+from optics.values import InputError
+
+
+def copying(root: Path, name: str = "copy", read: str = "source.txt", **parameters: object) -> Stage:
+    """A stage that writes what it reads, and its parameters, into two files, one of them in a folder."""
+
+    def work(folder: Path) -> None:
+        (folder / "text.txt").write_text((root / read).read_text())
+        (folder / "deep").mkdir()
+        (folder / "deep" / "parameters.txt").write_text(repr(parameters))
+
+    return Stage(name=name, work=work, parameters=parameters, reads=(root / read,), sources=("mirrorcam.stages",))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    (tmp_path / "source.txt").write_text("first")
+    return tmp_path
+
+
+def test_a_finished_stage_is_current(root: Path) -> None:
+    stage = copying(root, size=3)
+    assert not is_current(stage, root)
+    perform(stage, root)
+    assert (root / "copy" / "text.txt").read_text() == "first"
+    assert is_current(stage, root)
+    assert sorted(path.name for path in root.iterdir()) == ["copy", "source.txt"]
+
+
+def delete_output(root: Path) -> None:
+    (root / "copy" / "deep" / "parameters.txt").unlink()
+
+
+def alter_output(root: Path) -> None:
+    (root / "copy" / "text.txt").write_text("forged")
+
+
+def add_output(root: Path) -> None:
+    (root / "copy" / "0001.png").write_text("from an earlier run")
+
+
+def delete_folder(root: Path) -> None:
+    (root / "copy").rename(root / "elsewhere")
+
+
+def alter_input(root: Path) -> None:
+    (root / "source.txt").write_text("second")
+
+
+def delete_manifest_content(root: Path) -> None:
+    (root / "copy" / MANIFEST).write_text("{")
+
+
+@pytest.mark.parametrize(
+    "harm", [delete_output, alter_output, add_output, delete_folder, alter_input, delete_manifest_content]
+)
+def test_whatever_changes_on_disk_makes_it_stale_until_it_is_done_again(
+    root: Path, harm: Callable[[Path], None]
+) -> None:
+    stage = copying(root)
+    perform(stage, root)
+    harm(root)
+    assert not is_current(stage, root)
+    perform(stage, root)
+    assert is_current(stage, root)
+    assert (root / "copy" / "text.txt").read_text() == (root / "source.txt").read_text()
+    assert not (root / "copy" / "0001.png").exists()
+
+
+def test_a_changed_parameter_makes_it_stale(root: Path) -> None:
+    perform(copying(root, size=3), root)
+    assert not is_current(copying(root, size=4), root)
+    assert is_current(copying(root, size=3), root)
+
+
+def test_changed_sources_make_it_stale(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = copying(root)
+    perform(stage, root)
+    monkeypatch.setattr(stages, "source_digest", lambda module: "0" * 64)
+    assert not is_current(stage, root)
+
+
+def test_source_digest_sees_every_file_of_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "some_package_of_this_test"
+    (package / "inner").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    module = package / "inner" / "module.py"
+    module.write_text("x = 1")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = stages.source_digest(package.name)
+    module.write_text("x = 2")
+    stages.source_digest.cache_clear()
+    assert stages.source_digest(package.name) != before
+
+
+def test_a_changed_tool_makes_it_stale(root: Path) -> None:
+    perform(copying(root), root)
+    stage = copying(root)
+    assert not is_current(Stage(stage.name, stage.work, reads=stage.reads, tools=("numpy",)), root)
+
+
+def test_a_stage_that_reads_another_follows_it(root: Path) -> None:
+    first, second = copying(root), copying(root, name="again", read="copy/text.txt")
+    perform(first, root)
+    perform(second, root)
+    alter_input(root)
+    perform(first, root)
+    assert not is_current(second, root)
+
+
+def test_a_stage_done_again_with_the_same_result_leaves_its_followers_alone(root: Path) -> None:
+    first, second = copying(root), copying(root, name="again", read="copy/text.txt")
+    perform(first, root)
+    perform(second, root)
+    alter_output(root)
+    perform(first, root)
+    assert is_current(second, root)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
+def test_interrupted_work_leaves_nothing_behind(root: Path, error: type[BaseException]) -> None:
+    def work(folder: Path) -> None:
+        (folder / "half.txt").write_text("half")
+        raise error
+
+    with pytest.raises(error):
+        perform(Stage("copy", work), root)
+    assert [path.name for path in root.iterdir()] == ["source.txt"]
+
+
+def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
+    stage = copying(root)
+    perform(stage, root)
+
+    def work(folder: Path) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        perform(Stage("copy", work), root)
+    assert is_current(stage, root)
+
+
+def test_leftovers_of_a_killed_run_are_cleared(root: Path) -> None:
+    leftover = root / ".copy-unfinished"
+    leftover.mkdir()
+    (leftover / "half.txt").write_text("half")
+    stage = copying(root)
+    perform(stage, root)
+    assert not leftover.exists()
+    assert not (root / "copy" / "half.txt").exists()
+
+
+def test_a_folder_of_somebody_else_is_not_replaced(root: Path) -> None:
+    (root / "copy").mkdir()
+    (root / "copy" / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match=r"copy: exists and holds no \.stage\.json"):
+        perform(copying(root), root)
+    assert (root / "copy" / "thesis.txt").read_text() == "years of work"
