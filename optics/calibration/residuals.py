@@ -1,12 +1,12 @@
 """Reprojection residuals of corners seen directly or by way of one mirror, and their exact derivatives.
 
-A corner X_b of the board in frame f is X = R_f X_b + t_f in rig. Seen directly it projects from X; by way of the mirror
-with virtual centre c it projects from X' = X - 2 (X.c / |c|^2 - 1/2) c.
+A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k) + t_f in rig in frame f. Seen
+directly it projects from X; by way of the mirror with virtual centre c from X' = X - 2 (X.c / |c|^2 - 1/2) c.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,30 +20,69 @@ N_INTRINSICS = 9
 
 
 @dataclass(frozen=True)
+class Board:
+    """The corners (c, 3) mm as drawn, and the modes (k, c, 3) by which the real board may differ from the drawing."""
+
+    corners_in_board_mm: FloatArray
+    modes: FloatArray
+
+    @classmethod
+    def rigid(cls, corners_in_board_mm: FloatArray) -> Board:
+        """A board that is exactly as drawn."""
+        return cls(corners_in_board_mm, np.zeros((0, *corners_in_board_mm.shape)))
+
+    @classmethod
+    def free(cls, corners_in_board_mm: FloatArray) -> Board:
+        """Every corner free in x, y and z, less the seven ways that only move, turn or scale the whole board.
+
+        After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
+        """
+        count = len(corners_in_board_mm)
+        centred = corners_in_board_mm - corners_in_board_mm.mean(axis=0)
+        axes = np.eye(3)
+        gauge = [np.tile(axis, (count, 1)) for axis in axes]
+        gauge += [np.cross(axis, centred) for axis in axes]
+        gauge += [centred]
+        directions = np.array(gauge).reshape(7, -1)
+        _, _, rows = np.linalg.svd(directions)
+        return cls(corners_in_board_mm, rows[7:].reshape(-1, count, 3))
+
+    def shaped(self, shape: FloatArray) -> FloatArray:
+        """The corners (c, 3) mm with coefficients (k,) of the modes."""
+        return self.corners_in_board_mm + np.tensordot(shape, self.modes, axes=1)
+
+
+@dataclass(frozen=True)
 class Estimate:
-    """Everything that a calibration solves for: camera, virtual centres (m, 3) mm, board poses (f, 4, 4)."""
+    """Everything that a calibration solves for.
+
+    Camera, virtual centres (m, 3) mm, board poses (f, 4, 4) and coefficients (k,) mm of the board's modes.
+    """
 
     camera: Camera
     virtual_centres_in_rig_mm: FloatArray
     rig_from_board: FloatArray
+    shape: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def moved(self, step_global: FloatArray, step_poses: FloatArray) -> Estimate:
-        """Add a step (9 + 3 m,) of intrinsics and virtual centres, and twists (f, 6): left rotation, then translation.
+        """Add a step (9 + 3 m + k,) of intrinsics, virtual centres and modes, and twists (f, 6): rotation, translation.
 
         A rotation vector w turns the board's axes in place, R <- exp(w) R; the translation is added.
         """
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
+        end = N_INTRINSICS + self.virtual_centres_in_rig_mm.size
         return Estimate(
             self.camera.with_intrinsics(self.camera.intrinsics + step_global[:N_INTRINSICS]),
-            self.virtual_centres_in_rig_mm + step_global[N_INTRINSICS:].reshape(-1, 3),
+            self.virtual_centres_in_rig_mm + step_global[N_INTRINSICS:end].reshape(-1, 3),
             poses,
+            self.shape + step_global[end:],
         )
 
 
 def points_at_camera(
-    estimate: Estimate, observations: Observations, corners_in_board_mm: FloatArray
+    estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the base camera sees each observed corner.
 
@@ -51,7 +90,7 @@ def points_at_camera(
     reflected by the mirror of its view (n, 3); all mm.
     """
     poses = estimate.rig_from_board[observations.frame]
-    turned = np.einsum("nij,nj->ni", poses[:, :3, :3], corners_in_board_mm[observations.corner])
+    turned = np.einsum("nij,nj->ni", poses[:, :3, :3], board.shaped(estimate.shape)[observations.corner])
     in_rig = turned + poses[:, :3, 3]
     mirrored = observations.view != DIRECT
     seen = in_rig.copy()
@@ -59,20 +98,20 @@ def points_at_camera(
     return turned, in_rig, seen
 
 
-def residuals(estimate: Estimate, observations: Observations, corners_in_board_mm: FloatArray) -> FloatArray:
+def residuals(estimate: Estimate, observations: Observations, board: Board) -> FloatArray:
     """Predicted minus seen pixels (n, 2); NaN where a corner is predicted behind the camera."""
-    _, _, seen = points_at_camera(estimate, observations, corners_in_board_mm)
+    _, _, seen = points_at_camera(estimate, observations, board)
     return estimate.camera.project(seen) - observations.pixels
 
 
 def residuals_with_jacobians(
-    estimate: Estimate, observations: Observations, corners_in_board_mm: FloatArray
+    estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2) and their derivatives by the globals (n, 2, 9 + 3 m) and by the frame's own twist (n, 2, 6)."""
-    turned, in_rig, seen = points_at_camera(estimate, observations, corners_in_board_mm)
+    """Residuals (n, 2), their derivatives by the globals (n, 2, 9 + 3 m + k) and by the frame's own twist (n, 2, 6)."""
+    turned, in_rig, seen = points_at_camera(estimate, observations, board)
     pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
-    count, mirrors = len(observations), len(estimate.virtual_centres_in_rig_mm)
-    by_global = np.zeros((count, 2, N_INTRINSICS + 3 * mirrors))
+    end = N_INTRINSICS + estimate.virtual_centres_in_rig_mm.size
+    by_global = np.zeros((len(observations), 2, end + estimate.shape.size))
     by_global[:, :, :N_INTRINSICS] = by_intrinsics
 
     by_point = by_seen.copy()
@@ -93,7 +132,11 @@ def residuals_with_jacobians(
     for k in range(3):
         by_global[rows, :, columns + k] = by_centre[:, :, k]
 
-    by_twist = np.empty((count, 2, 6))
+    if estimate.shape.size:
+        by_corner = np.einsum("nij,njk->nik", by_point, estimate.rig_from_board[observations.frame, :3, :3])
+        by_global[:, :, end:] = np.einsum("nij,knj->nik", by_corner, board.modes[:, observations.corner])
+
+    by_twist = np.empty((len(observations), 2, 6))
     by_twist[:, :, 3:] = by_point
     by_twist[:, :, :3] = np.cross(turned[:, None, :], by_point)  # J (w x p) = w . (p x J)
     return pixels - observations.pixels, by_global, by_twist

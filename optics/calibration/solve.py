@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from optics.calibration.observations import Observations
-from optics.calibration.residuals import N_INTRINSICS, Estimate, residuals, residuals_with_jacobians
+from optics.calibration.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
 from optics.camera import INTRINSIC_NAMES
 from optics.values import FloatArray
 
@@ -23,8 +23,8 @@ FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
 class Solution:
     """A minimum: estimate, residuals (n, 2), which rows took part (n,), pixel noise and covariance of the globals.
 
-    `covariance` is (g, g) over the free globals, whose places in the vector of 9 intrinsics and 3 numbers per mirror
-    are `free` (g,); it is sigma_px^2 times the inverse of the reduced normal matrix.
+    `covariance` is (g, g) over the free globals, whose places in the vector of 9 intrinsics, 3 numbers per mirror and
+    the board's modes are `free` (g,); it is sigma_px^2 times the inverse of the reduced normal matrix.
     """
 
     estimate: Estimate
@@ -66,11 +66,11 @@ class _Normal:
 def _normal_equations(
     estimate: Estimate,
     observations: Observations,
-    corners_in_board_mm: FloatArray,
+    board: Board,
     free: NDArray[np.int64],
     root_weights: FloatArray,
 ) -> _Normal:
-    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, corners_in_board_mm)
+    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, board)
     r = r * root_weights[:, None]
     by_global = by_global[:, :, free] * root_weights[:, None, None]
     by_twist = by_twist * root_weights[:, None, None]
@@ -89,18 +89,17 @@ def _normal_equations(
     return _Normal(flat.T @ flat, v, w, flat.T @ r.ravel(), gradient_poses)
 
 
-def free_globals(mirrors: int, *, intrinsics: tuple[str, ...], mirrors_free: bool = True) -> NDArray[np.int64]:
-    """Places of the free parameters among 9 intrinsics (by their names) and 3 numbers per mirror."""
+def free_globals(*, intrinsics: tuple[str, ...], mirrors: int, modes: int = 0) -> NDArray[np.int64]:
+    """Places of the free parameters among the globals: named intrinsics, all mirrors, all modes of the board."""
     places = [INTRINSIC_NAMES.index(name) for name in intrinsics]
-    if mirrors_free:
-        places += range(N_INTRINSICS, N_INTRINSICS + 3 * mirrors)
+    places += range(N_INTRINSICS, N_INTRINSICS + 3 * mirrors + modes)
     return np.array(sorted(places), dtype=np.int64)
 
 
 def minimise(
     start: Estimate,
     observations: Observations,
-    corners_in_board_mm: FloatArray,
+    board: Board,
     free: NDArray[np.int64],
     *,
     root_weights: FloatArray | None = None,
@@ -113,20 +112,18 @@ def minimise(
     """
     root = np.ones(len(observations)) if root_weights is None else root_weights
     estimate, damping = start, 1e-6
-    cost = _cost(residuals(estimate, observations, corners_in_board_mm), root)
+    cost = _cost(residuals(estimate, observations, board), root)
     if not np.isfinite(cost):
         raise ValueError("the start predicts a corner behind the camera")
-    size = N_INTRINSICS + 3 * len(start.virtual_centres_in_rig_mm)
+    size = N_INTRINSICS + start.virtual_centres_in_rig_mm.size + start.shape.size
     for iteration in range(1, max_iterations + 1):
-        normal = _normal_equations(estimate, observations, corners_in_board_mm, free, root)
+        normal = _normal_equations(estimate, observations, board, free, root)
         while True:
             step_free, step_poses, _ = normal.step(damping)
             step = np.zeros(size)
             step[free] = step_free
             trial = _moved(estimate, step, step_poses)
-            trial_cost = (
-                np.inf if trial is None else _cost(residuals(trial, observations, corners_in_board_mm), root)
-            )
+            trial_cost = np.inf if trial is None else _cost(residuals(trial, observations, board), root)
             if trial is not None and trial_cost <= cost:
                 break
             damping = max(10.0 * damping, 1e-9)
@@ -136,7 +133,7 @@ def minimise(
         estimate, cost, damping = trial, trial_cost, max(damping / 10.0, 1e-15)
         if gain <= 1e-12 * cost or cost == 0.0:
             break
-    return estimate, _normal_equations(estimate, observations, corners_in_board_mm, free, root), iteration
+    return estimate, _normal_equations(estimate, observations, board, free, root), iteration
 
 
 def _cost(r: FloatArray, root_weights: FloatArray) -> float:
@@ -153,7 +150,7 @@ def _moved(estimate: Estimate, step_global: FloatArray, step_poses: FloatArray) 
 def fit(
     start: Estimate,
     observations: Observations,
-    corners_in_board_mm: FloatArray,
+    board: Board,
     free: NDArray[np.int64],
 ) -> Solution:
     """Robust start (Huber), plain least-squares finish without outliers, covariance.
@@ -161,19 +158,17 @@ def fit(
     Outliers by the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma
     are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay.
     """
-    estimate, _, huber_iterations = _huber(start, observations, corners_in_board_mm, free)
-    r = residuals(estimate, observations, corners_in_board_mm)
+    estimate, _, huber_iterations = _huber(start, observations, board, free)
+    r = residuals(estimate, observations, board)
     inliers = np.ones(len(observations), dtype=bool)
     sigma = _robust_sigma(r)
     iterations = huber_iterations
     while True:
         dropped = _outliers(r, observations.view, inliers, sigma)
         inliers &= ~dropped
-        estimate, normal, steps = minimise(
-            estimate, observations, corners_in_board_mm, free, root_weights=inliers.astype(np.float64)
-        )
+        estimate, normal, steps = minimise(estimate, observations, board, free, root_weights=inliers.astype(np.float64))
         iterations += steps
-        r = residuals(estimate, observations, corners_in_board_mm)
+        r = residuals(estimate, observations, board)
         unknowns = free.size + 6 * len(estimate.rig_from_board)
         spare = 2 * int(inliers.sum()) - unknowns
         if spare <= 0:
@@ -182,7 +177,7 @@ def fit(
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
     _, _, reduced = normal.step(0.0)
-    covariance = sigma**2 * np.linalg.inv(reduced) if free.size else np.empty((0, 0))
+    covariance: FloatArray = sigma**2 * np.linalg.inv(reduced)
     return Solution(estimate, r, inliers, iterations, sigma, free, covariance)
 
 
@@ -197,20 +192,18 @@ def _robust_sigma(r: FloatArray) -> float:
 
 
 def _huber(
-    start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, free: NDArray[np.int64]
+    start: Estimate, observations: Observations, board: Board, free: NDArray[np.int64]
 ) -> tuple[Estimate, FloatArray, int]:
     """Iteratively re-weighted least squares with Huber's weights, to a few digits."""
     estimate, iterations = start, 0
     root = np.ones(len(observations))
     previous = np.inf
     for _ in range(20):
-        r = residuals(estimate, observations, corners_in_board_mm)
+        r = residuals(estimate, observations, board)
         sigma = _robust_sigma(r)
         norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
         root = np.sqrt(1.0 / np.maximum(norm, 1.0))
-        estimate, _, steps = minimise(
-            estimate, observations, corners_in_board_mm, free, root_weights=root, max_iterations=10
-        )
+        estimate, _, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=10)
         iterations += steps
         if abs(previous - sigma) < 1e-3 * sigma:
             break

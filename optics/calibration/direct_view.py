@@ -1,0 +1,298 @@
+"""Calibration of a camera that sees a board both directly and in its mirrors, with no layout to start from.
+
+Each plane is seeded from the direct view: where the board stands and where its image stands tell the mirror between
+them. Then one camera, 3 numbers per mirror and one pose per picture are solved jointly, first with the board as it was
+drawn, then with its corners free: paper is printed and glued less exactly than its corners are seen here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from optics.calibration import bootstrap
+from optics.calibration.corners import Corners, Grey, confirm, find_checkerboards, orderings
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.residuals import Board, Estimate
+from optics.calibration.result import (
+    Calibration,
+    angle_between_mirrors,
+    fit_metrics,
+    mirror_covariance,
+    uncertainty,
+)
+from optics.calibration.solve import BoolArray, Solution, fit, free_globals
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.targets import Checkerboard
+from optics.values import FloatArray, InputError, Metric
+
+INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
+PAIR_MISFIT = 0.1  # of the board's diagonal: pose from one view is rough
+SAME_PLANE = 0.1  # of the distance of the virtual centre
+
+
+@dataclass(frozen=True)
+class _Board:
+    """One found board: where it stands (n, 3) for each numbering as a direct view, and as an image in a mirror."""
+
+    direct: list[tuple[Corners, FloatArray]]
+    image: list[tuple[Corners, FloatArray]]
+
+
+def calibrate_with_direct_view(
+    pictures: Sequence[Grey],
+    target: Checkerboard,
+    *,
+    mirrors: int,
+    on_picture: Callable[[int, int], None] | None = None,
+) -> Calibration:
+    """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
+
+    Lengths come in the unit of `target.square_mm`. Raises InputError where the pictures do not suffice.
+    """
+    if not isinstance(target, Checkerboard):
+        raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
+    sizes = {picture.shape for picture in pictures}
+    if len(sizes) != 1:
+        raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
+    found = []
+    for number, picture in enumerate(pictures):
+        found.append(find_checkerboards(picture, target, most=2**mirrors))
+        if on_picture is not None:
+            on_picture(number + 1, len(pictures))
+    if not any(found):
+        raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
+
+    corners_mm = target.corners_in_board_mm
+    camera = _first_camera(pictures, found, target)
+    boards = [
+        [_placed(camera, picture, grid, target) for grid in grids]
+        for picture, grids in zip(pictures, found, strict=True)
+    ]
+    centres = _seed_mirrors(boards, mirrors, size_mm=float(np.hypot(*target.size_mm)))
+    observations, frames, poses = _assign(boards, centres, corners_mm, camera)
+    drawn, free_board = Board.rigid(corners_mm), Board.free(corners_mm)
+    try:
+        rigid = free_globals(intrinsics=INTRINSICS, mirrors=mirrors)
+        flat = fit(Estimate(camera, centres, poses), observations, drawn, rigid)
+        observations = _confirmed(pictures, frames, flat, corners_mm, target, mirrors)
+        flat = fit(flat.estimate, observations, drawn, rigid)
+        start = replace(flat.estimate, shape=np.zeros(len(free_board.modes)))
+        free = free_globals(intrinsics=INTRINSICS, mirrors=mirrors, modes=len(free_board.modes))
+        solution = fit(start, observations, free_board, free)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
+    return _result(solution, flat, free_board, observations, frames, len(pictures))
+
+
+def _first_camera(pictures: Sequence[Grey], found: list[list[FloatArray]], target: Checkerboard) -> Camera:
+    views = [
+        Corners(np.arange(len(target.corners_in_board_mm)), ordering)
+        for picture, grids in zip(pictures, found, strict=True)
+        for grid in grids
+        for ordering in orderings(picture, grid, target, mirrored=False)[:1]
+    ]
+    height, width = pictures[0].shape
+    return bootstrap.intrinsics(
+        views, target.corners_in_board_mm, width_px=width, height_px=height, full_distortion=False
+    )
+
+
+def _placed(camera: Camera, picture: Grey, grid: FloatArray, target: Checkerboard) -> _Board:
+    corners_mm = target.corners_in_board_mm
+
+    def place(mirrored: bool) -> list[tuple[Corners, FloatArray]]:
+        placed = []
+        for ordering in orderings(picture, grid, target, mirrored=mirrored):
+            view = Corners(np.arange(len(corners_mm)), ordering)
+            matrix = bootstrap.camera_from_flat_board(camera, view, corners_mm)
+            placed.append((view, corners_mm @ matrix[:3, :3].T + matrix[:3, 3]))
+        return placed
+
+    return _Board(direct=place(False), image=place(True))
+
+
+def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -> FloatArray:
+    """Virtual centres (m, 3), left to right: the planes that most pictures agree on.
+
+    Every ordered pair of boards in a picture proposes the plane that would show one as the other's image. True planes
+    recur from picture to picture, chance ones do not.
+    """
+    proposals: list[tuple[int, FloatArray, float]] = []
+    for number, in_picture in enumerate(boards):
+        for a in in_picture:
+            for b in in_picture:
+                if a is b:
+                    continue
+                for _, points in a.direct:
+                    for _, image in b.image:
+                        centre, misfit = bootstrap.virtual_centre_between(points, image)
+                        in_front = not bootstrap.behind(points, centre)
+                        if misfit < PAIR_MISFIT * size_mm and in_front:
+                            proposals.append((number, centre, misfit))
+    chosen: list[FloatArray] = []
+    while len(chosen) < mirrors and proposals:
+        support = [len({n for n, other, _ in proposals if _same_plane(centre, other)}) for _, centre, _ in proposals]
+        best = min(range(len(proposals)), key=lambda i: (-support[i], proposals[i][2]))
+        members = [centre for _, centre, _ in proposals if _same_plane(proposals[best][1], centre)]
+        chosen.append(np.median(members, axis=0))
+        proposals = [p for p in proposals if not _same_plane(proposals[best][1], p[1])]
+    if len(chosen) < mirrors:
+        raise InputError(
+            f"the pictures show {len(chosen)} mirrors, expected {mirrors}: the board must be seen directly and in each "
+            "mirror in at least one picture"
+        )
+    return np.array(sorted(chosen, key=lambda centre: centre[0]))
+
+
+def _same_plane(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.linalg.norm(a - b) < SAME_PLANE * np.linalg.norm(a))
+
+
+def _assign(
+    boards: list[list[_Board]], centres: FloatArray, corners_mm: FloatArray, camera: Camera
+) -> tuple[Observations, list[int], FloatArray]:
+    """Which board is which view. A board behind no plane is the direct view, behind one plane the image in it.
+
+    Boards behind several planes were reflected more than once and are left out. Returns observations with frames
+    numbered from 0, the picture number of each frame, and a pose (4, 4) per frame.
+    """
+    parts: list[Observations] = []
+    frames: list[int] = []
+    poses: list[FloatArray] = []
+    for number, in_picture in enumerate(boards):
+        views: dict[int, list[tuple[Corners, FloatArray]]] = {}
+        for board in in_picture:
+            hidden_by = [m for m, centre in enumerate(centres) if bootstrap.behind(board.direct[0][1], centre)]
+            if len(hidden_by) == 0:
+                views.setdefault(DIRECT, board.direct)
+            elif len(hidden_by) == 1:
+                views.setdefault(hidden_by[0], board.image)
+        if not views:
+            continue
+        first = min(views)
+        reference, reference_points = views[first][0]
+        if first != DIRECT:
+            reference_points = _unreflect(reference_points, centres[first])
+        for view, options in views.items():
+            # A board that looks the same upside down has two numberings; the one that agrees with the first view is it.
+            placed = [p if view == DIRECT else _unreflect(p, centres[view]) for _, p in options]
+            best = min(range(len(options)), key=lambda i: float(np.abs(placed[i] - reference_points).sum()))
+            corners = options[best][0]
+            parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels))
+        poses.append(
+            bootstrap.rig_from_board(camera, reference, corners_mm, None if first == DIRECT else centres[first])
+        )
+        frames.append(number)
+    return Observations.join(parts), frames, np.array(poses)
+
+
+def _unreflect(points: FloatArray, centre: FloatArray) -> FloatArray:
+    return points - 2.0 * ((points @ centre / (centre @ centre)) - 0.5)[:, None] * centre
+
+
+def _confirmed(
+    pictures: Sequence[Grey],
+    frames: list[int],
+    solution: Solution,
+    corners_mm: FloatArray,
+    target: Checkerboard,
+    mirrors: int,
+) -> Observations:
+    """All corners of all views, found again where the first fit predicts them: completes partly hidden boards."""
+    parts = []
+    for frame, number in enumerate(frames):
+        pose = solution.estimate.rig_from_board[frame]
+        points = corners_mm @ pose[:3, :3].T + pose[:3, 3]
+        for view in range(DIRECT, mirrors):
+            seen = points if view == DIRECT else _unreflect(points, solution.estimate.virtual_centres_in_rig_mm[view])
+            predicted = solution.estimate.camera.project(seen)
+            if not np.isfinite(predicted).all():
+                continue
+            corners = confirm(pictures[number], predicted, target)
+            if len(corners):
+                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels))
+    return Observations.join(parts)
+
+
+def _result(
+    solution: Solution,
+    flat: Solution,
+    board: Board,
+    observations: Observations,
+    frames: list[int],
+    pictures: int,
+) -> Calibration:
+    estimate = solution.estimate
+    mirrors, corners_mm = len(estimate.virtual_centres_in_rig_mm), board.corners_in_board_mm
+    metrics = fit_metrics(observations, solution)
+    for axis, rms in zip("xy", flat.rms_px, strict=True):
+        metrics[f"flat_board_rms_{axis}_px"] = Metric(value=rms, unit="px")
+    shift = board.shaped(estimate.shape) - corners_mm
+    metrics["board_shift_in_plane_rms_mm"] = Metric(
+        value=np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))), unit="mm"
+    )
+    metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift[:, 2] ** 2)), unit="mm")
+    covariance = mirror_covariance(solution)
+    for a in range(mirrors):
+        for b in range(a + 1, mirrors):
+            rows = [*range(3 * a, 3 * a + 3), *range(3 * b, 3 * b + 3)]
+            angle, sigma = angle_between_mirrors(
+                estimate.virtual_centres_in_rig_mm[a],
+                estimate.virtual_centres_in_rig_mm[b],
+                covariance[np.ix_(rows, rows)],
+            )
+            metrics[f"mirrors_{a}_{b}_angle_deg"] = Metric(value=np.degrees(angle), unit="deg")
+            metrics[f"mirrors_{a}_{b}_angle_sigma_deg"] = Metric(value=np.degrees(sigma), unit="deg")
+    notes = []
+    used = 0
+    for number in range(pictures):
+        if number not in frames:
+            notes.append(f"picture {number + 1}: no board found, not used")
+            continue
+        in_picture = observations.where(observations.frame == frames.index(number))
+        for view in range(DIRECT, mirrors):
+            name = "direct view" if view == DIRECT else f"mirror {view}"
+            count = int((in_picture.view == view).sum())
+            used += count > 0
+            if count == 0:
+                notes.append(f"picture {number + 1}: {name} not found")
+            elif count < len(corners_mm):
+                notes.append(f"picture {number + 1}: {name} shows {count} of {len(corners_mm)} corners")
+    metrics["views"] = Metric(value=used, unit="1")
+    layout = Layout(
+        kind="calibrated",
+        rows=1,
+        cols=mirrors,
+        camera=estimate.camera,
+        mirrors=tuple(_seen_mirror(estimate, observations, solution.inliers, m) for m in range(mirrors)),
+        view_from_rig=np.eye(3),
+        metrics=metrics,
+        provenance={"source": "pictures of a checkerboard seen directly and in the mirrors"},
+        uncertainty=uncertainty(solution),
+    )
+    return Calibration(
+        layout=layout,
+        rig_from_board=estimate.rig_from_board,
+        observations=observations,
+        residuals_px=solution.residuals,
+        inliers=solution.inliers,
+        metrics=metrics,
+        notes=tuple(notes),
+    )
+
+
+def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
+    """The mirror, cut to the convex hull of where corners were seen in it: nothing is known beyond."""
+    centre = estimate.virtual_centres_in_rig_mm[mirror]
+    pixels = observations.pixels[inliers & (observations.view == mirror)]
+    normalized = estimate.camera.normalized_from_pixels(pixels)
+    hull = normalized[ConvexHull(normalized).vertices]
+    rays = np.column_stack([hull, np.ones(len(hull))])
+    outline = rays * (centre @ centre / 2.0 / (rays @ centre))[:, None]
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline)

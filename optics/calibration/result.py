@@ -1,0 +1,108 @@
+"""What a calibration returns: the calibrated layout, how well it fits, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.residuals import N_INTRINSICS
+from optics.calibration.solve import Solution
+from optics.camera import INTRINSIC_NAMES
+from optics.layout import Layout, Uncertainty
+from optics.values import FloatArray, Metric
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated layout with its evidence.
+
+    `rig_from_board` (f, 4, 4) are the board's poses, `observations` the corners (n rows) with `residuals_px` (n, 2) and
+    `inliers` (n,). `notes` say in words what was not found or not used.
+    """
+
+    layout: Layout
+    rig_from_board: FloatArray
+    observations: Observations
+    residuals_px: FloatArray
+    inliers: NDArray[np.bool_]
+    metrics: dict[str, Metric]
+    notes: tuple[str, ...]
+
+
+def parameter_names(mirrors: int) -> list[str]:
+    """Names of the 9 intrinsics and 3 numbers per mirror, in the order of the solver's globals."""
+    return [*INTRINSIC_NAMES, *(f"mirror {m} {axis}_mm" for m in range(mirrors) for axis in "xyz")]
+
+
+def uncertainty(solution: Solution) -> Uncertainty:
+    """The covariance of camera and mirrors under their names; the board's modes are marginalised out."""
+    names = parameter_names(len(solution.estimate.virtual_centres_in_rig_mm))
+    places = [place for place in solution.free if place < len(names)]
+    covariance = solution.covariance[: len(places), : len(places)]
+    return Uncertainty(parameters=tuple(names[place] for place in places), covariance=(covariance + covariance.T) / 2.0)
+
+
+def mirror_covariance(solution: Solution) -> FloatArray:
+    """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
+    end = N_INTRINSICS + solution.estimate.virtual_centres_in_rig_mm.size
+    rows = (solution.free >= N_INTRINSICS) & (solution.free < end)
+    return solution.covariance[np.ix_(rows, rows)]
+
+
+def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations of each mirror's normal (m,) rad, rms over its two directions, and distance (m,) mm.
+
+    With c = -2 d n, a change of c along n changes d by half of it, and one across n tilts n by it over |c|.
+    """
+    across, along = [], []
+    for m, centre in enumerate(virtual_centres):
+        block = covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3]
+        length = np.linalg.norm(centre)
+        unit = centre / length
+        variance_along = float(unit @ block @ unit)
+        along.append(np.sqrt(max(variance_along, 0.0)) / 2.0)
+        across.append(np.sqrt(max(np.trace(block) - variance_along, 0.0) / 2.0) / length)
+    return np.array(across), np.array(along)
+
+
+def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Angle between the planes of two virtual centres and its standard deviation, rad; covariance is (6, 6) mm^2."""
+    a, b = centre_a / np.linalg.norm(centre_a), centre_b / np.linalg.norm(centre_b)
+    cosine = float(np.clip(a @ b, -1.0, 1.0))
+    sine = max(float(np.sqrt(1.0 - cosine**2)), 1e-12)
+    gradient = np.concatenate(
+        [-(b - cosine * a) / (sine * np.linalg.norm(centre_a)), -(a - cosine * b) / (sine * np.linalg.norm(centre_b))]
+    )
+    return float(np.arccos(cosine)), float(np.sqrt(gradient @ covariance @ gradient))
+
+
+def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Metric]:
+    """Root mean square residuals per axis and per view, counts, and the standard deviations of mirrors."""
+    used = solution.residuals[solution.inliers]
+    rms = solution.rms_px
+    metrics = {
+        "rms_x_px": Metric(value=rms[0], unit="px"),
+        "rms_y_px": Metric(value=rms[1], unit="px"),
+        "corners": Metric(value=len(used), unit="1"),
+        "outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
+        "sigma_px": Metric(value=solution.sigma_px, unit="px"),
+        "iterations": Metric(value=solution.iterations, unit="1"),
+    }
+    for view in np.unique(observations.view):
+        rows = solution.inliers & (observations.view == view)
+        if not rows.any():
+            continue
+        name = "direct" if view == DIRECT else f"mirror_{view}"
+        per_axis = np.sqrt(np.mean(solution.residuals[rows] ** 2, axis=0))
+        metrics[f"{name}_rms_x_px"] = Metric(value=per_axis[0], unit="px")
+        metrics[f"{name}_rms_y_px"] = Metric(value=per_axis[1], unit="px")
+    tilt, distance = normal_and_distance_sigmas(
+        solution.estimate.virtual_centres_in_rig_mm, mirror_covariance(solution)
+    )
+    for m, (tilt_rad, distance_mm) in enumerate(zip(tilt, distance, strict=True)):
+        metrics[f"mirror_{m}_normal_sigma_deg"] = Metric(value=np.degrees(tilt_rad), unit="deg")
+        metrics[f"mirror_{m}_distance_sigma_mm"] = Metric(value=distance_mm, unit="mm")
+    return metrics
