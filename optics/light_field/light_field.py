@@ -1,0 +1,183 @@
+"""The decoded light field: parallel views [t, s, v, u, c] at their true positions, and what each sample is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.values import FloatArray, InputError, Shaped
+
+Axis = Literal["s", "t"]
+Samples = NDArray[np.uint8] | NDArray[np.float32]
+
+_SHAPES = {
+    "positions_mm": (None, None, 3),
+    "centre_px": (2,),
+    "reference_view_in_rig_mm": (3,),
+    "view_from_rig": (3, 3),
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Views:
+    """Where every pixel of a grid of parallel views looks.
+
+    The view frame has its origin at the reference (central) view, x right, y down, z forward. Pixel (u, v) of *every*
+    view looks at the same point (X, Y) of the reference plane, which lies Z0 in front of the reference view:
+    u = f X / Z0 + cx. So view i at (x_i, y_i, z_i) is exactly the off-axis pinhole
+
+        u = f_i (X - x_i) / (Z - z_i) + cx + f x_i / Z0,    f_i = f (1 - z_i / Z0)
+
+    (v alike, with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) where z_i is zero. Disparity is zero on the whole
+    reference plane, however uneven the grid.
+
+    "Depth" is measured from the pupil along view z (the plane y_rig = depth of the 90 degree fold) here as everywhere;
+    the Z of the formulas is `distance`, measured from the reference view.
+
+    Attributes:
+        positions_mm: true positions (t, s, 3) in the view frame; exactly zero for the reference view.
+        focal_px: focal length f of the reference view.
+        centre_px: principal point (cx, cy) of the reference view.
+        width_px, height_px: size of every view.
+        reference_depth_mm: depth of the plane of zero disparity.
+        reference_view_in_rig_mm: position (3,) of the reference view in rig.
+        view_from_rig: rotation (3, 3).
+        layout_identity: `Layout.identity` of the layout that was decoded with.
+    """
+
+    positions_mm: FloatArray
+    focal_px: float
+    centre_px: FloatArray
+    width_px: int
+    height_px: int
+    reference_depth_mm: float
+    reference_view_in_rig_mm: FloatArray
+    view_from_rig: FloatArray
+    layout_identity: str
+
+    def __post_init__(self) -> None:
+        for name, shape in _SHAPES.items():
+            object.__setattr__(self, name, Shaped(shape).check(getattr(self, name)))
+        if not (np.isfinite(self.focal_px) and self.focal_px > 0):
+            raise ValueError(f"{self.focal_px=}, expected a positive number")
+        if not np.isfinite(self.reference_depth_mm):
+            raise ValueError(f"{self.reference_depth_mm=}, expected a finite number")
+        if self.reference_distance_mm <= self.positions_mm[..., 2].max():
+            raise ValueError(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
+
+    @property
+    def rows(self) -> int:
+        return self.positions_mm.shape[0]
+
+    @property
+    def cols(self) -> int:
+        return self.positions_mm.shape[1]
+
+    @cached_property
+    def _depth_of_reference_view_mm(self) -> float:
+        return float(self.view_from_rig[2] @ self.reference_view_in_rig_mm)
+
+    @property
+    def reference_distance_mm(self) -> float:
+        """Z0: distance of the reference plane from the reference view along view z."""
+        return self.reference_depth_mm - self._depth_of_reference_view_mm
+
+    @cached_property
+    def matrices(self) -> FloatArray:
+        """The exact intrinsic matrices (t, s, 3, 3) of the views."""
+        scale = self.focal_px / self.reference_distance_mm
+        matrices = np.zeros((self.rows, self.cols, 3, 3))
+        matrices[..., 0, 0] = matrices[..., 1, 1] = scale * (self.reference_distance_mm - self.positions_mm[..., 2])
+        matrices[..., :2, 2] = self.centre_px + scale * self.positions_mm[..., :2]
+        matrices[..., 2, 2] = 1.0
+        return matrices
+
+    def project_in_view(self, points_in_view: FloatArray) -> FloatArray:
+        """Pixels (t, s, ..., 2) in every view of points (..., 3) in the view frame, mm; NaN behind a view."""
+        points = np.asarray(points_in_view, dtype=np.float64)
+        grid = (self.rows, self.cols) + (1,) * (points.ndim - 1)
+        offset = points - self.positions_mm.reshape(*grid, 3)
+        ahead = np.where(offset[..., 2:] > 0, offset[..., 2:], np.nan)
+        focal = self.matrices[..., 0, 0].reshape(*grid, 1)
+        return focal * offset[..., :2] / ahead + self.matrices[..., :2, 2].reshape(*grid, 2)
+
+    def project(self, points_in_rig: FloatArray) -> FloatArray:
+        """Pixels (t, s, ..., 2) in every view of points (..., 3) in rig, mm; NaN behind a view."""
+        return self.project_in_view((points_in_rig - self.reference_view_in_rig_mm) @ self.view_from_rig.T)
+
+    def plane_points_in_rig(self, depth_mm: float, pixels: FloatArray) -> FloatArray:
+        """Points (..., 3) in rig of the plane at a depth that the reference view sees at pixels (..., 2)."""
+        distance = depth_mm - self._depth_of_reference_view_mm
+        across = (np.asarray(pixels, dtype=np.float64) - self.centre_px) * (distance / self.focal_px)
+        in_view = np.concatenate([across, np.full((*across.shape[:-1], 1), distance)], axis=-1)
+        return in_view @ self.view_from_rig + self.reference_view_in_rig_mm
+
+    def pixel_grid(self) -> FloatArray:
+        """The pixel centres (v, u, 2) of a view, as (u, v)."""
+        return np.stack(np.meshgrid(np.arange(self.width_px), np.arange(self.height_px)), axis=-1).astype(np.float64)
+
+    def step_mm(self, axis: Axis = "s") -> float:
+        """Mean distance of neighbouring views along s (view x) or t (view y); positive in the order of the grid."""
+        ends = self.positions_mm[:, [0, -1], 0] if axis == "s" else self.positions_mm[[0, -1], :, 1].T
+        count = self.cols if axis == "s" else self.rows
+        if count < 2:
+            raise ValueError(f"one view along {axis}, expected at least two for a step")
+        return float((ends[:, 1] - ends[:, 0]).mean() / (count - 1))
+
+    def disparity_px_from_depth(self, depth_mm: FloatArray | float, axis: Axis = "s") -> FloatArray:
+        """Disparity (...) in px per mean view step along `axis`, positive nearer than the reference plane: -du/ds."""
+        distance = np.asarray(depth_mm, dtype=np.float64) - self._depth_of_reference_view_mm
+        return self.focal_px * self.step_mm(axis) * (1.0 / distance - 1.0 / self.reference_distance_mm)
+
+    def depth_mm_from_disparity(self, disparity_px: FloatArray | float, axis: Axis = "s") -> FloatArray:
+        """Depth (...) in mm from the pupil of a disparity per mean view step along `axis`; NaN beyond infinity."""
+        disparity = np.asarray(disparity_px, dtype=np.float64)
+        inverse = disparity / (self.focal_px * self.step_mm(axis)) + 1.0 / self.reference_distance_mm
+        distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
+        return np.where(inverse == 0, np.inf, distance + self._depth_of_reference_view_mm)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LightField(Views):
+    """Samples of a grid of parallel views; t down, s right, then image rows, image columns, colour.
+
+    Attributes:
+        samples: (t, s, v, u, c), uint8 or float32 (0 to 1), RGB or grey; zero where `weights` is zero.
+        weights: (t, s, v, u) float32, 0 for no sample, 1 for a full one.
+    """
+
+    samples: Samples
+    weights: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        expected = (self.rows, self.cols, self.height_px, self.width_px)
+        if self.samples.shape not in {(*expected, 1), (*expected, 3)}:
+            raise InputError(f"samples have shape {self.samples.shape}, expected {(*expected, 3)} or {(*expected, 1)}")
+        if self.samples.dtype not in (np.uint8, np.float32):
+            raise InputError(f"samples are {self.samples.dtype}, expected uint8 or float32")
+        if self.weights.shape != expected or self.weights.dtype != np.float32:
+            raise InputError(
+                f"weights are {self.weights.dtype} of shape {self.weights.shape}, expected float32 {expected}"
+            )
+        if self.samples.dtype == np.float32 and not np.isfinite(self.samples).all():
+            raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
+        for name in ("samples", "weights"):
+            read_only = getattr(self, name).view()
+            read_only.flags.writeable = False
+            object.__setattr__(self, name, read_only)
+
+    @classmethod
+    def of(cls, views: Views, samples: Samples, weights: NDArray[np.float32]) -> Self:
+        """The light field with these samples (t, s, v, u, c) and weights (t, s, v, u) at these views."""
+        geometry: dict[str, Any] = {field.name: getattr(views, field.name) for field in fields(Views)}
+        return cls(**geometry, samples=samples, weights=weights)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where there is a sample (t, s, v, u)."""
+        return self.weights > 0

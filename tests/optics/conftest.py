@@ -1,0 +1,57 @@
+"""Layouts that the tests of optics share: a small faceted parabola, and one that nothing about is tidy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.spec import DesignSpec
+
+
+def faceted_parabola(camera: Camera, spec: DesignSpec, fill: float) -> Layout:
+    """Facets of the parabola with focus at the pupil and directrix y = -scale; each fills part of its image cell."""
+    half = np.array([(camera.width_px - 1) / 2 / camera.fx_px, (camera.height_px - 1) / 2 / camera.fy_px])
+    cell = 2 * half / [spec.cols, spec.rows]
+    mirrors = []
+    for row in reversed(range(spec.rows)):
+        for col in range(spec.cols):
+            u, v = -half + cell * [col + 0.5, row + 0.5]
+            t = spec.scale_mm / (np.sqrt(1 + u * u + v * v) - v)
+            centre = np.array([t * u, -spec.scale_mm, t])
+            corners = np.array([u, v]) + fill * cell / 2 * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+            rays = np.column_stack([corners, np.ones(4)])
+            points = rays * (centre @ centre / 2 / (rays @ centre))[:, None]
+            mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=points))
+    return Layout(rows=spec.rows, cols=spec.cols, camera=camera, mirrors=tuple(mirrors), spec=spec)
+
+
+@pytest.fixture(scope="session")
+def parabola_layout() -> Layout:
+    """The nominal 3x3 faceted parabola of the C920, scale 80 mm."""
+    return faceted_parabola(Camera.c920(), DesignSpec(), fill=0.9)
+
+
+@pytest.fixture(scope="session")
+def crooked_layout() -> Layout:
+    """A 2x3 as-built layout: distorted lens, off-centre, unequal focal lengths, mirrors tilted and shifted."""
+    camera = Camera(
+        name="crooked",
+        width_px=960,
+        height_px=600,
+        fx_px=700.0,
+        fy_px=705.0,
+        cx_px=470.3,
+        cy_px=305.8,
+        distortion=[0.08, -0.11, 1.2e-3, -0.8e-3, 0.02],
+    )
+    nominal = faceted_parabola(camera, DesignSpec(camera=camera, rows=2, cols=3, depths_mm=(350.0, 600.0)), fill=0.85)
+    random = np.random.default_rng(7)
+    mirrors = tuple(
+        mirror.moved(Rotation.from_rotvec(random.normal(0, np.deg2rad(0.6), 3)).as_matrix(), random.normal(0, 0.8, 3))
+        for mirror in nominal.mirrors
+    )
+    return nominal.replaced(kind="as-built", mirrors=mirrors)

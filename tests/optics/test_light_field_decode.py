@@ -1,0 +1,306 @@
+"""Decoding against analytic scenes: frames are traced pixel by pixel by `Camera.unproject`, not `Layout.project`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+
+from optics.layout import Layout
+from optics.light_field import decode
+from optics.light_field.decode import Decoder
+from optics.light_field.light_field import LightField
+from optics.values import FloatArray, InputError
+
+Texture = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def waves(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A smooth texture (0 to 1) of (x, y) in mm with no shift that leaves it as it is."""
+    return 0.5 + 0.2 * np.sin(x / 4.1 + 0.3 * np.sin(y / 13.0)) + 0.2 * np.cos(y / 3.7 + 0.4) * np.sin(x / 29.0 + 1.0)
+
+
+def letter(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A white F, 24 mm high, as someone who looks at the scene reads it (x right, y down in view axes), on black."""
+    stem = (np.abs(x + 6) < 2.5) & (np.abs(y) < 12)
+    bar = (np.abs(x) < 8) & (np.abs(y + 9.5) < 2.5)
+    short = (np.abs(x + 2) < 6) & (np.abs(y + 1) < 2.5)
+    return (stem | bar | short).astype(np.float64)
+
+
+def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[np.float32]:
+    """The frame (h, w, 3) that the base camera takes of a texture on the plane at a depth, black between mirrors.
+
+    Each sensor pixel's ray is reflected at its mirror's plane and cut with the scene plane.
+    """
+    camera = layout.camera
+    u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
+    rays = camera.unproject(np.stack([u, v], axis=-1))
+    frame = np.zeros((camera.height_px, camera.width_px))
+    for mirror in layout.mirrors:
+        outline = shapely.Polygon(mirror.outline_normalized)
+        hit = shapely.contains_xy(outline, rays[..., 0], rays[..., 1])
+        directions = rays[hit]
+        start = mirror.cut(directions[:, :2]) @ layout.view_from_rig.T
+        turned = directions @ (mirror.reflection @ layout.view_from_rig.T)
+        points = start + turned * ((depth_mm - start[:, 2]) / turned[:, 2])[:, None]
+        frame[hit] = texture(points[:, 0], points[:, 1])
+    return np.repeat(frame[..., None], 3, axis=2).astype(np.float32)
+
+
+def seen_by_pinholes(decoder: Decoder, depth_mm: float, texture: Texture) -> FloatArray:
+    """What ideal pinholes at the true view positions see of the same plane (t, s, v, u)."""
+    views = decoder.views
+    pixels = np.concatenate([views.pixel_grid(), np.ones((views.height_px, views.width_px, 1))], axis=-1)
+    rays = np.einsum("tsij,vuj->tsvui", np.linalg.inv(views.matrices), pixels)
+    start = (views.reference_view_in_rig_mm @ views.view_from_rig.T + views.positions_mm)[:, :, None, None]
+    points = start + rays * ((depth_mm - start[..., 2:]) / rays[..., 2:])
+    return texture(points[..., 0], points[..., 1])
+
+
+def shift_px(found: FloatArray, expected: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+    """Mean shift (u, v) in px of one picture (v, u) against another, by least squares on gradients."""
+    inner = valid.copy()
+    inner[[0, -1]] = inner[:, [0, -1]] = False
+    slopes: FloatArray = np.stack([np.asarray(np.gradient(expected, axis=axis))[inner] for axis in (1, 0)], axis=1)
+    found_less_expected: FloatArray = found[inner] - expected[inner]
+    return np.asarray(-np.linalg.solve(slopes.T @ slopes, slopes.T @ found_less_expected), dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def crooked(crooked_layout: Layout) -> Decoder:
+    return Decoder(crooked_layout)
+
+
+@pytest.mark.parametrize("depth_mm", [380.0, 442.1, 650.0])
+def test_a_view_is_what_a_pinhole_at_its_true_position_sees(
+    crooked: Decoder, crooked_layout: Layout, depth_mm: float
+) -> None:
+    light_field = crooked.decode(photographed(crooked_layout, depth_mm, waves))
+    expected = seen_by_pinholes(crooked, depth_mm, waves)
+    for t, s in np.ndindex(2, 3):
+        valid = light_field.valid[t, s]
+        found = light_field.samples[t, s, :, :, 0].astype(np.float64)
+        assert np.abs(shift_px(found, expected[t, s], valid)).max() < 0.003
+        error = np.abs(found - expected[t, s])[valid]
+        slope_v, slope_u = np.gradient(expected[t, s])
+        steepest = float(np.hypot(slope_v, slope_u).max())
+        assert error.max() < 0.1 * steepest  # 0.1 px where the texture is steepest
+
+
+def test_a_moved_mirror_would_be_noticed(crooked: Decoder, crooked_layout: Layout) -> None:
+    mirrors = list(crooked_layout.mirrors)
+    mirrors[1] = mirrors[1].moved(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    moved = crooked_layout.replaced(mirrors=tuple(mirrors))
+    light_field = crooked.decode(photographed(moved, 442.1, waves))
+    expected = seen_by_pinholes(crooked, 442.1, waves)
+    found = light_field.samples[0, 1, :, :, 0].astype(np.float64)
+    assert np.abs(shift_px(found, expected[0, 1], light_field.valid[0, 1])).max() > 0.2
+
+
+def test_eight_bit_frames_decode_alike(crooked: Decoder, crooked_layout: Layout) -> None:
+    frame = photographed(crooked_layout, 500.0, waves)
+    fine = crooked.decode(frame).samples
+    coarse = crooked.decode(np.rint(frame * 255).astype(np.uint8)).samples
+    assert coarse.dtype == np.uint8
+    assert np.abs(coarse / 255.0 - fine).max() < 2.0 / 255
+
+
+@pytest.mark.parametrize("which", ["parabola_layout", "crooked_layout"])
+def test_views_are_upright_and_not_mirrored(which: str, request: pytest.FixtureRequest) -> None:
+    layout: Layout = request.getfixturevalue(which)
+    decoder = Decoder(layout)
+    reference = decoder.views.reference_view_in_rig_mm @ layout.view_from_rig.T
+
+    def hung(x: FloatArray, y: FloatArray) -> FloatArray:
+        return letter(x - reference[0], y - reference[1] - 4.0)
+
+    views = decoder.decode(photographed(layout, decoder.views.reference_depth_mm, hung)).samples[..., 0]
+    upright = seen_by_pinholes(decoder, decoder.views.reference_depth_mm, hung)[0, 0]
+    assert upright.sum() > 500
+    for view in views.reshape(-1, *views.shape[2:]):
+        # Compared about the letter's own centre, so that turning or mirroring it does not move it out of place.
+        rows, cols = (np.flatnonzero(upright.any(axis=axis)) for axis in (1, 0))
+        box = (slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1))
+        wanted, found = upright[box], view[box]
+        agreement = {
+            "upright": np.mean(np.abs(found - wanted)),
+            "mirrored": np.mean(np.abs(found - wanted[:, ::-1])),
+            "upside down": np.mean(np.abs(found - wanted[::-1])),
+            "turned by 180 degrees": np.mean(np.abs(found - wanted[::-1, ::-1])),
+        }
+        assert min(agreement, key=lambda name: agreement[name]) == "upright"
+        assert agreement["upright"] < 0.1
+        # And as a reader would say it, without the pinhole model: the stem is left, the long bar is on top.
+        assert found[:, : found.shape[1] // 3].sum() > 2 * found[:, -found.shape[1] // 3 :].sum()
+        assert found[: found.shape[0] // 3].sum() > 1.5 * found[-found.shape[0] // 3 :].sum()
+
+
+@pytest.mark.parametrize(("farther_mm", "sign"), [(0.0, 0), (-60.0, 1), (90.0, -1)])
+def test_disparity_is_zero_at_the_reference_depth_and_positive_nearer(
+    crooked: Decoder, crooked_layout: Layout, farther_mm: float, sign: int
+) -> None:
+    views = crooked.views
+    depth = views.reference_depth_mm + farther_mm
+    for pixel in ([115.0, 111.0], [80.0, 130.0], [160.0, 90.0]):
+        x, y, _ = crooked_layout.view_from_rig @ views.plane_points_in_rig(depth, np.array(pixel))
+
+        def spot(px: FloatArray, py: FloatArray, x: float = x, y: float = y) -> FloatArray:
+            return np.exp(-0.5 * ((px - x) ** 2 + (py - y) ** 2) / 1.5**2)
+
+        samples = crooked.decode(photographed(crooked_layout, depth, spot)).samples[..., 0].astype(np.float64)
+        total = samples.sum(axis=(2, 3))[..., None]
+        found = np.einsum("tsvu,vuk->tsk", samples, views.pixel_grid()) / total
+        assert np.abs(found - views.project(crooked_layout.view_from_rig.T @ [x, y, depth])).max() < 0.05
+        along_s, along_t = np.diff(found[..., 0], axis=1), np.diff(found[..., 1], axis=0)
+        if sign:
+            assert (np.sign(along_s) == -sign).all()
+            assert (np.sign(along_t) == -sign).all()
+        else:
+            assert max(np.abs(along_s).max(), np.abs(along_t).max()) < 0.05
+
+
+@pytest.mark.parametrize("field", ["common", "union"])
+@pytest.mark.parametrize("which", ["parabola_layout", "crooked_layout"])
+def test_a_valid_pixel_comes_from_inside_its_mirror(
+    which: str, field: decode.Field, request: pytest.FixtureRequest
+) -> None:
+    layout: Layout = request.getfixturevalue(which)
+    decoder = Decoder(layout, field=field)
+    camera = layout.camera
+    views = decoder.views
+    plane = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid())
+    inner = np.array([camera.width_px - 1.0, camera.height_px - 1.0])
+    for index, weights in enumerate(decoder.weights.reshape(-1, *decoder.weights.shape[2:])):
+        sources = layout.project(plane[weights > 0], index)
+        assert len(sources) > 1000
+        assert ((sources >= 0) & (sources <= inner)).all()
+        seen = camera.normalized_from_pixels(sources)
+        outline = shapely.Polygon(layout.mirrors[index].outline_normalized)
+        distance = shapely.distance(outline.exterior, shapely.points(seen))
+        assert shapely.contains_xy(outline, seen[:, 0], seen[:, 1]).all()
+        assert distance.min() * camera.fx_px > 0.9 * decode.OUTLINE_MARGIN_PX
+        # No more is given away than the margin: what lies 1 px further inside is kept.
+        kept = layout.project(plane[weights == 0], index)
+        kept = kept[((kept >= 0) & (kept <= inner)).all(axis=1)]
+        seen = camera.normalized_from_pixels(kept)
+        inside = shapely.contains_xy(outline, seen[:, 0], seen[:, 1])
+        distance = shapely.distance(outline.exterior, shapely.points(seen[inside]))
+        assert distance.max(initial=0.0) * camera.fx_px < decode.OUTLINE_MARGIN_PX + 1.0
+
+
+def test_nothing_is_sampled_where_nothing_is_valid(crooked: Decoder) -> None:
+    camera = crooked.camera
+    light_field = crooked.decode(np.full((camera.height_px, camera.width_px, 3), 200, np.uint8))
+    assert (light_field.samples[light_field.valid] == 200).all()
+    assert not light_field.samples[~light_field.valid].any()
+    assert not light_field.valid.all()
+
+
+def test_the_grid_is_chosen_from_the_layout(parabola_layout: Layout) -> None:
+    common, union = Decoder(parabola_layout), Decoder(parabola_layout, field="union")
+    assert common.views.reference_depth_mm == pytest.approx(375.0)  # harmonic mean of 300 and 500
+    assert Decoder(parabola_layout.replaced(spec=None)).views.reference_depth_mm == 400.0
+    assert common.views.focal_px == union.views.focal_px
+    assert common.views.focal_px == pytest.approx(parabola_layout.camera.fx_px, rel=0.25)
+    assert union.views.width_px > common.views.width_px
+    assert union.views.height_px > common.views.height_px
+    assert common.views.layout_identity == parabola_layout.identity
+    # The field is used up to its edges: every border of the common box is valid somewhere in the central view.
+    central = common.weights[1, 1] > 0
+    assert central[0].any()
+    assert central[-1].any()
+    assert central[:, 0].any()
+    assert central[:, -1].any()
+
+
+def test_the_common_field_is_seen_by_all_views(parabola_layout: Layout) -> None:
+    decoder = Decoder(parabola_layout, reference_depth_mm=500.0)
+    assert (decoder.weights > 0).all(axis=(0, 1)).mean() > 0.5
+    assert (decoder.weights > 0).mean(axis=(2, 3)).min() > 0.7
+
+
+def test_a_table_longer_than_the_lookup_allows_is_cut(
+    crooked: Decoder, crooked_layout: Layout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = photographed(crooked_layout, 500.0, waves)
+    whole = crooked.decode(frame)
+    monkeypatch.setattr(decode, "LONGEST_TABLE_SIDE", crooked.views.height_px * 2 + 5)
+    cut = Decoder(crooked_layout)
+    assert len(cut.tables) == 3
+    assert np.array_equal(cut.decode(frame).samples, whole.samples)
+
+
+def test_grey_frames_decode_to_one_channel(crooked: Decoder, crooked_layout: Layout) -> None:
+    frame = photographed(crooked_layout, 500.0, waves)
+    grey = crooked.decode(np.ascontiguousarray(frame[..., 0]))
+    assert grey.samples.shape[-1] == 1
+    assert np.array_equal(grey.samples[..., 0], crooked.decode(frame).samples[..., 0])
+
+
+def test_a_frame_seen_backwards_in_memory_decodes_alike(crooked: Decoder) -> None:
+    camera = crooked.camera
+    bgr = np.random.default_rng(3).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
+    rgb = bgr[..., ::-1]
+    assert np.array_equal(crooked.decode(rgb).samples, crooked.decode(np.ascontiguousarray(rgb)).samples)
+
+
+def test_decoding_twice_gives_the_same_bytes_and_leaves_the_first_alone(crooked: Decoder) -> None:
+    camera = crooked.camera
+    random = np.random.default_rng(5)
+    frames = [random.integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8) for _ in range(2)]
+    first = crooked.decode(frames[0])
+    kept = first.samples.copy()
+    crooked.decode(frames[1])
+    assert np.array_equal(first.samples, kept)
+    assert np.array_equal(crooked.decode(frames[0]).samples, kept)
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (np.zeros((480, 640, 3), np.uint8), "frame is 640x480 px, expected 960x600 of the layout's camera (crooked)"),
+        (np.zeros((600, 960, 4), np.uint8), "frame has shape (600, 960, 4), expected (600, 960, 3) or (600, 960)"),
+        (np.zeros((960,), np.uint8), "frame has shape (960,), expected (600, 960, 3) or (600, 960)"),
+        (np.zeros((600, 960, 3), np.uint16), "frame is uint16, expected uint8 or float32"),
+        (np.full((600, 960, 3), np.nan, np.float32), "samples hold a value that is NaN or infinite, expected finite"),
+    ],
+)
+def test_foreign_frames_are_refused(crooked: Decoder, frame: NDArray[np.uint8], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        crooked.decode(frame)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> None:
+    mirrors = list(parabola_layout.mirrors)
+    second = parabola_layout.replaced(mirrors=(*mirrors[:4], mirrors[4].replaced(surface="second"), *mirrors[5:]))
+    with pytest.raises(InputError, match=r"^mirror 4 is second-surface, expected first-surface mirrors"):
+        Decoder(second)
+    with pytest.raises(InputError, match=r"^reference depth 5 mm lies nearer than mirror \d, expected more than"):
+        Decoder(parabola_layout, reference_depth_mm=5.0)
+    with pytest.raises(InputError, match=r"^reference depth is nan mm, expected a finite number$"):
+        Decoder(parabola_layout, reference_depth_mm=float("nan"))
+    with pytest.raises(InputError, match=r"^the views share no field at depth 120 mm, expected an overlap$"):
+        Decoder(parabola_layout, reference_depth_mm=120.0)
+    with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed, expected s to the right"):
+        Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (2, 1, 0, 5, 4, 3, 8, 7, 6))))
+    with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed, expected s to the right"):
+        Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (6, 7, 8, 3, 4, 5, 0, 1, 2))))
+    small = parabola_layout.camera.replaced(width_px=100, height_px=100)
+    with pytest.raises(InputError, match=r"^mirror \d lies outside the image, expected each mirror to be seen$"):
+        Decoder(parabola_layout.replaced(camera=small))
+    with pytest.raises(InputError, match=r"^mirror 0 does not look forward along the view axis$"):
+        Decoder(parabola_layout.replaced(view_from_rig=np.diag([1.0, -1.0, -1.0])))
+
+
+def test_the_light_field_names_the_layout_it_came_from(crooked: Decoder, crooked_layout: Layout) -> None:
+    camera = crooked.camera
+    light_field = crooked.decode(np.zeros((camera.height_px, camera.width_px, 3), np.uint8))
+    assert isinstance(light_field, LightField)
+    assert light_field.layout_identity == crooked_layout.identity
+    assert np.array_equal(light_field.weights, crooked.weights)
