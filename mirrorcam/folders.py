@@ -11,23 +11,22 @@ from optics.values import InputError
 
 
 @contextmanager
-def replaced(folder: Path, *, marker: str) -> Iterator[Path]:
+def replaced(folder: Path, *, marker: str, keep_interrupted: bool = False) -> Iterator[Path]:
     """An empty hidden folder that takes the place of `folder` when the block ends well and vanishes otherwise.
 
+    With `keep_interrupted` it stays where the block was interrupted, and the next time is given as it is.
     Raises InputError where `folder` holds files but not `marker`: then they are not ours to replace.
     """
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir()) and not (folder / marker).exists()):
         raise InputError(f"{folder}: exists and holds no {marker}, expected a new folder or one made by this command")
-    unfinished, former = (folder.parent / f".{folder.name}-{state}" for state in ("unfinished", "former"))
-    _remove(unfinished, former)
-    unfinished.mkdir(parents=True)
-    try:
+    former = folder.parent / f".{folder.name}-former"
+    _remove(former)
+    with _unfinished(folder, keep_interrupted=keep_interrupted) as unfinished:
         yield unfinished
         if folder.exists():
             folder.rename(former)
         unfinished.rename(folder)
-    finally:
-        _remove(unfinished, former)
+        _remove(former)
 
 
 @contextmanager
@@ -36,10 +35,7 @@ def merged(folder: Path) -> Iterator[Path]:
 
     Files of the same name are replaced, each in one step; others in `folder` stay.
     """
-    unfinished = folder.parent / f".{folder.name}-unfinished"
-    _remove(unfinished)
-    unfinished.mkdir(parents=True)
-    try:
+    with _unfinished(folder, keep_interrupted=False) as unfinished:
         yield unfinished
         for path in sorted(unfinished.rglob("*")):
             place = folder / path.relative_to(unfinished)
@@ -48,11 +44,31 @@ def merged(folder: Path) -> Iterator[Path]:
             else:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 path.replace(place)
-    finally:
+
+
+@contextmanager
+def _unfinished(folder: Path, *, keep_interrupted: bool) -> Iterator[Path]:
+    """A hidden folder beside `folder`; when the block fails, folders above that were made for it vanish as well."""
+    unfinished = folder.parent / f".{folder.name}-unfinished"
+    if not keep_interrupted:
         _remove(unfinished)
+    made = [parent for parent in unfinished.parents if not parent.exists()]
+    unfinished.mkdir(parents=True, exist_ok=True)
+    keep = False
+    try:
+        yield unfinished
+        made = []
+    except KeyboardInterrupt:
+        keep = keep_interrupted
+        raise
+    finally:
+        if not keep:
+            _remove(unfinished)
+            for parent in made:
+                if not any(parent.iterdir()):
+                    parent.rmdir()
 
 
-def _remove(*folders: Path) -> None:
-    for folder in folders:
-        if folder.exists():
-            shutil.rmtree(folder)
+def _remove(folder: Path) -> None:
+    if folder.exists():
+        shutil.rmtree(folder)

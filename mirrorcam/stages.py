@@ -20,6 +20,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from mirrorcam.folders import replaced
+from mirrorcam.progress import Advance
 from optics.files import write_text
 from optics.values import Value
 
@@ -28,18 +29,20 @@ MANIFEST = ".stage.json"
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of the pipeline; `work` writes its files into the (empty) folder it is given.
+    """One step of the pipeline; `work` writes its files into the (empty) folder it is given, and reports its progress.
 
     `name` is the name of the folder; `reads` are files or folders; `sources` are packages or modules of ours and
     `tools` are installed distributions whose change may change the result; `parameters` hold anything JSON can.
+    Work that `resumes` finds what an interrupted run of it has left, and judges by itself what of that it can use.
     """
 
     name: str
-    work: Callable[[Path], None]
+    work: Callable[[Path, Advance], None]
     parameters: Mapping[str, Any] = field(default_factory=dict)
     reads: tuple[Path, ...] = ()
     sources: tuple[str, ...] = ()
     tools: tuple[str, ...] = ()
+    resumes: bool = False
 
 
 class Manifest(Value):
@@ -116,13 +119,13 @@ def is_current(stage: Stage, root: Path) -> bool:
     return found is not None and found.replaced(files={}) == _wanted(stage, root) and found.files == digests(folder)
 
 
-def perform(stage: Stage, root: Path) -> None:
+def perform(stage: Stage, root: Path, advance: Advance = lambda done, total: None) -> None:
     """Do the stage's work and put the result in the place of an earlier one.
 
     Raises InputError where the folder holds files that no stage has made: those are not ours to replace.
     """
     wanted = _wanted(stage, root)
-    with replaced(root / stage.name, marker=MANIFEST) as folder:
-        stage.work(folder)
+    with replaced(root / stage.name, marker=MANIFEST, keep_interrupted=stage.resumes) as folder:
+        stage.work(folder, advance)
         made = wanted.replaced(files=digests(folder))
         write_text(folder / MANIFEST, made.model_dump_json(indent=1, by_alias=True) + "\n")

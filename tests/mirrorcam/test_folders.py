@@ -26,7 +26,7 @@ def test_merged_adds_files_and_keeps_others(tmp_path: Path) -> None:
 
 
 def test_merged_leaves_nothing_when_the_block_fails(tmp_path: Path) -> None:
-    with pytest.raises(InputError), merged(tmp_path / "out") as folder:
+    with pytest.raises(InputError), merged(tmp_path / "output" / "out") as folder:
         (folder / "half.txt").write_text("half")
         raise InputError("no")
     assert list(tmp_path.iterdir()) == []
@@ -56,3 +56,14 @@ def test_replaced_takes_an_empty_folder(tmp_path: Path) -> None:
     with replaced(tmp_path / "out", marker="marker") as folder:
         (folder / "file").touch()
     assert (tmp_path / "out" / "file").exists()
+
+
+def test_an_interrupted_folder_is_kept_on_request_and_a_failed_one_is_not(tmp_path: Path) -> None:
+    out = tmp_path / "output" / "out"
+    for error in (KeyboardInterrupt, InputError):
+        with pytest.raises(error), replaced(out, marker="marker", keep_interrupted=True) as folder:
+            assert (folder / "half.txt").exists() == (error is InputError)
+            (folder / "half.txt").write_text("half")
+            raise error
+    assert not out.exists()
+    assert list(out.parent.iterdir()) == []

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import stages
+from mirrorcam.progress import Advance
 from mirrorcam.stages import MANIFEST, Stage, is_current, perform
 from optics.values import InputError
 
@@ -15,7 +16,7 @@ from optics.values import InputError
 def copying(root: Path, name: str = "copy", read: str = "source.txt", **parameters: object) -> Stage:
     """A stage that writes what it reads, and its parameters, into two files, one of them in a folder."""
 
-    def work(folder: Path) -> None:
+    def work(folder: Path, advance: Advance) -> None:
         (folder / "text.txt").write_text((root / read).read_text())
         (folder / "deep").mkdir()
         (folder / "deep" / "parameters.txt").write_text(repr(parameters))
@@ -130,7 +131,7 @@ def test_a_stage_done_again_with_the_same_result_leaves_its_followers_alone(root
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
 def test_interrupted_work_leaves_nothing_behind(root: Path, error: type[BaseException]) -> None:
-    def work(folder: Path) -> None:
+    def work(folder: Path, advance: Advance) -> None:
         (folder / "half.txt").write_text("half")
         raise error
 
@@ -143,12 +144,30 @@ def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
     stage = copying(root)
     perform(stage, root)
 
-    def work(folder: Path) -> None:
+    def work(folder: Path, advance: Advance) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         perform(Stage("copy", work), root)
     assert is_current(stage, root)
+
+
+def test_work_that_resumes_finds_what_was_left(root: Path) -> None:
+    def work(folder: Path, advance: Advance) -> None:
+        frames = sorted(folder.iterdir())
+        (folder / f"{len(frames):04d}.png").touch()
+        if len(frames) < 2:
+            raise KeyboardInterrupt
+
+    stage = Stage("copy", work, resumes=True)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            perform(stage, root)
+        assert not (root / "copy").exists()
+    perform(stage, root)
+    assert is_current(stage, root)
+    assert sorted(path.name for path in (root / "copy").glob("*.png")) == ["0000.png", "0001.png", "0002.png"]
+    assert sorted(path.name for path in root.iterdir()) == ["copy", "source.txt"]
 
 
 def test_leftovers_of_a_killed_run_are_cleared(root: Path) -> None:
