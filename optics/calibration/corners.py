@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from optics.targets import Charuco, Checkerboard
@@ -127,10 +128,8 @@ def _colour_contrast(grey: Grey, grid: FloatArray) -> float:
 
 
 def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:
-    sampled = cv2.remap(
-        grey, pixels[:, None, :].astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(sampled[:, 0], dtype=np.float64)
+    at = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
+    return np.asarray(map_coordinates(grey, at, output=np.float64, order=1))
 
 
 def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
@@ -152,7 +151,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     near = np.linalg.norm(refined - predicted[inside], axis=1) < max_shift * cells[inside]
 
     grid = predicted.reshape(rows, cols, 2)
-    across, down = np.gradient(grid, axis=1).reshape(-1, 2)[ids], np.gradient(grid, axis=0).reshape(-1, 2)[ids]
+    across, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
     quadrants = [
         _sample(grey, refined + 0.3 * (sign_x * across + sign_y * down)) for sign_y in (-1, 1) for sign_x in (-1, 1)
     ]

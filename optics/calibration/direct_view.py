@@ -49,11 +49,13 @@ def calibrate_with_direct_view(
     target: Checkerboard,
     *,
     mirrors: int,
+    names: Sequence[str],
     on_picture: Callable[[int, int], None] | None = None,
 ) -> Calibration:
     """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
 
-    Lengths come in the unit of `target.square_mm`. Raises InputError where the pictures do not suffice.
+    Lengths come in the unit of `target.square_mm`; `names` are those of the pictures, for the notes. Raises InputError
+    where the pictures do not suffice.
     """
     if not isinstance(target, Checkerboard):
         raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
@@ -87,7 +89,7 @@ def calibrate_with_direct_view(
         solution = fit(start, observations, free_board, free)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    return _result(solution, flat, free_board, observations, frames, len(pictures))
+    return _result(solution, flat, free_board, observations, frames, names)
 
 
 def _first_camera(pictures: Sequence[Grey], found: list[list[FloatArray]], target: Checkerboard) -> Camera:
@@ -226,7 +228,7 @@ def _result(
     board: Board,
     observations: Observations,
     frames: list[int],
-    pictures: int,
+    names: Sequence[str],
 ) -> Calibration:
     estimate = solution.estimate
     mirrors, corners_mm = len(estimate.virtual_centres_in_rig_mm), board.corners_in_board_mm
@@ -251,9 +253,9 @@ def _result(
             metrics[f"mirrors_{a}_{b}_angle_sigma_deg"] = Metric(value=np.degrees(sigma), unit="deg")
     notes = []
     used = 0
-    for number in range(pictures):
+    for number, picture in enumerate(names):
         if number not in frames:
-            notes.append(f"picture {number + 1}: no board found, not used")
+            notes.append(f"{picture}: no board found, not used")
             continue
         in_picture = observations.where(observations.frame == frames.index(number))
         for view in range(DIRECT, mirrors):
@@ -261,9 +263,9 @@ def _result(
             count = int((in_picture.view == view).sum())
             used += count > 0
             if count == 0:
-                notes.append(f"picture {number + 1}: {name} not found")
+                notes.append(f"{picture}: {name} not found")
             elif count < len(corners_mm):
-                notes.append(f"picture {number + 1}: {name} shows {count} of {len(corners_mm)} corners")
+                notes.append(f"{picture}: {name} shows {count} of {len(corners_mm)} corners")
     metrics["views"] = Metric(value=used, unit="1")
     layout = Layout(
         kind="calibrated",

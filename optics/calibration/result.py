@@ -68,6 +68,16 @@ def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArr
     return np.array(across), np.array(along)
 
 
+def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
+    """Standard deviations of each mirror's normal (rad) and distance (mm), from the layout's own uncertainty."""
+    if layout.uncertainty is None:
+        raise ValueError("the layout carries no uncertainty, expected a calibrated one")
+    rows = [place for place, name in enumerate(layout.uncertainty.parameters) if name.startswith("mirror ")]
+    covariance = layout.uncertainty.covariance[np.ix_(rows, rows)]
+    tilts, distances = normal_and_distance_sigmas(layout.virtual_centres_in_rig_mm, covariance)
+    return list(zip(tilts.tolist(), distances.tolist(), strict=True))
+
+
 def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Angle between the planes of two virtual centres and its standard deviation, rad; covariance is (6, 6) mm^2."""
     a, b = centre_a / np.linalg.norm(centre_a), centre_b / np.linalg.norm(centre_b)

@@ -177,7 +177,7 @@ def fit(
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
     _, _, reduced = normal.step(0.0)
-    covariance: FloatArray = sigma**2 * np.linalg.inv(reduced)
+    covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
     return Solution(estimate, r, inliers, iterations, sigma, free, covariance)
 
 

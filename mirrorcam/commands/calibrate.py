@@ -1,0 +1,135 @@
+"""`mirrorcam calibrate`: from pictures of a board to a calibrated layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import tyro
+from pydantic import Field, model_validator
+
+from mirrorcam.progress import Advance, figure_text, long_work, print_metrics, say
+from optics.values import InputError, Metric, Value
+
+if TYPE_CHECKING:
+    from optics.calibration.corners import Grey
+    from optics.calibration.result import Calibration
+
+PICTURES = (".png", ".jpg", ".jpeg")
+
+
+class CalibrateOptions(Value):
+    """Calibrate a mirror camera from pictures of a board: its intrinsics and 3 numbers per mirror, with uncertainties.
+
+    With --layout, the nominal layout says where to look and where to start, and --base are pictures taken without the
+    mirrors. With --direct-view, pictures show a checkerboard directly and in --mirrors N mirrors, and no layout is
+    needed. Writes layout.json (calibrated), metrics.json, report.md and residuals.png.
+    """
+
+    images: tyro.conf.Positional[tuple[Path, ...]] = Field(min_length=1, description="pictures, or folders of them")
+    board: Path = Field(description="board.toml")
+    layout: Path | None = Field(default=None, description="layout.json of the nominal layout")
+    base: tuple[Path, ...] = Field(default=(), description="pictures without mirrors, or folders of them")
+    direct_view: bool = Field(default=False, description="the camera sees the board directly, too")
+    mirrors: int | None = Field(default=None, ge=1, le=4, description="how many mirrors, with --direct-view")
+    out: Path = Field(default=Path("output/calibrated"), description="folder for the results")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
+            raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
+        if not self.direct_view and (self.layout is None or self.mirrors is not None):
+            raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
+        return self
+
+
+def pictures_in(paths: Sequence[Path]) -> list[Path]:
+    """The pictures themselves: a folder stands for all PNG and JPEG files in it, by name."""
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES)
+            if not inside:
+                raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURES)} files")
+            found += inside
+        else:
+            found.append(path)
+    return found
+
+
+def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibration:
+    """The calibration that the options ask for; every picture is read one at a time."""
+    from optics.calibration.calibrate import calibrate
+    from optics.calibration.direct_view import calibrate_with_direct_view
+    from optics.files import read_image
+    from optics.layout import Layout
+    from optics.targets import Checkerboard, load_board
+
+    target = load_board(options.board)
+    paths, base_paths = pictures_in(options.images), pictures_in(options.base)
+
+    def images(of: list[Path]) -> Iterator[Grey]:
+        return (read_image(path, grey=True) for path in of)
+
+    if options.layout is not None:
+        layout = Layout.load(options.layout)
+        total = len(paths) + len(base_paths)
+        return calibrate(images(paths), images(base_paths), layout, target, on_frame=lambda done: advance(done, total))
+    if not isinstance(target, Checkerboard) or options.mirrors is None:
+        raise InputError(f"{options.board}: a ChArUco board, expected a checkerboard for --direct-view")
+    return calibrate_with_direct_view(
+        list(images(paths)), target, mirrors=options.mirrors, names=[path.name for path in paths], on_picture=advance
+    )
+
+
+def report(calibration: Calibration) -> str:
+    """The result as Markdown: figures, the uncertainty of each mirror, and what was not found."""
+    from math import degrees
+
+    from optics.calibration.result import mirror_sigmas
+
+    layout = calibration.layout
+    sigmas = mirror_sigmas(layout)
+    lines = ["# Calibration", "", f"Layout {layout.identity}: {len(layout.mirrors)} mirrors.", ""]
+    lines += ["| figure | value | unit |", "|---|---|---|"]
+    lines += [
+        f"| {name.replace('_', ' ')} | {figure_text(m.value)} | {m.unit} |"
+        for name, m in calibration.metrics.items()
+        if not name.startswith("mirror_")
+    ]
+    lines += ["", "| mirror | distance mm | sigma mm | normal (x, y, z) | sigma deg |", "|---|---|---|---|---|"]
+    for number, (mirror, (tilt, distance)) in enumerate(zip(layout.mirrors, sigmas, strict=True)):
+        normal = ", ".join(f"{n:.6f}" for n in mirror.normal_in_rig)
+        row = f"{mirror.distance_mm:.4f} | {distance:.2g} | {normal} | {degrees(tilt):.2g}"
+        lines.append(f"| {number} | {row} |")
+    camera = layout.camera
+    lines += ["", f"Camera: fx {camera.fx_px:.3f}, fy {camera.fy_px:.3f}, cx {camera.cx_px:.3f}, cy {camera.cy_px:.3f}"]
+    lines[-1] += " px; k1 k2 p1 p2 k3 " + ", ".join(f"{k:.6f}" for k in camera.distortion) + "."
+    lines += ["", "## Not found or not used", ""]
+    lines += [f"- {note}" for note in calibration.notes] or ["Nothing: every picture showed every view."]
+    return "\n".join(lines) + "\n"
+
+
+def write_calibration(calibration: Calibration, out: Path) -> None:
+    """Write layout.json, metrics.json, report.md and residuals.png into `out`, each atomically."""
+    from mirrorcam.figures.calibration import residual_figure
+    from optics.files import write_metrics, write_text
+
+    residual_figure(calibration, out / "residuals.png")
+    write_text(out / "report.md", report(calibration))
+    write_metrics(out / "metrics.json", calibration.metrics)
+    calibration.layout.save(out / "layout.json")
+
+
+def run(options: CalibrateOptions) -> int:
+    """Calibrate, write the result, and print its figures."""
+    with long_work("calibrate", "finding corners", "pictures") as advance:
+        calibration = calibrate_pictures(options, advance)
+        write_calibration(calibration, options.out)
+    shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
+    print_metrics({"calibrated": shown})
+    for note in calibration.notes:
+        say("calibrate", note)
+    say("calibrate", f"{options.out / 'layout.json'} and {options.out / 'report.md'} written")
+    return 0

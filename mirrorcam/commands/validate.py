@@ -1,0 +1,36 @@
+"""`mirrorcam validate`: a blind calibration of a rendered set, checked against its sealed truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.progress import long_work, print_metrics, say
+from optics.values import Value
+
+
+class ValidateOptions(Value):
+    """Calibrate and decode a rendered set blind, then open its truth; exits 1 when a figure is past its limit.
+
+    Writes the calibrated layout.json, report.md, residuals.png and metrics.json (name, value, unit, limit).
+    """
+
+    set: tyro.conf.Positional[Path] = Field(description="folder of a set made by `mirrorcam render`")
+    out: Path = Field(default=Path("output/validated"), description="folder for the results")
+
+
+def run(options: ValidateOptions) -> int:
+    """Validate, and print every figure beside its limit."""
+    from mirrorcam.commands.calibrate import write_calibration
+    from mirrorcam.validate import validate
+    from optics.files import write_metrics
+
+    with long_work("validate", "finding corners", "pictures") as advance:
+        validation = validate(options.set, advance)
+        write_calibration(validation.calibration, options.out)
+        write_metrics(options.out / "metrics.json", validation.metrics)
+    print_metrics({"measured": validation.metrics})
+    say("validate", "passed" if validation.passed else "past a limit")
+    return 0 if validation.passed else 1
