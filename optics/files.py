@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -19,6 +20,9 @@ from pydantic import BaseModel, ValidationError
 from optics.values import InputError, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
+PNG_END = b"IEND\xaeB`\x82"
+# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
+JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 
 @contextmanager
@@ -94,13 +98,21 @@ def read_model(model: type[Model], path: Path) -> Model:
         raise InputError(f"{path}: {one_line(error)}") from None
 
 
+def _jpeg_ends(raw: bytes) -> bool:
+    """Whether a JPEG reaches its own end marker: not a thumbnail's, and whatever a phone appended after it."""
+    at = 2
+    while found := JPEG_MARKER.search(raw, at):
+        if found.group() == b"\xff\xd9":
+            return True
+        at = found.end() + int.from_bytes(raw[found.end() : found.end() + 2])
+    return False
+
+
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey; truncated or foreign files raise InputError."""
     raw = read_bytes(path)
-    whole = {b"\x89PNG": b"IEND\xaeB`\x82", b"\xff\xd8": b"\xff\xd9"}
-    for head, tail in whole.items():
-        if raw.startswith(head) and tail not in raw[-4096:]:
-            raise InputError(f"{path}: image is truncated")
+    if (raw.startswith(b"\x89PNG") and PNG_END not in raw) or (raw.startswith(b"\xff\xd8") and not _jpeg_ends(raw)):
+        raise InputError(f"{path}: image is truncated")
     flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags) if raw else None
     if image is None:
