@@ -25,16 +25,20 @@ from tyro.conf import (
 )
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from mirrorcam.commands import cad, decode, design
+from mirrorcam.commands import cad, calibrate, decode, design, render, run, validate
 from optics.camera import Camera
 from optics.values import InputError
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 RUNNERS: dict[type, Callable[[Any], int]] = {
+    run.RunOptions: run.run,
     design.DesignOptions: design.run,
     cad.CadOptions: cad.run,
+    render.RenderOptions: render.run,
+    calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
+    validate.ValidateOptions: validate.run,
 }
 
 
@@ -43,11 +47,15 @@ class Command:
     """MirrorCam: design, build, render, calibrate and decode a light field camera made of a webcam and flat mirrors."""
 
     command: OmitSubcommandPrefixes[
-        Annotated[design.DesignOptions, subcommand("design")]
+        Annotated[run.RunOptions, subcommand("run")]
+        | Annotated[design.DesignOptions, subcommand("design")]
         | Annotated[cad.CadOptions, subcommand("cad")]
+        | Annotated[render.RenderOptions, subcommand("render")]
+        | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
+        | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
-    debug: FlagCreatePairsOff[bool] = False
+    debug: bool = False
     """show the traceback of an error"""
 
 
@@ -105,7 +113,7 @@ def parse(arguments: Sequence[str]) -> Command:
                 Command,
                 prog="mirrorcam",
                 args=arguments,
-                config=(CascadeSubcommandArgs, OmitArgPrefixes, PositionalMetavarFromFieldName),
+                config=(CascadeSubcommandArgs, FlagCreatePairsOff, OmitArgPrefixes, PositionalMetavarFromFieldName),
                 registry=registry,
             )
     except SystemExit as error:

@@ -18,7 +18,7 @@ from rich.text import Text
 from optics.values import Metric
 
 SECONDS_BETWEEN_LINES = 5.0
-TITLE_WIDTH = 10
+TITLE_WIDTH = 12
 
 Advance = Callable[[int, int], None]
 

@@ -31,13 +31,16 @@ MANIFEST = ".stage.json"
 class Stage:
     """One step of the pipeline; `work` writes its files into the (empty) folder it is given, and reports its progress.
 
-    `name` is the name of the folder; `reads` are files or folders; `sources` are packages or modules of ours and
-    `tools` are installed distributions whose change may change the result; `parameters` hold anything JSON can.
+    `name` is the name of the folder, `doing` what people read while it works, `unit` what its progress counts. `reads`
+    are files or folders; `sources` are packages or modules of ours and `tools` are installed distributions whose change
+    may change the result; `parameters` hold anything JSON can.
     Work that `resumes` finds what an interrupted run of it has left, and judges by itself what of that it can use.
     """
 
     name: str
     work: Callable[[Path, Advance], None]
+    doing: str = ""
+    unit: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     reads: tuple[Path, ...] = ()
     sources: tuple[str, ...] = ()

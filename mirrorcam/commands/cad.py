@@ -14,7 +14,7 @@ from optics.values import Value
 
 
 class CadOptions(Value):
-    """Build the mirror holder of a layout: STEP, STL, DXF and a check of every figure; exit 1 when a check fails."""
+    """Build and check the mirror holder of a layout: STEP, STL and DXF."""
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
     out: Path = Field(default=Path("output/cad"), description="folder for the parts")

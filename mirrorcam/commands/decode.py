@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from pydantic import Field
@@ -18,15 +18,19 @@ if TYPE_CHECKING:
 
 
 class DecodeOptions(Value):
-    """Decode frames into light fields: for each frame NAME.npz (all views) and NAME_views.png (a tiled picture).
+    """Decode frames into light fields, with a picture of all views."""
 
-    NAME.npz is NumPy's format and holds `samples` (t, s, v, u, c), `weights` (t, s, v, u), `positions_mm` (t, s, 3) and
-    the other fields of optics.light_field.LightField under their names.
-    """
-
-    frames: tyro.conf.Positional[tuple[Path, ...]] = Field(min_length=1, description="PNG or JPEG frames of the camera")
+    frames: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FRAME...", help_behavior_hint="")
+    ] = Field(min_length=1, description="PNG or JPEG frames of the camera")
     layout: Path = Field(description="layout.json, calibrated where there is one")
-    out: Path = Field(default=Path("output/decoded"), description="folder for the light fields")
+    out: Path = Field(
+        default=Path("output/decoded"),
+        description=(
+            "folder for NAME.npz (NumPy: samples (t, s, v, u, c), weights (t, s, v, u), positions_mm (t, s, 3) and the "
+            "other fields of LightField) and NAME_views.png of each frame"
+        ),
+    )
 
 
 def save_light_field(path: Path, light_field: LightField) -> None:

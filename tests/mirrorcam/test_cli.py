@@ -13,28 +13,17 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from optics.camera import Camera
 from optics.files import read_image, write_image
 from optics.layout import Layout
-from optics.mirror import Mirror
 from optics.values import InputError
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
 
-def folding_mirror(left: float, right: float) -> Mirror:
-    """A mirror at 45 degrees, 80 mm up the axis, turned inwards, cut along image coordinates left..right."""
-    normal = np.array([-(left + right) / 2.0, 1.0, -1.0])
-    rays = np.array([[left, -0.15, 1], [right, -0.15, 1], [right, 0.15, 1], [left, 0.15, 1]])
-    outline = rays * (80.0 * normal[2] / (rays @ normal))[:, None]
-    return Mirror.from_plane(np.array([0.0, 0.0, 80.0]), normal, outline_in_rig_mm=outline)
-
-
 @pytest.fixture
-def layout_data(tmp_path: Path) -> dict[str, Any]:
-    """What a small layout.json holds."""
-    mirrors = (folding_mirror(-0.3, -0.02), folding_mirror(0.02, 0.3))
-    Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors).save(tmp_path / "layout.json")
+def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
+    """What a small layout.json, which lies in `tmp_path`, holds."""
+    small_layout.save(tmp_path / "layout.json")
     data: dict[str, Any] = json.loads((tmp_path / "layout.json").read_text())
     return data
 

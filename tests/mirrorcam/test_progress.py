@@ -25,9 +25,9 @@ def test_plain_lines_in_a_log(log: StringIO, monkeypatch: pytest.MonkeyPatch) ->
         for done in range(1, 4):
             advance(done, 3)
     assert log.getvalue().splitlines() == [
-        "render     3 frames ...",
-        "render     2/3 frames after 6 s",
-        "render     done in 12.0 s",
+        "render       3 frames ...",
+        "render       2/3 frames after 6 s",
+        "render       done in 12.0 s",
     ]
 
 

@@ -1,0 +1,31 @@
+"""`mirrorcam run`: the whole way once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from pydantic import Field
+
+from optics.values import Value
+
+
+class RunOptions(Value):
+    """Go the whole way once: design, part, synthetic frames, blind calibration, light field, and a page of it all."""
+
+    out: Annotated[
+        Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(output/default or output/quick)")
+    ] = Field(default=None, description="folder for everything; what is in it already and still holds is re-used")
+    quick: bool = Field(default=False, description="a first look in under a minute: 2 x 2 mirrors, half the resolution")
+    seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise")
+
+
+def run(options: RunOptions) -> int:
+    """Run the pipeline."""
+    from mirrorcam.pipeline import full_recipe, quick_recipe, run_all
+
+    recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
+    out = options.out or Path("output/quick" if options.quick else "output/default")
+    command = f"mirrorcam run{' --quick' if options.quick else ''} --seed {options.seed}"
+    return 0 if run_all(recipe, out, command) else 1
