@@ -126,7 +126,7 @@ class Camera(Value):
             return normalized.reshape(shape)
         if np.isfinite(self.valid_radius):
             radius = np.linalg.norm(normalized, axis=1, keepdims=True)
-            normalized *= np.minimum(1.0, 0.95 * self.valid_radius / np.maximum(radius, 1e-300))
+            normalized *= np.minimum(1.0, 0.95 * self.valid_radius / np.maximum(radius, 1e-12))
         for _ in range(20):
             points = np.column_stack([normalized, np.ones(len(normalized))])
             found, d_points, _ = self.project_with_jacobians(points)
