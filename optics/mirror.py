@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from shapely import LinearRing
+from shapely import LinearRing, Polygon
 
 from optics.values import FloatArray, Points3, Value, Vector3
 
@@ -53,6 +53,8 @@ class Mirror(Value):
         following = np.roll(edges, -1, axis=0)
         turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
         scale = np.square(edges).sum(axis=1).max()
+        if Polygon(polygon).area <= 1e-6 * scale:
+            raise ValueError("outline has no area, expected a convex polygon")
         if not (turns > -1e-9 * scale).all() and not (turns < 1e-9 * scale).all():
             raise ValueError("outline is not convex, expected a convex polygon")
         return self
