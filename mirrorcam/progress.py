@@ -62,8 +62,10 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
 
 
 def figure_text(value: float) -> str:
-    """A measured figure as people read it: four significant digits, no exponent between 0.0001 and a million."""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    """A measured figure as people read it: four significant digits, two where it is tiny, all digits of thousands."""
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.4g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
 def limit_text(metric: Metric) -> str:

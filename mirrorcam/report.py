@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from string import Template
 
-from mirrorcam.progress import figure_text, limit_text
+from mirrorcam.progress import figure_text
 from optics.layout import Layout
 from optics.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
-_UNIT_ENDINGS = {"_deg": "deg", "_mm": "mm", "_px": "px"}
+_UNIT_ENDINGS = ("_deg", "_mm", "_px")
+_WORDS = {
+    "fov": "field of view",
+    "iou": "(intersection over union)",
+    "rms": "RMS",
+    "stl": "STL",
+    "p95": "95 % quantile",
+}
+_HEADLINES = {
+    "normal_error_max_deg": "is how far the worst mirror's calibrated direction is from the truth",
+    "decoded_corner_rms_px": "is the RMS distance of decoded corners from where true positions predict them",
+}
 
 
 @dataclass(frozen=True)
@@ -69,13 +81,17 @@ def label(name: str) -> str:
     """A figure's name as people read it: without its unit, which stands beside the value."""
     for ending in _UNIT_ENDINGS:
         name = name.removesuffix(ending)
-    text = name.replace("_", " ")
+    words = (_WORDS.get(word, re.sub(r"^(\d+)mm$", r"at \1 mm", word)) for word in name.split("_"))
+    text = " ".join(words)
     return text[:1].upper() + text[1:]
 
 
-def unit_text(unit: str) -> str:
-    """The unit beside a value; nothing for a plain number."""
-    return {"1": "", "deg": "°"}.get(unit, unit)
+def value_text(metric: Metric, value: float) -> str:
+    """A value with its unit; a share as a percentage, and no unit for a plain number."""
+    if metric.unit.startswith("of the "):
+        return f"{value:.1%}"
+    unit = {"1": "", "deg": "°"}.get(metric.unit, metric.unit)
+    return f"{figure_text(value)} {unit}".rstrip()
 
 
 def share_of_limit(metric: Metric) -> float:
@@ -87,7 +103,13 @@ def share_of_limit(metric: Metric) -> float:
 
 
 def _value(metric: Metric) -> str:
-    return f'<span class="number">{figure_text(metric.value)}</span> {escape(unit_text(metric.unit))}'.rstrip()
+    return escape(value_text(metric, metric.value))
+
+
+def limit_text(metric: Metric) -> str:
+    """The limit with its unit and its direction."""
+    sign = "\N{LESS-THAN OR EQUAL TO}" if metric.lower_is_better else "\N{GREATER-THAN OR EQUAL TO}"
+    return "" if metric.limit is None else f"{sign} {value_text(metric, metric.limit)}"
 
 
 def _verdict(metric: Metric) -> str:
@@ -102,7 +124,7 @@ def _limit_rows(metrics: Mapping[str, Metric]) -> str:
         state = "pass" if metric.passed else "fail"
         rows.append(
             f'<tr><th scope="row">{escape(label(name))}</th><td>{_value(metric)}</td>'
-            f'<td class="limit">{escape(limit_text(metric))} {escape(unit_text(metric.unit))}</td>'
+            f'<td class="limit">{escape(limit_text(metric))}</td>'
             f'<td class="share"><i class="bar {state}" style="--share:{width:.1f}%"></i></td>'
             f"<td>{_verdict(metric)}</td></tr>"
         )
@@ -177,11 +199,9 @@ def _highlights(report: Report) -> str:
             versus = f", parabola {before.value:.0%}" if before else ""
             depth = name.removeprefix("pixel_efficiency_").replace("mm", " mm")
             tiles.append(_highlight(f"{metric.value:.0%}", f"of the sensor shows the common scene at {depth}{versus}"))
-    worst = max(report.limited.items(), key=lambda item: share_of_limit(item[1]), default=None)
-    if worst:
-        name, metric = worst
-        text = f"{label(name)[:1].lower()}{label(name)[1:]}, the closest to its limit ({limit_text(metric)})"
-        tiles.append(_highlight(f"{figure_text(metric.value)} {unit_text(metric.unit)}", text))
+    for name, text in _HEADLINES.items():
+        if name in report.truth:
+            tiles.append(_highlight(value_text(report.truth[name], report.truth[name].value), text))
     return "".join(tiles)
 
 
@@ -333,7 +353,6 @@ td{white-space:nowrap;font-variant-numeric:tabular-nums}
 b.pass{color:var(--good);font-weight:600}
 b.fail{color:var(--bad);font-weight:700}
 .pair .share{display:none}
-.plain{max-width:720px}
 details{margin-top:14px;color:var(--soft);font-size:15px}
 summary{cursor:pointer}
 details table{margin-top:10px;color:var(--ink)}

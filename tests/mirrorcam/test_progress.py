@@ -63,3 +63,11 @@ def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
     assert lines[0] == ["parabola", "optimised", "unit", "limit"]
     assert lines[1] == ["grid", "error", "0.4", "0.105", "1", "≤", "0.11", "pass"]
     assert lines[2] == ["efficiency", "0.4", "1", "≥", "0.5", "FAIL"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.105, "0.105"), (123456.7, "123457"), (-0.00012345, "-0.0001234"), (2e-7, "2.0e-7"), (41, "41")],
+)
+def test_figures_as_people_read_them(value: float, text: str) -> None:
+    assert progress.figure_text(value) == text

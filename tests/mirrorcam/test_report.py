@@ -49,11 +49,11 @@ def outline(page: str) -> Outline:
 def report(small_layout: Layout) -> Report:
     figures = {
         "grid_error": Metric(value=0.4, unit="1"),
-        "pixel_efficiency_300mm": Metric(value=0.07, unit="1", lower_is_better=False),
+        "pixel_efficiency_300mm": Metric(value=0.07, unit="of the sensor", lower_is_better=False),
     }
     better = {
         "grid_error": Metric(value=0.1, unit="1"),
-        "pixel_efficiency_300mm": Metric(value=0.53, unit="1", lower_is_better=False),
+        "pixel_efficiency_300mm": Metric(value=0.53, unit="of the sensor", lower_is_better=False),
     }
 
     def picture(name: str) -> Picture:
@@ -139,7 +139,7 @@ def test_a_figure_past_its_limit_is_named_first_and_fails_the_page(report: Repor
     assert "1 of 3 checks failed: Tilt" in text
     assert "FAIL" in text
     table = page[page.index("Against the truth") :]
-    assert table.index("Tilt") < table.index("Held out rms")
+    assert table.index("Tilt") < table.index("Held out RMS")
     assert "checks pass" not in text
 
 
@@ -161,6 +161,6 @@ def test_share_of_limit(metric: Metric, share: float) -> None:
 
 
 def test_labels_and_numbers() -> None:
-    assert label("held_out_rms_x_px") == "Held out rms x"
-    assert label("pixel_efficiency_300mm") == "Pixel efficiency 300mm"
+    assert label("held_out_rms_x_px") == "Held out RMS x"
+    assert label("pixel_efficiency_300mm") == "Pixel efficiency at 300 mm"
     assert (number_word(9), number_word(20)) == ("nine", "20")
