@@ -1,0 +1,83 @@
+"""The whole way in small: one command from nothing to a page, and a second run that finds it all done."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.stages import MANIFEST, digests
+
+STAGES = ("design", "cad", "set", "validation", "light_field", "page")
+
+
+def run_quick(out: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
+    return subprocess.run(command, cwd=out.parent, capture_output=True, text=True, timeout=600, check=False)
+
+
+def reused(result: subprocess.CompletedProcess[str]) -> set[str]:
+    """The stages that a run found done."""
+    return {line.split()[0] for line in result.stdout.splitlines() if "re-used" in line}
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder of a first run, and what it said."""
+    for module in ("build123d", "mitsuba"):
+        pytest.importorskip(module, reason="the whole way needs the extras cad and render")
+    out = tmp_path_factory.mktemp("output") / "quick"
+    return out, run_quick(out)
+
+
+def test_it_ends_well_and_says_so_in_plain_lines(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, result = first
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stderr == ""
+    assert "\x1b" not in result.stdout
+    assert reused(result) == set()
+    assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
+
+
+def test_every_link_of_the_page_leads_to_a_file(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, _ = first
+    page = (out / "index.html").read_text()
+    targets = re.findall(r'(?:href|src)="([^"]+)"', page)
+    assert len(targets) >= 12
+    assert [target for target in targets if not (out / target).is_file()] == []
+    assert "checks pass" in page
+
+
+def test_metrics_hold_value_unit_and_limit(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, _ = first
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert {name.split(".")[0] for name in metrics} == {"design", "cad", "validation"}
+    assert all({"value", "unit"} <= set(metric) for metric in metrics.values())
+    assert metrics["validation.normal_error_max_deg"]["value"] <= metrics["validation.normal_error_max_deg"]["limit"]
+
+
+def test_a_second_run_reuses_every_stage(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, _ = first
+    before = {stage: digests(out / stage) | {MANIFEST: (out / stage / MANIFEST).read_text()} for stage in STAGES}
+    page = (out / "index.html").read_text()
+    result = run_quick(out)
+    assert result.returncode == 0
+    assert reused(result) == set(STAGES)
+    after = {stage: digests(out / stage) | {MANIFEST: (out / stage / MANIFEST).read_text()} for stage in STAGES}
+    assert after == before
+    assert (out / "index.html").read_text() == page
+
+
+def test_a_deleted_file_is_made_again_and_nothing_else(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, _ = first
+    tiles = next((out / "light_field").glob("*_views.png"))
+    before = tiles.read_bytes()
+    tiles.unlink()
+    result = run_quick(out)
+    assert result.returncode == 0
+    assert reused(result) == set(STAGES) - {"light_field"}
+    assert tiles.read_bytes() == before
