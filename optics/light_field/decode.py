@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import harmonic_mean
 from typing import Any, Literal
 
 import cv2
@@ -86,7 +87,7 @@ def default_reference_depth_mm(layout: Layout) -> float:
     """The depth midway in disparity between those the layout was designed for: their harmonic mean."""
     if layout.spec is None:
         return DEFAULT_REFERENCE_DEPTH_MM
-    return len(layout.spec.depths_mm) / sum(1.0 / depth for depth in layout.spec.depths_mm)
+    return harmonic_mean(layout.spec.depths_mm)
 
 
 def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:

@@ -220,3 +220,8 @@ def test_an_image_of_an_unknown_suffix_is_not_written(tmp_path: Path) -> None:
     line = refusal(files.write_image, tmp_path / "a.xyz", picture())
     assert line == f"{tmp_path / 'a.xyz'}: no image format for this suffix, expected .png or .jpg"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_photographs_of_a_phone_are_not_taken_for_truncated(two_mirror_photos: list[Path]) -> None:
+    for path in two_mirror_photos:
+        assert files.read_image(path).shape == (1470, 3264, 3)
