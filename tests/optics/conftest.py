@@ -31,8 +31,9 @@ def faceted_parabola(camera: Camera, spec: DesignSpec, fill: float) -> Layout:
 
 @pytest.fixture(scope="session")
 def parabola_layout() -> Layout:
-    """The nominal 3x3 faceted parabola of the C920, scale 80 mm."""
-    return faceted_parabola(Camera.c920(), DesignSpec(), fill=0.9)
+    """The nominal 3x3 faceted parabola, scale 80 mm, of a camera like the C920 with half its resolution."""
+    camera = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+    return faceted_parabola(camera, DesignSpec(), fill=0.9)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,21 +32,27 @@ def letter(x: FloatArray, y: FloatArray) -> FloatArray:
     return (stem | bar | short).astype(np.float64)
 
 
+@cache
+def reflected_rays(layout: Layout) -> list[tuple[NDArray[np.bool_], FloatArray, FloatArray]]:
+    """For each mirror: the sensor pixels (h, w) that see it, and where their rays (n, 3) leave it and to where."""
+    camera = layout.camera
+    u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
+    rays = camera.unproject(np.stack([u, v], axis=-1))
+    found = []
+    for mirror in layout.mirrors:
+        hit = shapely.contains_xy(shapely.Polygon(mirror.outline_normalized), rays[..., 0], rays[..., 1])
+        start = mirror.cut(rays[hit][:, :2]) @ layout.view_from_rig.T
+        found.append((hit, start, rays[hit] @ (mirror.reflection @ layout.view_from_rig.T)))
+    return found
+
+
 def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[np.float32]:
     """The frame (h, w, 3) that the base camera takes of a texture on the plane at a depth, black between mirrors.
 
     Each sensor pixel's ray is reflected at its mirror's plane and cut with the scene plane.
     """
-    camera = layout.camera
-    u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
-    rays = camera.unproject(np.stack([u, v], axis=-1))
-    frame = np.zeros((camera.height_px, camera.width_px))
-    for mirror in layout.mirrors:
-        outline = shapely.Polygon(mirror.outline_normalized)
-        hit = shapely.contains_xy(outline, rays[..., 0], rays[..., 1])
-        directions = rays[hit]
-        start = mirror.cut(directions[:, :2]) @ layout.view_from_rig.T
-        turned = directions @ (mirror.reflection @ layout.view_from_rig.T)
+    frame = np.zeros((layout.camera.height_px, layout.camera.width_px))
+    for hit, start, turned in reflected_rays(layout):
         points = start + turned * ((depth_mm - start[:, 2]) / turned[:, 2])[:, None]
         frame[hit] = texture(points[:, 0], points[:, 1])
     return np.repeat(frame[..., None], 3, axis=2).astype(np.float32)
