@@ -61,6 +61,11 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
     say(title, f"done in {time.monotonic() - started:.1f} s")
 
 
+def count_text(count: int, thing: str) -> str:
+    """A count of things as people say it: "1 frame", "2 frames"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
 def figure_text(value: float) -> str:
     """A measured figure as people read it: four significant digits, two where it is tiny, all digits of thousands."""
     if abs(value) >= 1000:

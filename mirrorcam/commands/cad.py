@@ -9,7 +9,7 @@ from pydantic import Field
 
 from mirrorcam.extras import require
 from mirrorcam.folders import merged
-from mirrorcam.progress import long_work, print_metrics, say
+from mirrorcam.progress import count_text, long_work, print_metrics, say
 from optics.values import Value
 
 
@@ -28,7 +28,7 @@ def run(options: CadOptions) -> int:
     require("cad")
     from cad.build import build
 
-    with long_work("cad", f"a holder for {len(layout.mirrors)} mirrors"), merged(options.out) as folder:
+    with long_work("cad", f"a holder for {count_text(len(layout.mirrors), 'mirror')}"), merged(options.out) as folder:
         checks = build(layout, folder)
     print_metrics({"measured": checks})
     say("cad", f"parts written to {options.out}")

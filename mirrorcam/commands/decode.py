@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.progress import Advance, long_work, say
+from mirrorcam.progress import Advance, count_text, long_work, say
 from optics.values import InputError, Value
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance:
 
 def run(options: DecodeOptions) -> int:
     """Decode the frames."""
-    with long_work("decode", f"{len(options.frames)} frames", "frames") as advance:
+    with long_work("decode", count_text(len(options.frames), "frame"), "frames") as advance:
         decode_frames(options.frames, options.layout, options.out, advance)
     say("decode", f"light fields (.npz) and tiled views (_views.png) written to {options.out}")
     return 0

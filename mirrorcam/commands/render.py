@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.extras import require
-from mirrorcam.progress import long_work, say
+from mirrorcam.progress import count_text, long_work, say
 from optics.values import Value
 
 
@@ -40,7 +40,7 @@ def run(options: RenderOptions) -> int:
     require("render")
     from render_scenes.render_set import render_set
 
-    with long_work("render", f"{options.frames} + {options.base_frames} frames", "frames") as advance:
+    with long_work("render", f"{options.frames} + {count_text(options.base_frames, 'frame')}", "frames") as advance:
         render_set(
             layout,
             target,
