@@ -78,6 +78,12 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         part=_picture(root, "cad/mirror_holder.png", "cad/mirror_holder.svg", "The mirror holder"),
         frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
         views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
+        residuals=_picture(
+            root,
+            "validation/residuals.png",
+            "validation/residuals.png",
+            "Residual of each corner as an arrow over the sensor, beside their distribution",
+        ),
         part_files=tuple(
             File(f"cad/{name}", purpose)
             for name, purpose in (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from string import Template
 
-from mirrorcam.progress import figure_text
+from mirrorcam.progress import count_text, figure_text
 from optics.layout import Layout
 from optics.values import Metric
 
@@ -63,6 +63,7 @@ class Report:
     part: Picture
     frame: Picture
     views: Picture
+    residuals: Picture
     part_files: tuple[File, ...]
     files: tuple[File, ...]
 
@@ -90,8 +91,8 @@ def value_text(metric: Metric, value: float) -> str:
     """A value with its unit; a share as a percentage, and no unit for a plain number."""
     if metric.unit.startswith("of the "):
         return f"{value:.1%}"
-    unit = {"1": "", "deg": "°"}.get(metric.unit, metric.unit)
-    return f"{figure_text(value)} {unit}".rstrip()
+    unit = {"1": "", "deg": "°"}.get(metric.unit, f" {metric.unit}")
+    return f"{figure_text(value)}{unit}"
 
 
 def share_of_limit(metric: Metric) -> float:
@@ -149,7 +150,7 @@ def _limit_table(metrics: Mapping[str, Metric]) -> str:
             for name, metric in others.items()
         )
         parts.append(
-            f"<details><summary>{len(others)} more figures, without a limit</summary>"
+            f"<details><summary>{count_text(len(others), 'more figure')}, without a limit</summary>"
             f'<table class="plain"><tbody>{rows}</tbody></table></details>'
         )
     return "\n".join(parts)
@@ -241,6 +242,7 @@ def index_html(report: Report) -> str:
         as_built=escape(report.as_built),
         views=_picture(report.views),
         truth=_limit_table(report.truth),
+        residuals=_picture(report.residuals, "What the calibrated model leaves unexplained, corner by corner."),
         files=_files(report.files),
     )
 
@@ -293,6 +295,7 @@ $views
 <h2><span>5</span> Against the truth</h2>
 <p>The calibration saw the frames, the board and the nominal design. Only afterwards was the truth opened.</p>
 $truth
+$residuals
 </section>
 <section>
 <h2><span>6</span> Files</h2>
@@ -334,6 +337,7 @@ section>p{max-width:41em;color:var(--soft);margin:0 0 24px}
 figure{margin:0 0 24px}
 figure a{display:block;background:#fff;border:1px solid var(--line);border-radius:12px;overflow:hidden}
 img{display:block;width:100%;height:auto}
+table+figure,details+figure{margin-top:32px}
 figcaption{color:var(--soft);font-size:14px;margin-top:8px}
 a{color:var(--accent);text-underline-offset:3px}
 a:focus-visible,summary:focus-visible{outline:2px solid var(--accent);outline-offset:3px;border-radius:4px}
@@ -367,6 +371,7 @@ code{font:.94em ui-monospace,SFMono-Regular,Menlo,Consolas,monospace}
 @media (max-width:720px){body{font-size:16px}header{padding-top:24px}.kicker{margin-bottom:36px}
 section{padding-top:52px}
 .lead{font-size:17px}.pair{grid-template-columns:minmax(0,1fr)}.share{display:none}
-.highlights{grid-template-columns:1fr 1fr}.highlights dd{font-size:24px}.highlights div{padding:16px}
+.highlights{grid-template-columns:1fr 1fr}.highlights div:last-child:nth-child(odd){grid-column:1/-1}
+.highlights dd{font-size:24px}.highlights div{padding:16px}
 th,td{padding-right:10px}header,main,footer{padding-left:18px;padding-right:18px}}
 """

@@ -77,6 +77,7 @@ def report(small_layout: Layout) -> Report:
         part=picture("part"),
         frame=picture("frame"),
         views=picture("views"),
+        residuals=picture("residuals"),
         part_files=(File("cad/mirror_holder.step", "the solid"),),
         files=(File("metrics.json", "every figure"),),
     )
@@ -88,14 +89,21 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
         "one webcam and two flat mirrors",
         "All 2 checks pass",
         "Normal error max",
-        "0.004 °",
-        "≤ 0.02 °",
+        "0.004°",
+        "≤ 0.02°",
         "53%",
         f"480 {TIMES} 270",
         "20 frames",
     ):
         assert words in found.text
-    expected = {"page/before_after.jpg", "page/part.jpg", "page/frame.jpg", "page/views.jpg", "set/frame.png"}
+    expected = {
+        "page/before_after.jpg",
+        "page/part.jpg",
+        "page/frame.jpg",
+        "page/views.jpg",
+        "page/residuals.jpg",
+        "set/frame.png",
+    }
     assert expected | {"cad/mirror_holder.step", "metrics.json"} <= set(found.targets)
 
 
