@@ -14,6 +14,7 @@ from optics.layout import Layout
 from optics.light_field import decode
 from optics.light_field.decode import Decoder
 from optics.light_field.light_field import LightField
+from optics.mirror import Mirror
 from optics.values import FloatArray, InputError
 
 Texture = Callable[[FloatArray, FloatArray], FloatArray]
@@ -303,6 +304,23 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         Decoder(parabola_layout.replaced(camera=small))
     with pytest.raises(InputError, match=r"^mirror 0 does not look forward along the view axis$"):
         Decoder(parabola_layout.replaced(view_from_rig=np.diag([1.0, -1.0, -1.0])))
+
+
+def test_views_that_squint_apart_have_no_united_field_of_any_use(parabola_layout: Layout) -> None:
+    mirrors = []
+    for u, yaw in ((-0.3, 1.3), (0.3, -1.3)):
+        looking = np.array([np.sin(yaw), np.cos(yaw), 0.0])
+        corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]) + np.array([u, 0.0])
+        normal = looking - np.array([u, 0.0, 1.0]) / np.hypot(u, 1.0)
+        middle = np.array([80.0 * u, 0.0, 80.0])
+        rays = np.column_stack([corners, np.ones(4)])
+        outline = rays * (middle @ normal / (rays @ normal))[:, None]
+        mirrors.append(Mirror.from_plane(middle, normal, outline_in_rig_mm=outline))
+    layout = Layout(rows=1, cols=2, camera=parabola_layout.camera, mirrors=tuple(mirrors))
+    with pytest.raises(InputError, match=r"^the union field would take \d+x\d+ px a view, more than the whole sensor$"):
+        Decoder(layout, field="union")
+    with pytest.raises(InputError, match=r"^the views share no field at depth 400 mm"):
+        Decoder(layout)
 
 
 def test_the_light_field_names_the_layout_it_came_from(crooked: Decoder, crooked_layout: Layout) -> None:
