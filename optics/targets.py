@@ -108,7 +108,7 @@ class _BoardFile(RootModel[Target]):
 
 def default_board() -> Charuco:
     """The board of the synthetic sets: fills the common field of the default layout at 300 to 500 mm."""
-    return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=9.0)
+    return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4)
 
 
 def load_board(path: Path) -> Checkerboard | Charuco:

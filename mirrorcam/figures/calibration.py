@@ -13,7 +13,7 @@ from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.files import atomic
 
-ARROW_PX = 60.0  # length at which the rms residual is drawn, of a picture 1920 px wide
+ARROW_PX = 30.0  # length at which the rms residual is drawn, of a picture 1920 px wide
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
@@ -50,7 +50,7 @@ def _distribution(axes: Axes, calibration: Calibration) -> None:
     used = calibration.residuals_px[calibration.inliers]
     reach = 4.0 * float(used.std())
     for axis, values in zip("xy", used.T, strict=True):
-        axes.hist(values, bins=np.linspace(-reach, reach, 61), histtype="step", label=f"{axis}: {values.std():.3f} px")
+        axes.hist(values, bins=np.linspace(-reach, reach, 61).tolist(), histtype="step", label=f"{axis}: {values.std():.3f} px")
     axes.set(
         xlabel="residual px", ylabel="corners", title=f"{len(used)} corners, {int((~calibration.inliers).sum())} out"
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import cv2
 import numpy as np
@@ -11,6 +12,17 @@ from optics.calibration.corners import Corners
 from optics.camera import Camera
 from optics.mirror import Mirror, reflect
 from optics.values import FloatArray, InputError
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV on one thread: calibrateCamera adds up its threads in the order they finish, so its last digits vary."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def intrinsics(
@@ -31,7 +43,10 @@ def intrinsics(
     flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
     objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
     images = [view.pixels.astype(np.float32)[:, None] for view in views]
-    _, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, (width_px, height_px), None, None, flags=flags)
+    with _one_thread():
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            objects, images, (width_px, height_px), None, None, flags=flags
+        )
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise InputError("the views of the board do not determine the camera, expected boards at several tilts")
     return Camera(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
+from pydantic import ValidationError
 
 from optics.calibration import bootstrap
 from optics.calibration.corners import MIN_CORNERS, Corners, Grey
@@ -17,8 +18,9 @@ from optics.calibration.detect import direct_view, sub_images
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.residuals import Board, Estimate, points_at_camera
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
-from optics.calibration.solve import BoolArray, Solution, fit, free_globals
+from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
 from optics.camera import INTRINSIC_NAMES, Camera
+from optics.files import one_line
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
@@ -73,8 +75,10 @@ def calibrate_corners(
         if len(used) > HOLD_OUT_EVERY:
             metrics |= _held_out(solution.estimate, observations, len(used), corners_in_board_mm)
         calibrated = _calibrated(solution, layout, metrics)
-    except (np.linalg.LinAlgError, ValueError) as error:
+    except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
     return Calibration(
         layout=calibrated,
         rig_from_board=solution.estimate.rig_from_board,

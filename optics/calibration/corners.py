@@ -1,7 +1,7 @@
 """Corners in one image: find a target, order its corners, and refine them to sub-pixel accuracy.
 
-`findChessboardCornersSB` alone errs by 0.2-0.4 px, so it only seeds: every corner is refined by `cv2.cornerSubPix` with
-a window scaled to the cell that is seen there.
+`findChessboardCornersSB` alone errs by 0.01 to 0.4 px, depending on the size of the cells, so it only seeds: every
+corner is refined by `cv2.cornerSubPix` with a window scaled to the cell that is seen there.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ Grey = NDArray[np.uint8]
 IntArray = NDArray[np.int64]
 
 CHECKERBOARD_WINDOW = 0.4
-CHARUCO_WINDOW = 0.3  # less than the white rim around a marker would ask, but its border is symmetric about the corner
 MIN_CORNERS = 6
+SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
+# Where the square at a corner's lower right and that at its upper left are sampled, in cells.
+AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
 FINDER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
 
 
@@ -35,6 +37,16 @@ class Corners:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+
+def refinement_window(target: Charuco | Checkerboard) -> float:
+    """Half-window for refinement in cells: as large as it may be before it meets anything but one crossing of edges.
+
+    In a ChArUco board that is the white rim around a marker: a marker inside the window pulls by up to 0.3 px.
+    """
+    if isinstance(target, Checkerboard):
+        return CHECKERBOARD_WINDOW
+    return min(CHECKERBOARD_WINDOW, (1.0 - target.marker_mm / target.square_mm) / 2.0)
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:
@@ -67,7 +79,7 @@ def find_charuco(grey: Grey, target: Charuco, *, mirrored: bool) -> Corners:
     seeds = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
     if mirrored:
         seeds[:, 0] = grey.shape[1] - 1 - seeds[:, 0]
-    refined = refine(grey, seeds, cell_px(seeds), CHARUCO_WINDOW)
+    refined = refine(grey, seeds, cell_px(seeds), refinement_window(target))
     return Corners(np.asarray(ids, dtype=np.int64).ravel(), refined)
 
 
@@ -136,7 +148,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     """Corners of a plain checkerboard near where a model predicts them, (n, 2) in the order of ids.
 
     A corner counts when it refines to within `max_shift` cells of the prediction and its four squares are black and
-    white as the target says, with at least half the contrast of the board as a whole: a hand or a mirror's edge in
+    white as the target says, with most of the contrast of the board as a whole: a hand or a mirror's edge in
     front of it fails this.
     """
     rows, cols = target.rows - 1, target.cols - 1
@@ -152,15 +164,13 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
     grid = predicted.reshape(rows, cols, 2)
     across, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
-    quadrants = [
-        _sample(grey, refined + 0.3 * (sign_x * across + sign_y * down)) for sign_y in (-1, 1) for sign_x in (-1, 1)
-    ]
-    upper_left, upper_right, lower_left, lower_right = quadrants
-    # Corner (r, c) has square (r, c) at its upper left, black when r + c is even.
-    sign = np.where((ids // cols + ids % cols) % 2 == 0, 1.0, -1.0)
-    darker, lighter = np.where(sign > 0, (upper_left, upper_right), (upper_right, upper_left))
-    darker2, lighter2 = np.where(sign > 0, (lower_right, lower_left), (lower_left, lower_right))
-    contrast = np.minimum(lighter, lighter2) - np.maximum(darker, darker2)
+    # Corner (r, c) has square (r, c) at its upper left, black when r + c is even, and the same at its lower right.
+    black_first = (ids // cols + ids % cols) % 2 == 0
+    first, second = (
+        np.array([_sample(grey, refined + x * across + sign * y * down) for x, y in AROUND]) for sign in (1, -1)
+    )
+    black, white = np.where(black_first, (first, second), (second, first))
+    contrast = white.min(axis=0) - black.max(axis=0)
     typical = np.median(contrast[near]) if near.any() else 0.0
-    good = near & (contrast > max(0.5 * typical, 8.0))
+    good = near & (contrast > max(SAME_CONTRAST * typical, 8.0))
     return Corners(ids[good].astype(np.int64), refined[good])

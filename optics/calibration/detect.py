@@ -7,14 +7,13 @@ import numpy as np
 
 from optics.calibration import bootstrap
 from optics.calibration.corners import (
-    CHARUCO_WINDOW,
-    CHECKERBOARD_WINDOW,
     Corners,
     Grey,
     cell_px,
     find_charuco,
     find_checkerboards,
     orderings,
+    refinement_window,
 )
 from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
@@ -43,7 +42,7 @@ def sub_images(grey: Grey, layout: Layout, target: Checkerboard | Charuco) -> Ob
     dropped: the mirror's edge would pull at them.
     """
     options: list[tuple[int, list[Corners]]] = []
-    window = CHARUCO_WINDOW if isinstance(target, Charuco) else CHECKERBOARD_WINDOW
+    window = refinement_window(target)
     for index in range(len(layout.mirrors)):
         outline = layout.outline_px(index)
         crop, offset = _crop(grey, outline)

@@ -24,7 +24,7 @@ from optics.calibration.result import (
     mirror_covariance,
     uncertainty,
 )
-from optics.calibration.solve import BoolArray, Solution, fit, free_globals
+from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -87,7 +87,7 @@ def calibrate_with_direct_view(
         start = replace(flat.estimate, shape=np.zeros(len(free_board.modes)))
         free = free_globals(intrinsics=INTRINSICS, mirrors=mirrors, modes=len(free_board.modes))
         solution = fit(start, observations, free_board, free)
-    except (np.linalg.LinAlgError, ValueError) as error:
+    except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     return _result(solution, flat, free_board, observations, frames, names)
 

@@ -15,6 +15,11 @@ from optics.values import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
+
+class UndeterminedError(Exception):
+    """The observations do not determine what was asked for."""
+
+
 HUBER_SCALE = 1.345
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
 
@@ -83,9 +88,9 @@ def _normal_equations(
         rows = slice(bounds[frame], bounds[frame + 1])
         twist = by_twist[rows].reshape(-1, 6)
         v[frame] = twist.T @ twist
-        w[frame] = twist.T @ by_global[rows].reshape(-1, free.size)
+        w[frame] = twist.T @ by_global[rows].reshape(len(twist), free.size)
         gradient_poses[frame] = twist.T @ r[rows].ravel()
-    flat = by_global.reshape(-1, free.size)
+    flat = by_global.reshape(r.size, free.size)
     return _Normal(flat.T @ flat, v, w, flat.T @ r.ravel(), gradient_poses)
 
 
@@ -107,22 +112,18 @@ def minimise(
 ) -> tuple[Estimate, _Normal, int]:
     """Weighted least squares from `start` to where a step no longer lowers the cost by 1e-12 of it.
 
-    Every frame must have observations that determine its pose. Raises `numpy.linalg.LinAlgError` where the
-    observations do not determine the globals.
+    Raises UndeterminedError where the start makes no sense.
     """
     root = np.ones(len(observations)) if root_weights is None else root_weights
     estimate, damping = start, 1e-6
     cost = _cost(residuals(estimate, observations, board), root)
     if not np.isfinite(cost):
-        raise ValueError("the start predicts a corner behind the camera")
+        raise UndeterminedError("the start predicts a corner behind the camera")
     size = N_INTRINSICS + start.virtual_centres_in_rig_mm.size + start.shape.size
     for iteration in range(1, max_iterations + 1):
         normal = _normal_equations(estimate, observations, board, free, root)
         while True:
-            step_free, step_poses, _ = normal.step(damping)
-            step = np.zeros(size)
-            step[free] = step_free
-            trial = _moved(estimate, step, step_poses)
+            trial = _trial(estimate, normal, damping, free, size)
             trial_cost = np.inf if trial is None else _cost(residuals(trial, observations, board), root)
             if trial is not None and trial_cost <= cost:
                 break
@@ -141,10 +142,16 @@ def _cost(r: FloatArray, root_weights: FloatArray) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _moved(estimate: Estimate, step_global: FloatArray, step_poses: FloatArray) -> Estimate | None:
-    """The estimate after a step, or None where a wild trial step makes no camera (a focal length of zero or less)."""
-    focal = estimate.camera.intrinsics[:2] + step_global[:2]
-    return estimate.moved(step_global, step_poses) if (focal > 0).all() and np.isfinite(step_global).all() else None
+def _trial(estimate: Estimate, normal: _Normal, damping: float, free: NDArray[np.int64], size: int) -> Estimate | None:
+    """The estimate after a damped step; None where the matrix is not definite or the step makes no camera."""
+    try:
+        step_free, step_poses, _ = normal.step(damping)
+    except np.linalg.LinAlgError:
+        return None
+    step = np.zeros(size)
+    step[free] = step_free
+    possible = np.isfinite(step).all() and (estimate.camera.intrinsics[:2] + step[:2] > 0).all()
+    return estimate.moved(step, step_poses) if possible else None
 
 
 def fit(
@@ -156,7 +163,8 @@ def fit(
     """Robust start (Huber), plain least-squares finish without outliers, covariance.
 
     Outliers by the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma
-    are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay.
+    are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
+    UndeterminedError where the corners leave a free parameter open.
     """
     estimate, _, huber_iterations = _huber(start, observations, board, free)
     r = residuals(estimate, observations, board)
@@ -172,12 +180,15 @@ def fit(
         unknowns = free.size + 6 * len(estimate.rig_from_board)
         spare = 2 * int(inliers.sum()) - unknowns
         if spare <= 0:
-            raise ValueError(f"{int(inliers.sum())} corners for {unknowns} unknowns, expected more")
+            raise UndeterminedError(f"{int(inliers.sum())} corners for {unknowns} unknowns, expected more")
         sigma = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
-    _, _, reduced = normal.step(0.0)
-    covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
+    try:
+        _, _, reduced = normal.step(0.0)
+        covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise UndeterminedError(f"{int(inliers.sum())} corners leave a direction of the problem open") from None
     return Solution(estimate, r, inliers, iterations, sigma, free, covariance)
 
 

@@ -1,0 +1,32 @@
+"""What tests of several rooms share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from optics.layout import Layout
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def default_layout() -> Layout:
+    """The nominal layout of the default spec: 3 x 3, C920, scale 80 mm."""
+    return Layout.load(ROOT / "tests" / "data" / "default_layout.json")
+
+
+@pytest.fixture(scope="session")
+def two_mirror_photos() -> list[Path]:
+    """Eight photographs of a checkerboard and two mirrors, which the project does not ship.
+
+    They are looked for in $MIRRORCAM_PHOTOS, and in data/two_mirror_photos of any folder beside the checkout.
+    """
+    named = os.environ.get("MIRRORCAM_PHOTOS")
+    folders = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/two_mirror_photos"))
+    photos = [photo for folder in folders for photo in sorted(folder.glob("photo_*.jpg"))]
+    if len(photos) != 8:
+        pytest.skip(f"{len(photos)} of 8 photographs in $MIRRORCAM_PHOTOS or data/two_mirror_photos beside the checkout")
+    return photos

@@ -1,0 +1,96 @@
+"""A small renderer for the tests of calibration, which shares no projection code with the calibrator.
+
+It goes from pixels to the board (undistort by fixed-point iteration, reflect the ray, meet the board, look up the
+print), where the calibrator goes from the board to pixels.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.targets import Charuco, Checkerboard
+from optics.values import FloatArray
+
+SUPERSAMPLING = 2
+PX_PER_SQUARE = 48
+
+
+@lru_cache(maxsize=2)
+def rays_through(camera: Camera) -> FloatArray:
+    """Viewing rays (h * k, w * k, 3) of k x k samples in each pixel."""
+    k = SUPERSAMPLING
+    x = (np.arange(camera.width_px * k) + 0.5) / k - 0.5
+    y = (np.arange(camera.height_px * k) + 0.5) / k - 0.5
+    target = np.stack(np.meshgrid((x - camera.cx_px) / camera.fx_px, (y - camera.cy_px) / camera.fy_px), axis=-1)
+    k1, k2, p1, p2, k3 = camera.distortion
+    guess = target.copy()
+    for _ in range(30):
+        gx, gy = guess[..., 0], guess[..., 1]
+        r2 = gx * gx + gy * gy
+        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        shift = np.stack([2 * p1 * gx * gy + p2 * (r2 + 2 * gx**2), p1 * (r2 + 2 * gy**2) + 2 * p2 * gx * gy], axis=-1)
+        guess = (target - shift) / radial[..., None]
+    return np.concatenate([guess, np.ones((*guess.shape[:-1], 1))], axis=-1)
+
+
+def render(
+    camera: Camera,
+    layout: Layout | None,
+    target: Checkerboard | Charuco,
+    rig_from_board: FloatArray,
+    *,
+    blur_px: float = 0.7,
+    noise_grey: float = 0.0,
+    seed: int = 0,
+) -> NDArray[np.uint8]:
+    """A grey frame (h, w) of the board through the mirrors of `layout`, or seen directly where it is None."""
+    rays = rays_through(camera)
+    height, width = rays.shape[:2]
+    image = np.full((height, width), 12.0, dtype=np.float32)
+    texture = cv2.copyMakeBorder(
+        target.image(PX_PER_SQUARE), PX_PER_SQUARE, PX_PER_SQUARE, PX_PER_SQUARE, PX_PER_SQUARE, cv2.BORDER_CONSTANT, value=(255,)
+    )  # fmt: skip
+    views = [None] if layout is None else list(layout.mirrors)
+    for mirror in views:
+        if mirror is None:
+            inside = np.ones((height, width), dtype=bool)
+            origin, directions = np.zeros(3), rays
+        else:
+            mask = np.zeros((height, width), dtype=np.uint8)
+            outline = camera.pixels_from_normalized(mirror.outline_normalized)
+            corners = np.rint(((outline + 0.5) * SUPERSAMPLING - 0.5)).astype(np.int32)
+            cv2.fillConvexPoly(mask, corners, 1)
+            inside = mask.astype(bool)
+            origin = mirror.virtual_centre_in_rig_mm
+            directions = rays @ (np.eye(3) - 2 * np.outer(origin, origin) / (origin @ origin))
+        turn, shift = rig_from_board[:3, :3], rig_from_board[:3, 3]
+        normal = turn[:, 2]
+        along = (shift - origin) @ normal / (directions[inside] @ normal)
+        on_board = (origin + along[:, None] * directions[inside] - shift) @ turn[:, :2] / target.square_mm
+        lookup = (on_board[:, ::-1].T + 1) * PX_PER_SQUARE - 0.5
+        sampled = map_coordinates(texture, lookup, output=np.float32, order=1, cval=60)
+        image[inside] = np.where(along > 0, 25.0 + 0.75 * sampled, 12.0)
+    small = cv2.resize(image, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), blur_px)
+    noisy = blurred + np.random.default_rng(seed).normal(0.0, noise_grey, blurred.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def posed(
+    target: Checkerboard | Charuco, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool
+) -> FloatArray:
+    """rig_from_board (4, 4): the board's middle at a point, facing the pupil (direct) or the mirrors, then turned."""
+    facing = np.eye(3) if direct else np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    turn = facing @ Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn
+    matrix[:3, 3] = centre_in_rig - turn @ target.corners_in_board_mm.mean(axis=0)
+    return matrix

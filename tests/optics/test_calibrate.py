@@ -1,0 +1,210 @@
+"""Calibration from pictures to a layout, against the layout that made the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from optics.calibration.calibrate import calibrate, calibrate_corners, moved_to
+from optics.calibration.corners import Grey
+from optics.calibration.detect import direct_view, sub_images
+from optics.calibration.observations import Observations
+from optics.calibration.result import Calibration, mirror_sigmas
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.spec import DesignSpec
+from optics.targets import Charuco, Checkerboard
+from optics.values import FloatArray, InputError
+from tests.optics.conftest import faceted_parabola
+from tests.optics.synthetic import posed, render
+
+BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=9.3)
+CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+
+
+TURNS_DEG = [(20.0, 15, 5), (-22.0, 10, -8), (5.0, -28, 12), (-8.0, 25, 0), (25.0, -18, -15), (-25.0, -20, 7), (0.0, 5, 25)]  # fmt: skip
+
+
+def mirrored_pose(number: int) -> FloatArray:
+    return posed(BOARD, np.array([0.0, 280.0 + 10 * number, 85.0]), np.array(TURNS_DEG[number]), direct=False)
+
+
+@dataclass(frozen=True)
+class Set:
+    nominal: Layout
+    truth: Layout
+    frames: list[Grey]
+    base: list[Grey]
+
+
+def draw(nominal: Layout, seed: int) -> Layout:
+    """An as-built layout: mirrors tilted by 0.3 deg and shifted by 0.3 mm, another lens."""
+    random = np.random.default_rng(seed)
+    mirrors = tuple(
+        mirror.moved(
+            Rotation.from_rotvec(np.radians(0.3) * random.normal(size=3)).as_matrix(),
+            0.3 * random.normal() * mirror.normal_in_rig,
+        )
+        for mirror in nominal.mirrors
+    )
+    camera = nominal.camera.replaced(
+        fx_px=684.0, fy_px=685.0, cx_px=476.0, cy_px=272.0, distortion=[0.04, -0.09, 4e-4, -3e-4, 0.0]
+    )
+    return nominal.replaced(kind="as-built", mirrors=mirrors, camera=camera)
+
+
+@pytest.fixture(scope="module")
+def small_set() -> Set:
+    nominal = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fill=0.92)
+    truth = draw(nominal, seed=4)
+    frames, base = [], []
+    for number, turn in enumerate(TURNS_DEG):
+        frames.append(render(truth.camera, truth, BOARD, mirrored_pose(number), noise_grey=1.0, seed=number))
+        bare = posed(BOARD, np.array([0.0, 0.0, 200.0 + 15 * number]), np.array(turn), direct=True)
+        base.append(render(truth.camera, None, BOARD, bare, noise_grey=1.0, seed=100 + number))
+    return Set(nominal, truth, frames, base)
+
+
+@pytest.fixture(scope="module")
+def corners(small_set: Set) -> tuple[list[Observations], list[Observations]]:
+    """What is found in the frames with and without mirrors, for tests that look at the solving alone."""
+    seen = [sub_images(frame, small_set.nominal, BOARD) for frame in small_set.frames]
+    return seen, [direct_view(frame, BOARD) for frame in small_set.base]
+
+
+@pytest.fixture(scope="module")
+def calibrated(small_set: Set) -> Calibration:
+    return calibrate(small_set.frames, small_set.base, small_set.nominal, BOARD)
+
+
+def angles_deg(a: Layout, b: Layout) -> FloatArray:
+    crosses = np.cross([m.normal_in_rig for m in a.mirrors], [m.normal_in_rig for m in b.mirrors])
+    return np.degrees(np.linalg.norm(crosses, axis=1))
+
+
+def test_the_truth_is_found_from_the_nominal_layout(small_set: Set, calibrated: Calibration) -> None:
+    assert angles_deg(small_set.nominal, small_set.truth).max() > 0.2
+    assert angles_deg(calibrated.layout, small_set.truth).max() < 0.02
+    for found, true in zip(calibrated.layout.mirrors, small_set.truth.mirrors, strict=True):
+        assert found.distance_mm == pytest.approx(true.distance_mm, abs=0.1)
+    assert calibrated.layout.camera.fx_px == pytest.approx(684.0, abs=0.5)
+    assert calibrated.layout.kind == "calibrated"
+    for axis in "xy":
+        assert calibrated.metrics[f"held_out_rms_{axis}_px"].value < 0.1
+    assert calibrated.metrics["held_out_spatial_rms_mm"].value < 0.1
+    assert calibrated.notes == ()
+
+
+def test_errors_are_what_the_layout_says_they_may_be(small_set: Set, calibrated: Calibration) -> None:
+    sigmas = mirror_sigmas(calibrated.layout)
+    tilts = np.radians(angles_deg(calibrated.layout, small_set.truth))
+    for (tilt, distance), error, found, true in zip(
+        sigmas, tilts, calibrated.layout.mirrors, small_set.truth.mirrors, strict=True
+    ):
+        assert 0 < error < 5 * tilt * np.sqrt(2)
+        assert 0 < abs(found.distance_mm - true.distance_mm) < 5 * distance
+
+
+def test_a_calibrated_layout_survives_its_file(calibrated: Calibration, tmp_path: pytest.TempPathFactory) -> None:
+    path = tmp_path / "layout.json"  # type: ignore[operator]
+    calibrated.layout.save(path)
+    assert Layout.load(path) == calibrated.layout
+    uncertainty = calibrated.layout.uncertainty
+    assert uncertainty is not None
+    assert uncertainty.parameters[:2] == ("fx_px", "fy_px")
+    assert "mirror 3 z_mm" in uncertainty.parameters
+    assert (np.linalg.eigvalsh(uncertainty.covariance) > 0).all()
+
+
+def test_same_pictures_same_bytes(
+    small_set: Set, calibrated: Calibration, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    again = calibrate_corners(*corners, small_set.nominal, BOARD.corners_in_board_mm)
+    assert again.layout.model_dump_json() == calibrated.layout.model_dump_json()
+
+
+def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
+    pose = mirrored_pose(0)
+    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+    points = BOARD.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    for mirror in range(4):
+        rows = seen.view == mirror
+        assert rows.sum() > 15
+        error = small_set.truth.project(points[seen.corner[rows]], mirror) - seen.pixels[rows]
+        assert np.sqrt(np.mean(error**2)) < 0.06
+
+
+def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
+    even = Checkerboard(cols=8, rows=6, square_mm=9.0)
+    pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even)
+    assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
+    points = even.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    way_up = set()
+    for mirror in range(4):
+        rows = seen.view == mirror
+        expected = small_set.truth.project(points[seen.corner[rows]], mirror)
+        turned = small_set.truth.project(points[::-1][seen.corner[rows]], mirror)
+        errors = [float(np.abs(p - seen.pixels[rows]).max()) for p in (expected, turned)]
+        assert min(errors) < 0.3
+        way_up.add(int(np.argmin(errors)))
+    assert len(way_up) == 1
+
+
+def test_a_frame_without_a_board_is_named_and_left_out(
+    small_set: Set, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    seen, base = corners
+    assert len(sub_images(np.full_like(small_set.frames[0], 60), small_set.nominal, BOARD)) == 0
+    found = calibrate_corners([Observations.none(), *seen[:5]], base, small_set.nominal, BOARD.corners_in_board_mm)
+    assert found.notes == ("frame 0: no board found, not used",)
+    assert len(found.rig_from_board) == 5 + len(base)
+
+
+def test_without_base_frames_the_note_says_so(
+    small_set: Set, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    found = calibrate_corners(corners[0], [], small_set.nominal, BOARD.corners_in_board_mm)
+    assert any("no frame without mirrors" in note for note in found.notes)
+    assert angles_deg(found.layout, small_set.truth).max() < 0.2
+
+
+def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
+    blank = np.full_like(small_set.frames[0], 60)
+    with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):
+        calibrate([blank, blank], small_set.base, small_set.nominal, BOARD)
+    with pytest.raises(InputError, match="frame 0 is 100x50 px, the layout's camera 960x540"):
+        calibrate([blank[:50, :100]], small_set.base, small_set.nominal, BOARD)
+    hidden = small_set.frames[0].copy()
+    hidden[:270, :480] = 0
+    with pytest.raises(InputError, match="mirror 2 shows 0 corners in 1 frames, expected 20"):
+        calibrate([hidden], small_set.base, small_set.nominal, BOARD)
+    with pytest.raises(InputError, match="2 views show the board, expected at least 3"):
+        calibrate(small_set.frames[:1], small_set.base[:2], small_set.nominal, BOARD)
+    second = small_set.nominal.replaced(
+        mirrors=tuple(mirror.replaced(surface="second") for mirror in small_set.nominal.mirrors)
+    )
+    with pytest.raises(InputError, match="second-surface"):
+        calibrate(small_set.frames, small_set.base, second, BOARD)
+
+
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(small_set: Set) -> None:
+    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+    alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
+    with pytest.raises(InputError, match="do not determine camera and mirrors"):
+        calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)
+
+
+def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(small_set: Set) -> None:
+    nominal, target = small_set.nominal.mirrors[0], small_set.truth.mirrors[0].virtual_centre_in_rig_mm
+    moved = moved_to(nominal, target)
+    np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, target, atol=1e-9)
+
+    def sides(outline: FloatArray) -> FloatArray:
+        return np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1)
+
+    np.testing.assert_allclose(sides(moved.outline_in_rig_mm), sides(nominal.outline_in_rig_mm), atol=1e-9)
+    assert np.abs(moved.outline_in_rig_mm - nominal.outline_in_rig_mm).max() < 2.0

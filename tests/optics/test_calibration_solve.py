@@ -1,0 +1,204 @@
+"""Residuals and solver on corners whose truth is known: derivatives, minimum, noise, outliers, uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
+from optics.calibration.solve import UndeterminedError, fit, free_globals, minimise
+from optics.camera import INTRINSIC_NAMES, Camera
+from optics.values import FloatArray
+
+SIGMA_PX = 0.05
+MIRRORS = 4
+
+
+@dataclass(frozen=True)
+class Scene:
+    truth: Estimate
+    board: Board
+    clean: Observations
+
+    def noisy(self, seed: int, sigma_px: float = SIGMA_PX) -> Observations:
+        noise = np.random.default_rng(seed).normal(0.0, sigma_px, self.clean.pixels.shape)
+        return replace(self.clean, pixels=self.clean.pixels + noise)
+
+
+def _make_scene(modes: int = 0) -> Scene:
+    """Four mirrors, eight frames through them and six without; corners outside the sensor are left out."""
+    random = np.random.default_rng(3)
+    camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
+    chief = np.array([[-0.3, 0.18], [0.3, 0.18], [-0.3, -0.18], [0.3, -0.18]])
+    t = 80.0 / (np.sqrt(1.0 + (chief**2).sum(axis=1)) - chief[:, 1])
+    centres = np.column_stack([t * chief[:, 0], np.full(MIRRORS, -80.0), t]) + random.normal(0, 1.0, (MIRRORS, 3))
+    y, x = np.mgrid[0:6, 0:9].reshape(2, -1) * 20.0
+    corners = np.column_stack([x, y, np.zeros_like(x)])
+    board = replace(Board.free(corners), modes=Board.free(corners).modes[:modes])
+    fold = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    poses = []
+    for number in range(14):
+        mirrored = number < 8
+        turn = Rotation.from_euler("xyz", random.uniform(-35, 35, 3), degrees=True).as_matrix()
+        middle = [0.0, random.uniform(300, 500), 80.0] if mirrored else [0.0, 0.0, random.uniform(250, 400)]
+        pose = np.eye(4)
+        pose[:3, :3] = fold @ turn if mirrored else turn
+        pose[:3, 3] = np.array(middle) - pose[:3, :3] @ corners.mean(axis=0)
+        poses.append(pose)
+    truth = Estimate(camera, centres, np.array(poses), 0.3 * random.normal(size=modes))
+    every = np.arange(len(corners))
+    views = [(frame, view) for frame in range(8) for view in range(MIRRORS)] + [(f, DIRECT) for f in range(8, 14)]
+    seen = Observations.join([Observations.of_view(f, v, every, np.zeros((len(corners), 2))) for f, v in views])
+    pixels = residuals(truth, seen, board)
+    inside = ((pixels > 0) & (pixels < [1919, 1079])).all(axis=1)
+    return Scene(truth, board, replace(seen.where(inside), pixels=pixels[inside]))
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return _make_scene()
+
+
+def _disturbed(truth: Estimate, seed: int, *, tilt_deg: float, offset_mm: float, focal_px: float) -> Estimate:
+    random = np.random.default_rng(seed)
+    centres = []
+    for centre in truth.virtual_centres_in_rig_mm:
+        turn = Rotation.from_rotvec(np.radians(tilt_deg) * random.normal(size=3) / np.sqrt(3)).as_matrix()
+        centres.append(turn @ centre * (1.0 + offset_mm * random.normal() / (np.linalg.norm(centre) / 2)))
+    step = np.concatenate([[focal_px, focal_px, 3.0, -3.0, 0, 0, 0, 0, 0], np.zeros(3 * len(centres))])
+    twists = np.column_stack([random.normal(0, 0.03, (14, 3)), random.normal(0, 4.0, (14, 3))])
+    moved = truth.moved(np.concatenate([step, np.zeros(truth.shape.size)]), twists)
+    return replace(moved, virtual_centres_in_rig_mm=np.array(centres))
+
+
+ALL = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=MIRRORS)
+
+
+@pytest.mark.parametrize("modes", [0, 3])
+def test_derivatives_agree_with_finite_differences(modes: int) -> None:
+    scene = _make_scene(modes)
+    seen = scene.clean
+    r, by_global, by_twist = residuals_with_jacobians(scene.truth, seen, scene.board)
+    np.testing.assert_allclose(r, residuals(scene.truth, seen, scene.board), atol=1e-9)
+    frames = len(scene.truth.rig_from_board)
+    size = by_global.shape[2]
+    assert size == N_INTRINSICS + 3 * MIRRORS + modes
+
+    def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
+        ahead = residuals(scene.truth.moved(h * step, h * twists), seen, scene.board)
+        back = residuals(scene.truth.moved(-h * step, -h * twists), seen, scene.board)
+        return (ahead - back) / (2 * h)
+
+    for k in range(size):
+        h = 1e-6 if 4 <= k < 9 else 1e-4
+        found = difference(np.eye(size)[k], np.zeros((frames, 6)), h)
+        scale = max(1.0, float(np.abs(found).max()))
+        np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7)
+    for k in range(6):
+        found = difference(np.zeros(size), np.tile(np.eye(6)[k], (frames, 1)), 1e-5)
+        np.testing.assert_allclose(by_twist[:, :, k], found, atol=1e-6 * np.abs(found).max())
+
+
+def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: Scene) -> None:
+    start = _disturbed(scene.truth, 1, tilt_deg=2.0, offset_mm=2.0, focal_px=20.0)
+    found, _, iterations = minimise(start, scene.clean, scene.board, ALL)
+    np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-6)
+    np.testing.assert_allclose(found.camera.intrinsics, scene.truth.camera.intrinsics, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(found.rig_from_board, scene.truth.rig_from_board, atol=1e-6)
+    assert iterations <= 15
+
+
+def test_same_minimum_as_scipy(scene: Scene) -> None:
+    every = scene.noisy(5)
+    seen = every.where((every.frame < 3) | (every.frame > 11))
+    seen = replace(seen, frame=np.unique(seen.frame, return_inverse=True)[1])
+    frames = 5
+    truth = replace(scene.truth, rig_from_board=scene.truth.rig_from_board[[0, 1, 2, 12, 13]])
+    ours, _, _ = minimise(truth, seen, scene.board, ALL)
+
+    def at(x: FloatArray) -> Estimate:
+        return truth.moved(x[: ALL.size], x[ALL.size :].reshape(frames, 6))
+
+    def cost(x: FloatArray) -> FloatArray:
+        return residuals(at(x), seen, scene.board).ravel()
+
+    scale = np.concatenate([[1, 1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3], np.ones(3 * MIRRORS), np.ones(6 * frames)])
+    peer = least_squares(cost, np.zeros(ALL.size + 6 * frames), x_scale=scale, ftol=1e-15, xtol=1e-15, gtol=1e-15)
+    ours_cost = float(np.sum(residuals(ours, seen, scene.board) ** 2))
+    assert ours_cost == pytest.approx(2.0 * peer.cost, rel=1e-7)
+    np.testing.assert_allclose(ours.virtual_centres_in_rig_mm, at(peer.x).virtual_centres_in_rig_mm, atol=1e-4)
+
+
+def test_claimed_uncertainty_is_what_resampling_shows(scene: Scene) -> None:
+    """Normalised estimation error squared per degree of freedom is 1 when the covariance is right."""
+    truth = np.concatenate([scene.truth.camera.intrinsics, scene.truth.virtual_centres_in_rig_mm.ravel()])
+    nees, sigmas = [], []
+    for seed in range(40):
+        solution = fit(scene.truth, scene.noisy(100 + seed), scene.board, ALL)
+        estimate = solution.estimate
+        error = np.concatenate([estimate.camera.intrinsics, estimate.virtual_centres_in_rig_mm.ravel()]) - truth
+        nees.append(error @ np.linalg.solve(solution.covariance, error) / error.size)
+        sigmas.append(solution.sigma_px)
+    # 40 trials of 21 degrees of freedom: the mean has a standard deviation of sqrt(2 / 840) = 0.049.
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.2)
+    assert np.mean(sigmas) == pytest.approx(SIGMA_PX, rel=0.02)
+
+
+def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
+    seen = scene.noisy(8)
+    random = np.random.default_rng(0)
+    bad = random.random(len(seen)) < 0.01
+    pixels = seen.pixels.copy()
+    pixels[bad] += 20 * SIGMA_PX * np.sign(random.normal(size=(bad.sum(), 2)))
+    solution = fit(_disturbed(scene.truth, 2, tilt_deg=0.5, offset_mm=0.5, focal_px=5.0), replace(seen, pixels=pixels), scene.board, ALL)  # fmt: skip
+    assert not solution.inliers[bad].any()
+    assert solution.inliers[~bad].mean() > 0.999
+    clean = fit(scene.truth, seen.where(~bad), scene.board, ALL)
+    np.testing.assert_allclose(
+        solution.estimate.virtual_centres_in_rig_mm, clean.estimate.virtual_centres_in_rig_mm, atol=0.005
+    )
+
+
+def test_a_bent_misprinted_board_is_found_with_its_modes() -> None:
+    scene = _make_scene(modes=5)
+    start = replace(scene.truth, shape=np.zeros(5))
+    free = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=MIRRORS, modes=5)
+    found, _, _ = minimise(start, scene.clean, scene.board, free)
+    np.testing.assert_allclose(found.shape, scene.truth.shape, atol=1e-6)
+    np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-5)
+
+
+def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
+    corners = np.array([[x, y, 0.0] for y in range(4) for x in range(5)])
+    board = Board.free(corners)
+    assert board.modes.shape == (3 * 20 - 7, 20, 3)
+    flat = board.modes.reshape(-1, 60)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(53), atol=1e-12)
+    centred = corners - corners.mean(axis=0)
+    for gauge in (np.tile([0.0, 1.0, 0.0], (20, 1)), np.cross([0.2, 0.5, 1.0], centred), centred):
+        np.testing.assert_allclose(flat @ gauge.ravel(), 0.0, atol=1e-12)
+
+
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> None:
+    rows = scene.clean.where((scene.clean.frame == 0) & (scene.clean.view == 0))
+    alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
+    free = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=1)
+    noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
+    with pytest.raises(UndeterminedError):
+        fit(alone, noisy, scene.board, free)
+
+
+def test_observations_refuse_what_does_not_fit() -> None:
+    one = np.array([0])
+    with pytest.raises(ValueError, match="pixels has shape"):
+        Observations(one, one, one, np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="NaN"):
+        Observations(one, one, one, np.full((1, 2), np.nan))
+    with pytest.raises(ValueError, match="sorted by frame"):
+        Observations(np.array([1, 0]), np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)))
+    assert len(Observations.join([])) == 0

@@ -1,0 +1,140 @@
+"""Calibration with a direct view: of pictures whose truth is known, and of real photographs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optics.calibration.bootstrap import behind, virtual_centre_between
+from optics.calibration.corners import Grey
+from optics.calibration.direct_view import calibrate_with_direct_view
+from optics.calibration.observations import DIRECT
+from optics.calibration.result import Calibration, angle_between_mirrors
+from optics.camera import Camera
+from optics.files import read_image
+from optics.layout import Layout
+from optics.mirror import Mirror, reflect
+from optics.targets import Charuco, Checkerboard
+from optics.values import FloatArray, InputError
+from tests.optics.synthetic import posed, render
+
+BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
+CAMERA = Camera(width_px=1200, height_px=700, fx_px=900.0, fy_px=903.0, cx_px=590.0, cy_px=355.0, distortion=[-0.08, 0.05, 0, 0, 0])  # fmt: skip
+
+
+def corner_of_two_mirrors(opening_deg: float) -> Layout:
+    """Two upright mirrors that meet at z = 900 mm before the camera, the left half of the picture in one of them."""
+    mirrors = []
+    half = np.radians(opening_deg / 2)
+    for side, low, high in ((-1, -0.64, -0.005), (1, 0.005, 0.64)):
+        normal = np.array([-side * np.cos(half), 0.0, -np.sin(half)])
+        plain = np.array([[low, -0.38], [high, -0.38], [high, 0.38], [low, 0.38]])
+        rays = np.column_stack([plain, np.ones(4)])
+        outline = rays * ((normal @ [0.0, 0.0, 900.0]) / (rays @ normal))[:, None]
+        mirrors.append(Mirror.from_plane(np.array([0.0, 0.0, 900.0]), normal, outline_in_rig_mm=outline))
+    return Layout(rows=1, cols=2, camera=CAMERA, mirrors=tuple(mirrors), view_from_rig=np.eye(3))
+
+
+def picture_of(layout: Layout, centre: FloatArray, turn_deg: FloatArray, seed: int) -> Grey:
+    """The mirrors' picture with the board itself in front of it."""
+    pose = posed(BOARD, centre, turn_deg, direct=True)
+    # A board with its back to the mirrors would not be seen in them, so this one is printed on both sides.
+    through = render(CAMERA, layout, BOARD, pose, noise_grey=1.0, seed=seed)
+    direct = render(CAMERA, None, BOARD, pose, noise_grey=1.0, seed=seed)
+    size = np.array(BOARD.size_mm)
+    outer = np.array([[0.0, 0, 0], [size[0], 0, 0], [*size, 0], [0, size[1], 0]])
+    margin = 1.1 * (outer - outer.mean(axis=0)) + outer.mean(axis=0)
+    polygon = CAMERA.project(margin @ pose[:3, :3].T + pose[:3, 3])
+    rows, cols = np.mgrid[: direct.shape[0], : direct.shape[1]]
+    inside = np.ones(direct.shape, dtype=bool)
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        inside &= (b[0] - a[0]) * (rows - a[1]) - (b[1] - a[1]) * (cols - a[0]) > 0
+    return np.where(inside, direct, through).astype(np.uint8)
+
+
+POSES = [
+    ((10.0, 150.0, 640.0), (60.0, 10.0, 20.0)),
+    ((-20.0, 140.0, 660.0), (55.0, -15.0, -30.0)),
+    ((25.0, 160.0, 620.0), (65.0, 5.0, 60.0)),
+    ((0.0, 150.0, 600.0), (50.0, 20.0, -5.0)),
+    ((-15.0, 155.0, 680.0), (62.0, -8.0, 100.0)),
+]
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> tuple[Layout, Calibration]:
+    truth = corner_of_two_mirrors(90.0)
+    pictures = [picture_of(truth, np.array(c), np.array(t), seed) for seed, (c, t) in enumerate(POSES)]
+    names = [f"{number}.png" for number in range(len(pictures))]
+    return truth, calibrate_with_direct_view(pictures, BOARD, mirrors=2, names=names)
+
+
+def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, Calibration]) -> None:
+    truth, found = calibrated
+    assert set(found.observations.view.tolist()) == {DIRECT, 0, 1}
+    for axis in "xy":
+        assert found.metrics[f"rms_{axis}_px"].value < 0.1
+    for a, b in zip(found.layout.mirrors, truth.mirrors, strict=True):
+        angle = np.degrees(np.arccos(min(1.0, a.normal_in_rig @ b.normal_in_rig)))
+        assert angle < 0.5
+        assert a.distance_mm == pytest.approx(b.distance_mm, rel=0.01)
+    angle = found.metrics["mirrors_0_1_angle_deg"].value
+    sigma = found.metrics["mirrors_0_1_angle_sigma_deg"].value
+    assert angle == pytest.approx(90.0, abs=max(0.05, 4 * sigma))
+    assert sigma < 0.1
+
+
+def test_the_plane_between_points_and_their_image() -> None:
+    random = np.random.default_rng(1)
+    centre = np.array([30.0, -50.0, 200.0])
+    points = random.normal(0.0, 20.0, (12, 3)) + [10.0, 0.0, 30.0]
+    found, misfit = virtual_centre_between(points, reflect(points, centre))
+    np.testing.assert_allclose(found, centre, atol=1e-9)
+    assert misfit < 1e-9
+    assert not behind(points, centre)
+    assert behind(reflect(points, centre), centre)
+    _, misfit = virtual_centre_between(points, points + random.normal(0.0, 5.0, points.shape))
+    assert misfit > 1.0
+
+
+def test_angle_and_its_sigma_agree_with_finite_differences_and_sampling() -> None:
+    random = np.random.default_rng(2)
+    a, b = np.array([100.0, 20.0, 5.0]), np.array([10.0, 150.0, -30.0])
+    root = random.normal(0.0, 0.05, (6, 6))
+    covariance = root @ root.T
+    angle, sigma = angle_between_mirrors(a, b, covariance)
+    assert angle == pytest.approx(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b)))
+    drawn = random.multivariate_normal(np.concatenate([a, b]), covariance, size=4000)
+    angles = [angle_between_mirrors(d[:3], d[3:], covariance)[0] for d in drawn]
+    assert np.std(angles) == pytest.approx(sigma, rel=0.05)
+
+
+def test_what_does_not_suffice_is_refused_in_one_line(calibrated: tuple[Layout, Calibration]) -> None:
+    blank = np.full((300, 400), 90, dtype=np.uint8)
+    with pytest.raises(InputError, match="no 8 x 7 checkerboard found in any of 2 pictures"):
+        calibrate_with_direct_view([blank, blank], BOARD, mirrors=2, names=["a", "b"])
+    with pytest.raises(InputError, match="pictures of 2 sizes"):
+        calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
+    with pytest.raises(InputError, match="plain checkerboard"):
+        charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
+        calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]
+    truth, _ = calibrated
+    bare = [render(CAMERA, None, BOARD, posed(BOARD, np.array(c), np.array(t), direct=True)) for c, t in POSES[:3]]
+    with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
+        calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
+
+
+def test_real_photographs_of_two_mirrors(two_mirror_photos: list[Path]) -> None:
+    """One phone camera and 3 numbers per mirror explain every board, and the mirrors stand square to each other."""
+    pictures = [read_image(photo, grey=True) for photo in two_mirror_photos]
+    board = Checkerboard(cols=8, rows=7, square_mm=1.0)
+    found = calibrate_with_direct_view(pictures, board, mirrors=2, names=[photo.name for photo in two_mirror_photos])
+    assert found.metrics["views"].value >= 20
+    assert found.inliers.mean() > 0.95
+    for axis in range(2):
+        every = float(np.sqrt(np.mean(found.residuals_px[:, axis] ** 2)))
+        assert every <= 0.35, "all corners, those past the outlier rule included"
+    assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.1)
+    assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.05
