@@ -1,0 +1,124 @@
+"""What a rendered set says about itself: `dataset.json`, without any truth. Needs no renderer."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from optics.files import read_model, write_text
+from optics.targets import Target
+from optics.values import FloatArray, Shaped, Value
+
+MANIFEST = "dataset.json"
+
+
+class Tolerances(Value):
+    """How far a built camera strays from its design: standard deviations, and the lens that a data sheet leaves out.
+
+    The defaults are a hand-assembled mirror camera with a good webcam.
+    """
+
+    tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror about each of two axes in its plane")
+    offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal")
+    focal_percent: float = Field(default=1.0, ge=0, description="focal length")
+    centre_px: float = Field(default=8.0, ge=0, description="principal point, along each axis")
+    distortion_mean: Annotated[FloatArray, Shaped((5,))] = Field(
+        default=(0.05, -0.1, 0.0, 0.0, 0.0), validate_default=True, description="k1 k2 p1 p2 k3 of the usual lens"
+    )
+    distortion_sigma: Annotated[FloatArray, Shaped((5,))] = Field(
+        default=(0.02, 0.03, 5e-4, 5e-4, 0.0), validate_default=True, description="spread of k1 k2 p1 p2 k3"
+    )
+
+    @classmethod
+    def none(cls) -> Self:
+        """A camera built exactly as designed."""
+        return cls(
+            tilt_deg=0.0,
+            offset_mm=0.0,
+            focal_percent=0.0,
+            centre_px=0.0,
+            distortion_mean=np.zeros(5),
+            distortion_sigma=np.zeros(5),
+        )
+
+
+class SensorModel(Value):
+    """From radiance to an 8-bit picture. The response is linear, radiance 1 is grey level 255."""
+
+    lens_blur_px: float = Field(default=0.8, ge=0, description="sigma of the lens's Gaussian blur")
+    read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the noise, in grey levels")
+
+
+class RenderSettings(Value):
+    """How a set is rendered, beyond its layout, board and poses."""
+
+    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel")
+    paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
+    ink: float = Field(default=0.05, ge=0, description="radiance of its print")
+    mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
+    sensor: SensorModel = SensorModel()
+
+    @property
+    def subpixels(self) -> int:
+        """Into how many squares a pixel is cut along each side before the lens blurs: two where the samples allow it."""
+        return 2 if self.spp % 4 == 0 else 1
+
+
+class Dataset(Value):
+    """The manifest of a rendered set: what a real user would know of it, and a checksum for each file written so far.
+
+    `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
+    """
+
+    schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
+    layout_identity: str
+    target: Target
+    frames: int = Field(ge=0)
+    base_frames: int = Field(ge=0)
+    width_px: int
+    height_px: int
+    tolerances: Tolerances
+    settings: RenderSettings
+    renderer: str = Field(description="program, version and variant")
+    coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
+    base_coverage: float = Field(description="the same of the whole sensor in the base frames")
+    request: str
+    files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames by way of the mirrors, in order."""
+        return tuple(f"frames/{index:04d}.png" for index in range(self.frames))
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Names of the frames of the camera alone, in order."""
+        return tuple(f"base/{index:04d}.png" for index in range(self.base_frames))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame has been written."""
+        return all(name in self.files for name in (*self.frame_names, *self.base_names))
+
+    def intact(self, folder: Path, name: str) -> bool:
+        """Whether a file of the set is there and is what was written."""
+        path = folder / name
+        return name in self.files and path.is_file() and sha256(path) == self.files[name]
+
+    def save(self, folder: Path) -> None:
+        """Write `dataset.json` atomically."""
+        write_text(folder / MANIFEST, self.model_dump_json(indent=1, by_alias=True) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read the `dataset.json` of a set, or raise InputError in one line."""
+        return read_model(cls, folder / MANIFEST)
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file, in hexadecimal."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,214 @@
+"""Where to hold the board: poses that show it to every mirror, over all of its sub-image, near and far, tilted and turned.
+
+The plan knows the design alone, like the person who holds the board.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from optics.layout import Layout
+from optics.targets import Charuco, Checkerboard
+from optics.values import FloatArray, InputError
+from render_scenes.truth import BoolArray, Oracle
+
+MOST_TILT_DEG = 38.0
+MOST_ROLL_DEG = 25.0
+CANDIDATES = 8  # poses tried for each one kept
+CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
+FEWEST_CORNERS = 6  # that a view must show to tell where the board is
+SMALLEST_SQUARE_PX = 8.0
+ROOM_MM = 20.0  # between mirrors and board
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Board poses, rig_from_board (n, 4, 4) in mm, and the part of each view's picture where they show corners."""
+
+    poses: FloatArray
+    coverage: FloatArray
+
+
+def common_field(layout: Layout, depth_mm: float) -> shapely.Polygon:
+    """What all mirrors show of the plane at a depth, in view x and y, mm; empty where there is no such part."""
+    fields = []
+    for mirror in layout.mirrors:
+        centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm
+        rays = mirror.outline_in_rig_mm @ layout.view_from_rig.T - centre
+        fields.append(shapely.Polygon((centre + rays * ((depth_mm - centre[2]) / rays[:, 2])[:, None])[:, :2]))
+    return shapely.intersection_all(fields)
+
+
+def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+    """Poses before the mirrors, at and around the depths of the spec, printed side toward them.
+
+    Raises InputError when the board is too small or too large to be seen.
+    """
+    depths = _depths(layout)
+    fields = {depth: common_field(layout, depth) for depth in (depths[0], float(np.mean(depths)), depths[1])}
+    if any(field.is_empty for field in fields.values()):
+        raise InputError(f"layout: the mirrors share no field of view between {depths[0]:.0f} and {depths[1]:.0f} mm")
+    nearest = max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
+    oracle = Oracle(layout, target)
+    half = np.array(target.size_mm) / 2.0
+
+    def pose(numbers: FloatArray) -> FloatArray | None:
+        # Equal steps of 1 / depth are equal steps in the size of the picture.
+        depth = 1.0 / np.interp(numbers[0], [0.0, 1.0], [1.0 / depths[0], 1.0 / depths[1]])
+        low_x, low_y, high_x, high_y = common_field(layout, depth).bounds
+        field = np.array([[low_x, low_y], [high_x, high_y]])
+        room = np.maximum(np.abs(np.diff(field, axis=0)[0] / 2.0 - half), 0.25 * half)
+        centre = np.array([*(field.mean(axis=0) + room * (2.0 * numbers[1:3] - 1.0)), depth])
+        found = _rig_from_board(layout.view_from_rig, target, centre, numbers[3:])
+        outline = np.array([[x, y, 0.0, 1.0] for x in (0.0, 2 * half[0]) for y in (0.0, 2 * half[1])])
+        return found if (outline @ found[:3].T @ layout.view_from_rig[2]).min() > nearest else None
+
+    views = [layout.outline_px(index) for index in range(len(layout.mirrors))]
+    plan = _choose(pose, oracle.by_mirrors, views, count, random)
+    _check_visible(target, plan, oracle.by_mirrors, views, "mirror")
+    return plan
+
+
+def plan_base_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+    """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
+
+    Raises InputError when the board is too small or too large to be seen.
+    """
+    camera = layout.camera
+    oracle = Oracle(layout, target)
+    size = np.array([camera.width_px, camera.height_px])
+    focal = np.array([camera.fx_px, camera.fy_px])
+    fills = float(np.max(np.array(target.size_mm) * focal / size))  # distance at which the board fills the picture
+
+    def pose(numbers: FloatArray) -> FloatArray | None:
+        distance = fills / (0.45 + 0.5 * numbers[0])
+        shift = size / focal * distance / 2.0 - 0.35 * np.array(target.size_mm)
+        centre = np.array([*(np.maximum(shift, 0.0) * (2.0 * numbers[1:3] - 1.0)), distance])
+        return _rig_from_board(np.eye(3), target, centre, numbers[3:])
+
+    def seen(rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        px, visible = oracle.direct(rig_from_board)
+        return px[None], visible[None]
+
+    far_x, far_y = size - 1.0
+    views = [np.array([[0.0, 0.0], [far_x, 0.0], [far_x, far_y], [0.0, far_y]])]
+    plan = _choose(pose, seen, views, count, random)
+    _check_visible(target, plan, seen, views, "camera")
+    return plan
+
+
+def _depths(layout: Layout) -> tuple[float, float]:
+    """Nearest and farthest depth of the board's middle: those of the spec and a little beyond."""
+    if layout.spec is not None:
+        return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
+    scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)
+    return 3.5 * scale, 7.0 * scale
+
+
+def _rig_from_board(
+    view_from_rig: FloatArray, target: Checkerboard | Charuco, centre_in_view: FloatArray, numbers: FloatArray
+) -> FloatArray:
+    """A board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
+    tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
+    view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
+    rig_from_board = np.eye(4)
+    rig_from_board[:3, :3] = view_from_rig.T @ view_from_board
+    middle = np.array([*target.size_mm, 0.0]) / 2.0
+    rig_from_board[:3, 3] = view_from_rig.T @ centre_in_view - rig_from_board[:3, :3] @ middle
+    return rig_from_board
+
+
+class _Cells:
+    """The cells of a view's picture: a grid over its bounds, of which those with their middle inside count."""
+
+    def __init__(self, outline_px: FloatArray) -> None:
+        self.low, high = outline_px.min(axis=0), outline_px.max(axis=0)
+        self.step = (high - self.low) / CELLS
+        y, x = np.mgrid[:CELLS, :CELLS]
+        middles = self.low + (np.stack([x, y], axis=-1) + 0.5) * self.step
+        self.inside: BoolArray = shapely.contains_xy(shapely.Polygon(outline_px), middles[..., 0], middles[..., 1])
+
+    def hit(self, px: FloatArray) -> BoolArray:
+        """Which cells (CELLS, CELLS) hold one of the pixels (n, 2)."""
+        at = np.floor((px - self.low) / self.step).astype(int)
+        at = at[((at >= 0) & (at < CELLS)).all(axis=1)]
+        found = np.zeros((CELLS, CELLS), dtype=np.bool_)
+        found[at[:, 1], at[:, 0]] = True
+        return found & self.inside
+
+
+def _choose(
+    pose: Callable[[FloatArray], FloatArray | None],
+    seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
+    outlines_px: list[FloatArray],
+    count: int,
+    random: np.random.Generator,
+) -> Plan:
+    """Of several spread candidates for each frame, the one that shows corners where the frames before showed none.
+
+    A pose has six numbers in [0, 1]: depth, place (2), tilt (2), roll. The depths of the frames are spread evenly.
+    """
+    cells = [_Cells(outline) for outline in outlines_px]
+    covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
+    numbers = qmc.Halton(d=6, rng=random).random(count * CANDIDATES).reshape(CANDIDATES, count, 6)
+    numbers[..., 0] = (random.permutation(count) + numbers[..., 0]) / max(count, 1)
+    poses: list[FloatArray] = []
+    for frame in range(count):
+        best, best_gain = None, (-1, -1.0)
+        for candidate in numbers[:, frame]:
+            rig_from_board = pose(candidate)
+            if rig_from_board is None:
+                continue
+            px, visible = seen(rig_from_board)
+            hits = np.array([cell.hit(px[i][visible[i]]) for i, cell in enumerate(cells)])
+            # First that no view goes without, then what is new.
+            poorest = int(np.minimum(visible.sum(axis=1), FEWEST_CORNERS).sum())
+            gain = (poorest, float((hits & ~covered).sum() + 0.05 * hits.sum()))
+            if gain > best_gain:
+                best, best_gain, best_hits = rig_from_board, gain, hits
+        if best is None:
+            raise InputError("board: too large to be held before the mirrors without touching them")
+        poses.append(best)
+        covered |= best_hits
+    shares = [float(c[cell.inside].mean()) for c, cell in zip(covered, cells, strict=True)]
+    return Plan(np.array(poses).reshape(count, 4, 4), np.array(shares))
+
+
+def _check_visible(
+    target: Checkerboard | Charuco,
+    plan: Plan,
+    seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
+    outlines_px: list[FloatArray],
+    what: str,
+) -> None:
+    """Refuse a board whose squares cannot be resolved, or of which most frames show too few corners."""
+    if not len(plan.poses):
+        return
+    enough: list[NDArray[np.bool_]] = []
+    squares_px = []
+    for pose in plan.poses:
+        px, visible = seen(pose)
+        enough.append(visible.sum(axis=1) >= min(FEWEST_CORNERS, px.shape[1]))
+        across = px.reshape(len(px), target.rows - 1, target.cols - 1, 2)
+        sides = np.linalg.norm(np.diff(across, axis=2), axis=-1).reshape(len(px), -1)
+        squares_px.append(np.nanmedian(np.where(np.isfinite(sides), sides, np.nan)))
+    square_px = float(np.median(squares_px))
+    board = f"board of {target.cols} x {target.rows} squares of {target.square_mm:g} mm"
+    if square_px < SMALLEST_SQUARE_PX:
+        raise InputError(
+            f"{board}: too small to be seen, a square spans {square_px:.1f} px, expected at least {SMALLEST_SQUARE_PX:g}"
+        )
+    poorest = int(np.argmin(np.mean(enough, axis=0)))
+    if np.mean(enough, axis=0)[poorest] < 0.5:
+        span = np.ptp(outlines_px[poorest], axis=0).min()
+        size = "large" if square_px > span / 4.0 else "small"
+        raise InputError(
+            f"{board}: too {size} to be seen, {what} {poorest} shows fewer than {FEWEST_CORNERS} corners in most frames"
+        )

@@ -1,0 +1,191 @@
+"""A synthetic calibration set: what a real user would photograph, with the truth in a folder of its own.
+
+A set is a function of its request (layout, board, counts, seed, tolerances, settings): the same request, the same bytes.
+Every file is written whole or not at all, so an interrupted set is continued where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from optics.files import atomic, write_image, write_json
+from optics.layout import Layout
+from optics.targets import Charuco, Checkerboard, save_board
+from optics.values import FloatArray, InputError
+from render_scenes.as_built import draw_as_built
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, Tolerances, sha256
+from render_scenes.llvm import use_variant
+from render_scenes.photograph import photograph
+from render_scenes.poses import Plan, plan_base_frames, plan_frames
+from render_scenes.truth import Oracle
+
+# Streams of random numbers; each is independent of how much the others draw.
+_AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE = range(5)
+
+
+def render_set(
+    layout: Layout,
+    target: Checkerboard | Charuco,
+    out: Path,
+    *,
+    frames: int,
+    base_frames: int,
+    seed: int,
+    tolerances: Tolerances,
+    spp: int = 16,
+    settings: RenderSettings | None = None,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Render frames through an as-built copy of `layout` and frames of its bare camera into `out`.
+
+    Finished frames of an interrupted run with the same request are kept. `on_frame(done, total)` is called once at the
+    start and after each frame. Raises InputError where Mitsuba is missing, the board cannot be seen, the tolerances
+    cannot be built, or `out` holds another set.
+    """
+    variant = use_variant()
+    settings = (settings or RenderSettings()).replaced(spp=spp)
+    built = draw_as_built(layout, tolerances, _random(seed, _AS_BUILT))
+    plan = plan_frames(layout, target, frames, _random(seed, _POSES))
+    base_plan = plan_base_frames(layout, target, base_frames, _random(seed, _BASE_POSES))
+    dataset = Dataset(
+        layout_identity=layout.identity,
+        target=target,
+        frames=frames,
+        base_frames=base_frames,
+        width_px=layout.camera.width_px,
+        height_px=layout.camera.height_px,
+        tolerances=tolerances,
+        settings=settings,
+        renderer=f"mitsuba {metadata.version('mitsuba')} {variant}",
+        coverage=tuple(plan.coverage),
+        base_coverage=float(base_plan.coverage[0]),
+        request="",
+    )
+    dataset = dataset.replaced(request=_digest(dataset, seed))
+    dataset = _continue(out, dataset)
+    dataset = _write_known(out, dataset, layout, target)
+    dataset = _write_truth(out, dataset, built, target, plan, base_plan, seed)
+    total = frames + base_frames
+    kept = sum(name in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
+    report = on_frame or (lambda done, of: None)
+    report(kept, total)
+    for stream, names, poses in (
+        (_FRAMES, dataset.frame_names, plan.poses),
+        (_BASE, dataset.base_names, base_plan.poses),
+    ):
+        missing = [index for index, name in enumerate(names) if name not in dataset.files]
+        if missing:
+            dataset = _render_frames(out, dataset, built, stream, missing, poses, seed, report)
+    return dataset
+
+
+def _random(*key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(key))
+
+
+def _digest(dataset: Dataset, seed: int) -> str:
+    """The request in sixteen hexadecimal digits."""
+    asked = dataset.model_dump(mode="json", exclude={"request", "files"}) | {"seed": seed}
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _continue(out: Path, dataset: Dataset) -> Dataset:
+    """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file, expected a folder for the set")
+    if not (out / MANIFEST).exists():
+        strangers = sorted(name for name in ("frames", "base", "truth") if (out / name).exists())
+        if strangers:
+            raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
+        dataset.save(out)
+        return dataset
+    before = Dataset.load(out)
+    if before.request != dataset.request:
+        fields = (name for name in Dataset.model_fields if name not in ("schema_id", "request", "files"))
+        other = [name for name in fields if getattr(before, name) != getattr(dataset, name)]
+        raise InputError(
+            f"{out}: holds a set of another {' and '.join(other[:3]) or 'seed'}, expected a new folder or the same request"
+        )
+    for folder in ("frames", "base", "truth"):
+        for leftover in (out / folder).glob(".*"):
+            leftover.unlink()
+    return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
+
+
+def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:
+    """The manifest with the checksums of files just written, saved."""
+    dataset = dataset.replaced(files=dataset.files | {name: sha256(out / name) for name in names})
+    dataset.save(out)
+    return dataset
+
+
+def _write_known(out: Path, dataset: Dataset, layout: Layout, target: Checkerboard | Charuco) -> Dataset:
+    """What the user knows besides the pictures."""
+    layout.save(out / "layout.json")
+    save_board(out / "board.toml", target)
+    return _recorded(out, dataset, "layout.json", "board.toml")
+
+
+def _write_truth(
+    out: Path,
+    dataset: Dataset,
+    built: Layout,
+    target: Checkerboard | Charuco,
+    plan: Plan,
+    base_plan: Plan,
+    seed: int,
+) -> Dataset:
+    """What only a validation may read."""
+    truth = out / "truth"
+    oracle = Oracle(built, target)
+    frames_px, frames_visible = oracle.all_by_mirrors(list(plan.poses))
+    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
+    built.save(truth / "layout.json")
+    write_json(truth / "poses.json", {"frames": plan.poses.tolist(), "base": base_plan.poses.tolist()})
+    write_json(truth / "seed.json", {"seed": seed})
+    with atomic(truth / "corners.npz") as temporary:
+        np.savez_compressed(
+            temporary,
+            frames_px=frames_px,
+            frames_visible=frames_visible,
+            base_px=base_px,
+            base_visible=base_visible,
+        )
+    return _recorded(out, dataset, *(f"truth/{n}" for n in ("layout.json", "poses.json", "seed.json", "corners.npz")))
+
+
+def _render_frames(
+    out: Path,
+    dataset: Dataset,
+    built: Layout,
+    stream: int,
+    missing: list[int],
+    poses: FloatArray,
+    seed: int,
+    report: Callable[[int, int], None],
+) -> Dataset:
+    """Render and write the frames of one stream that are not there yet."""
+    from render_scenes.scene import BoardScene
+
+    settings = dataset.settings
+    mirrors, names = (built.mirrors, dataset.frame_names) if stream == _FRAMES else ((), dataset.base_names)
+    scene = BoardScene(built.camera, mirrors, dataset.target, settings)
+    subpixels = settings.subpixels
+    for index in missing:
+        key = np.random.SeedSequence((seed, stream, index))
+        scene.place_board(poses[index])
+        radiance = scene.render(
+            spp=settings.spp // subpixels**2, seed=int(key.generate_state(1)[0]), subpixels=subpixels
+        )
+        picture = photograph(radiance, subpixels, settings.sensor, np.random.default_rng(key.spawn(1)[0]))
+        write_image(out / names[index], picture)
+        dataset = _recorded(out, dataset, names[index])
+        done = sum(name in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
+        report(done, dataset.frames + dataset.base_frames)
+    return dataset

@@ -1,0 +1,109 @@
+"""Where every corner of a board truly lies in a frame, and whether it can be seen: float64, no renderer.
+
+The projection is the layout's own; a rendered picture and this oracle share no code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.targets import Checkerboard, Charuco
+from optics.values import FloatArray
+
+BoolArray = NDArray[np.bool_]
+VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
+
+
+def points_in_rig(points_in_board: FloatArray, rig_from_board: FloatArray) -> FloatArray:
+    """Points (n, 3) moved by a rigid 4x4, mm."""
+    return points_in_board @ rig_from_board[:3, :3].T + rig_from_board[:3, 3]
+
+
+def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
+    """Whether pixels (..., 2) lie at least the margin inside the sensor; NaN does not."""
+    far_edge = np.array([camera.width_px, camera.height_px]) - 1.0
+    return ((px >= VISIBLE_MARGIN_PX) & (px <= far_edge - VISIBLE_MARGIN_PX)).all(axis=-1)
+
+
+def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
+    """Whether the printed side (the board's -z) faces a point."""
+    return bool((centre_in_rig - rig_from_board[:3, 3]) @ rig_from_board[:3, 2] < 0)
+
+
+def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
+    """Whether the way from mirror `index` to points (n, 3) misses all other mirrors."""
+    mirror = layout.mirrors[index]
+    virtual = mirror.reflect(points)
+    at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
+    clear = np.ones(len(points), dtype=np.bool_)
+    for other_index, other in enumerate(layout.mirrors):
+        if other_index == index:
+            continue
+        start, end = (p @ other.normal_in_rig + other.distance_mm for p in (at_mirror, points))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = start / (start - end)
+            crossing = at_mirror + part[:, None] * (points - at_mirror)
+        frame = other.rig_from_plane
+        x, y = ((crossing - frame[:3, 3]) @ frame[:3, :2]).T
+        inside = shapely.contains_xy(shapely.Polygon(other.outline_in_plane_mm), x, y)
+        clear &= ~(inside & (part > 0) & (part < 1))
+    return clear
+
+
+class Oracle:
+    """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible."""
+
+    def __init__(self, layout: Layout, target: Checkerboard | Charuco) -> None:
+        self.layout, self.target = layout, target
+        self._windows = [
+            shapely.Polygon(layout.outline_px(index)).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))
+        ]
+        shapely.prepare(self._windows)
+
+    def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Pixels (mirrors, corners, 2) of the board's corners by way of each mirror, and whether they can be seen.
+
+        Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, with the printed
+        side toward the virtual camera and no other mirror in the way. Pixels of a corner that has no image are NaN.
+        """
+        points = points_in_rig(self.target.corners_in_board_mm, rig_from_board)
+        px = np.empty((len(self.layout.mirrors), len(points), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for index, mirror in enumerate(self.layout.mirrors):
+            px[index] = self.layout.project(points, index)
+            seen = _on_sensor(self.layout.camera, px[index])
+            seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
+            seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px[index], nan=-1e9).T)
+            seen &= _faces(mirror.virtual_centre_in_rig_mm, rig_from_board)
+            seen[seen] = _clear_of(self.layout, index, points[seen])
+            visible[index] = seen
+        return px, visible
+
+    def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""
+        points = points_in_rig(self.target.corners_in_board_mm, rig_from_board)
+        px = self.layout.camera.project(points)
+        return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
+
+    def all_by_mirrors(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """`by_mirrors` for poses, stacked: (poses, mirrors, corners, 2) and (poses, mirrors, corners)."""
+        corners = len(self.target.corners_in_board_mm)
+        px = np.empty((len(poses), len(self.layout.mirrors), corners, 2))
+        visible = np.empty(px.shape[:3], dtype=np.bool_)
+        for frame, pose in enumerate(poses):
+            px[frame], visible[frame] = self.by_mirrors(pose)
+        return px, visible
+
+    def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """`direct` for poses, stacked: (poses, corners, 2) and (poses, corners)."""
+        px = np.empty((len(poses), len(self.target.corners_in_board_mm), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for frame, pose in enumerate(poses):
+            px[frame], visible[frame] = self.direct(pose)
+        return px, visible
