@@ -1,1 +1,1 @@
-"""Design of a layout: seeds, metrics, optimiser."""
+"""Design of a layout: seeds, figures of merit, the optimiser and a second opinion on what it returns."""

@@ -1,0 +1,14 @@
+"""The answer to a request that no layout can meet."""
+
+from __future__ import annotations
+
+from optics.values import InputError
+
+
+class InfeasibleDesign(InputError):
+    """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed."""
+
+    def __init__(self, constraint: str, finding: str) -> None:
+        super().__init__(f"infeasible design, {constraint} constraint: {finding}")
+        self.constraint = constraint
+        self.finding = finding
