@@ -60,9 +60,10 @@ class Camera(Value):
     def valid_radius(self) -> float:
         """Normalized radius up to which the radial distortion grows monotonically (infinite where it never folds)."""
         k1, k2, _, _, k3 = self.distortion
-        roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)].real
-        return float(np.sqrt(turning.min())) if turning.size else float("inf")
+        # Solved for 1 / r^2, whose polynomial has the leading coefficient 1 however small the distortion is.
+        roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
+        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # beyond r = 1e6 is as good as never
+        return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
 
     def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
         """Distort and scale normalized coordinates (..., 2) to pixels; NaN beyond `valid_radius`."""

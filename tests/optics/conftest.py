@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from scipy.spatial.transform import Rotation
 
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
+
+# The same examples in every run, and no limit on an example's time that a busy machine could exceed.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 
 def faceted_parabola(camera: Camera, spec: DesignSpec, fill: float) -> Layout:
