@@ -1,0 +1,121 @@
+"""The flat back of the mirror holder: which way it faces, and where the mount is screwed to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import MultiPoint, Point, Polygon, get_coordinates, unary_union
+
+from cad.hardware import Hardware
+from cad.seats import back_height_mm, outline_at, seat_distance_mm
+from optics.layout import Layout
+from optics.values import FloatArray, InputError
+
+
+@dataclass(frozen=True)
+class MountFace:
+    """Where the back lies (`back_mm`, along z of the mount's axes from the pupil) and its holes.
+
+    `centre_mm` (2,) and `holes_mm` (4, 2) about it are along the mount's x and y.
+    """
+
+    back_mm: float
+    centre_mm: FloatArray
+    holes_mm: FloatArray
+
+
+def mount_axes(layout: Layout) -> FloatArray:
+    """Axes (3, 3; rows x, y, z) of the mount frame in rig: z against the mirrors' mean normal, x along the rig's x."""
+    away = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
+    if np.linalg.norm(away) < 0.5:
+        raise InputError("the mirrors face apart, expected normals within 60 deg of their mean for one flat back")
+    away /= np.linalg.norm(away)
+    x_axis = np.array([1.0, 0.0, 0.0]) - away[0] * away
+    if np.linalg.norm(x_axis) < 0.1:
+        x_axis = np.array([0.0, 0.0, 1.0]) - away[2] * away
+    x_axis /= np.linalg.norm(x_axis)
+    return np.array([x_axis, np.cross(away, x_axis), away])
+
+
+class FrontSurface:
+    """The front of the holder as seen straight from its back: a seat behind every mirror, fillers in the gaps.
+
+    A filler is a mirror's outline grown by `margin_mm`, on a plane parallel to its seat. It recedes behind the seats
+    around it, so that it never becomes a thin ridge in front of one.
+    """
+
+    def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float) -> None:
+        self._axes = axes
+        self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror)) for mirror in layout.mirrors]
+        grown = [outline_at(mirror, back_height_mm(mirror), margin_mm) for mirror in layout.mirrors]
+        seats = [outline_at(mirror, back_height_mm(mirror)) for mirror in layout.mirrors]
+        self._cores = self._shadows(seats)
+        self._fillers = self._shadows(grown)
+        # Twice the margin, so that the side of a filler, which is not along a neighbour's normal, is no ridge either.
+        around = self._shadows(
+            [outline_at(mirror, back_height_mm(mirror), 2.0 * margin_mm) for mirror in layout.mirrors]
+        )
+        recesses = np.zeros(len(grown))
+        for i, filler in enumerate(self._fillers):
+            ring = filler.difference(self._cores[i])
+            for j, neighbour in enumerate(around):
+                common = get_coordinates(ring.intersection(neighbour)) if j != i else np.zeros((0, 2))
+                if len(common):
+                    recesses[i] = max(recesses[i], float((self._along(j, common) - self._along(i, common)).max()))
+        self._recesses_mm = recesses
+        self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
+        self.fillers = [front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True)]
+        self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
+        self.footprint = MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
+
+    def _shadows(self, outlines: list[FloatArray]) -> list[Polygon]:
+        return [Polygon(outline @ self._axes[:2].T) for outline in outlines]
+
+    def _along(self, index: int, points: FloatArray) -> FloatArray:
+        """How far along the mount's z the seat plane of a mirror lies over points (n, 2) of the back."""
+        normal, distance = self._planes[index]
+        along: FloatArray = (-distance - (points @ self._axes[:2]) @ normal) / (self._axes[2] @ normal)
+        return along
+
+    def recedes_to_mm(self, area: Polygon) -> float:
+        """How far along the mount's z the front lies at most, over an area of the back (off the fillers: the slab)."""
+        gap = area.difference(self._all_cores)
+        if not self._all_fillers.contains(gap):
+            return self.deepest_mm
+        lowest = -np.inf
+        for index, recess in enumerate(self._recesses_mm):
+            seat = get_coordinates(self._cores[index].intersection(area))
+            filler = get_coordinates(self._fillers[index].intersection(gap))
+            along = np.concatenate([self._along(index, seat), self._along(index, filler) + recess])
+            lowest = max(lowest, float(along.max(initial=-np.inf)))
+        return min(lowest, self.deepest_mm)
+
+
+def place_mount(front: FrontSurface, hardware: Hardware) -> MountFace:
+    """The widest rectangle of four holes that leaves the part thinnest; raises InputError where there is no room.
+
+    Every hole keeps the insert's wall to the edge of the footprint and to its neighbours, and the thinnest wall to the
+    front above it.
+    """
+    left, bottom, right, top = front.footprint.bounds
+    centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
+    around = hardware.insert_hole_mm / 2.0 + hardware.insert_wall_mm
+    room = front.footprint.buffer(-around)
+    best: tuple[float, float] | None = None
+    chosen = np.zeros((4, 2))
+    for a in np.arange(around, (right - left) / 2.0, hardware.mount_step_mm):
+        for b in np.arange(around, (top - bottom) / 2.0, hardware.mount_step_mm):
+            holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+            if not room.contains(MultiPoint(centre + holes)):
+                continue
+            lowest = max(front.recedes_to_mm(Point(centre + hole).buffer(around)) for hole in holes)
+            back = max(front.deepest_mm + hardware.floor_mm, lowest + hardware.insert_depth_mm + hardware.wall_mm)
+            if best is None or (back, -a * b) < best:
+                best, chosen = (back, -a * b), holes
+    if best is None:
+        raise InputError(
+            f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected room for four M3 inserts "
+            f"with {around:g} mm of material around their centres"
+        )
+    return MountFace(best[0], centre, chosen)

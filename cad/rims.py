@@ -1,0 +1,101 @@
+"""Rims that keep a mirror in its place while the glue sets: along its edges, where there is room outside the light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.geometry.polygon import orient
+
+from cad.hardware import Hardware
+from cad.seats import Frustum, back_height_mm, outline_at
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.values import FloatArray
+
+# Room is tried at points this far apart; what is found free is shortened by as much at both ends.
+STEP_MM = 0.25
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An edge of a mirror's outline in its own frame: start (2,), unit direction (2,), unit outward normal (2,)."""
+
+    mirror: Mirror
+    start: FloatArray
+    direction: FloatArray
+    outward: FloatArray
+    length_mm: float
+
+    def in_rig(self, along: FloatArray, across: FloatArray, level: FloatArray) -> FloatArray:
+        """Points (..., 3) in rig from mm along the edge, out from it, and over the reflecting plane."""
+        flat = self.start + along[..., None] * self.direction + across[..., None] * self.outward
+        local = np.concatenate([flat, level[..., None]], axis=-1)
+        return local @ self.mirror.rig_from_plane[:3, :3].T + self.mirror.rig_from_plane[:3, 3]
+
+
+def edges_of(mirror: Mirror) -> list[Edge]:
+    """The edges of a mirror's outline, counter-clockwise as seen from the pupil."""
+    corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)[:-1]
+    edges = []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = float(np.linalg.norm(end - start))
+        direction = (end - start) / length
+        edges.append(Edge(mirror, start, direction, np.array([direction[1], -direction[0]]), length))
+    return edges
+
+
+def plan_rims(layout: Layout, keep_outs: list[list[Frustum]], reach_mm: float, hardware: Hardware) -> list[Frustum]:
+    """The rims of all mirrors, standing on their seat planes; pockets still have to cut them back from the mirrors.
+
+    A rim enters no other mirror's light and stands neither before nor behind another mirror (looked for `reach_mm` far
+    along its normal), where it would become a ridge. Its own light may shave it if a whole wall remains outside.
+    """
+    fit = hardware.mirror_fit_mm
+    taken = [
+        [Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)), *group[1:]]
+        for mirror, group in zip(layout.mirrors, keep_outs, strict=True)
+    ]
+    rims = []
+    for index, mirror in enumerate(layout.mirrors):
+        others = [volume for other, group in enumerate(taken) if other != index for volume in group]
+        rims += _rims_of(mirror, keep_outs[index][1:], others, hardware)
+    return rims
+
+
+def _rims_of(mirror: Mirror, own_light: list[Frustum], others: list[Frustum], hardware: Hardware) -> list[Frustum]:
+    """The rims of one mirror outside the volumes that others take; from its own light its outer wall stays."""
+    fit, margin = hardware.mirror_fit_mm, hardware.mirror_fit_mm + hardware.rim_mm
+    bottom = back_height_mm(mirror)
+    top = bottom + hardware.rim_height_of_sheet * mirror.thickness_mm
+    levels = np.linspace(bottom + 1e-3, top, 3)
+    middle = mirror.rig_from_plane[:3, 3]
+    radius = float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max()) + 2.0 * margin + mirror.thickness_mm
+    others = [volume for volume in others if volume.comes_near(middle, radius)]
+    across = np.array([0.0, 0.0, margin, margin])
+    rims = []
+    for edge in edges_of(mirror):
+        if edge.length_mm < hardware.rim_length_mm:
+            continue
+        steps = np.linspace(0.0, edge.length_mm, int(np.ceil(edge.length_mm / STEP_MM)) + 1)
+        whole = edge.in_rig(*np.meshgrid(steps, np.linspace(fit, margin, 5), levels, indexing="ij"))
+        kept = edge.in_rig(*np.meshgrid(steps, [margin - hardware.wall_mm, margin], levels, indexing="ij"))
+        taken = np.zeros(len(steps), dtype=bool)
+        for volume in others:
+            taken |= volume.contains(whole).any(axis=(1, 2))
+        for volume in own_light:
+            taken |= volume.contains(kept).any(axis=(1, 2))
+        for first, last in _runs(~taken):
+            from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
+            if to_mm - from_mm >= hardware.rim_length_mm:
+                along = np.array([from_mm, to_mm, to_mm, from_mm])
+                rims.append(Frustum(*(edge.in_rig(along, across, np.full(4, level)) for level in (bottom, top))))
+    return rims
+
+
+def _runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+    return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
