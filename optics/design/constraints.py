@@ -115,25 +115,27 @@ def add_overlap(
     mirrors: list[MirrorUnknown],
     depth: float,
     *,
-    middle: FloatArray,
+    aim: FloatArray,
     half_size: FloatArray,
     vertex_count: int = 8,
 ) -> list[list[Expression]]:
     """A polygon on the plane y = depth that every mirror shows whole; returns it as each mirror shows it, normalized.
 
-    Each vertex keeps to its own sector about an unknown middle, so the polygon is star-shaped and winds once. `middle`
-    and `half_size` (x, z) say where it starts.
+    Each vertex keeps to its own sector about an unknown middle, so the polygon is star-shaped and winds once. It
+    starts at `aim` (x, z) with a size that looks `half_size` (tangents) from there. Unknowns are tangents too, which
+    keeps them of one size at any depth.
     """
     around = 2.0 * np.pi * (np.arange(vertex_count) + 0.5) / vertex_count
-    centre = program.unknown(middle)
+    centre = program.unknown([0.0, 0.0])
     scene = []
     for angle in around:
-        vertex = program.unknown(middle + half_size * [np.cos(angle), np.sin(angle)])
+        vertex = program.unknown(half_size * [np.cos(angle), np.sin(angle)])
         spoke = (vertex - centre) / ca.DM(half_size)
         for side in (-1.0, 1.0):
             border = angle + side * np.pi / vertex_count
             program.require(-side * turn(ca.DM([np.cos(border), np.sin(border)]), spoke))
-        scene.append(ca.vertcat(vertex[0], depth, vertex[1]))
+        at = ca.DM(aim) + vertex * (1.0 + depth)
+        scene.append(ca.vertcat(at[0], depth, at[1]))
     seen = []
     for mirror in mirrors:
         images = [reflected(point, mirror.centre) for point in scene]

@@ -150,8 +150,8 @@ def _add_efficiency(
         program,
         mirrors,
         depth,
-        middle=np.array([0.0, 1.0]),
-        half_size=0.6 * start.half_tile * (1.0 + depth),
+        aim=np.array([0.0, 1.0]),
+        half_size=0.6 * start.half_tile,
     )
     per_edge = 3 if spec.camera.distortion.any() else 1
     area_px = sum(

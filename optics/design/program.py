@@ -19,6 +19,10 @@ ELASTIC = ("spacing", "occlusion", "depth", "overlap")
 
 LARGEST_SLACK = 10.0
 
+HOLD = 1e-5
+"""Weight of the squared distance from the start: unknowns that nothing else decides, such as planes between mirrors
+far apart, stay where they were; IPOPT converges faster when no direction is free."""
+
 IPOPT: dict[str, Any] = {
     "expand": True,
     "print_time": False,
@@ -27,6 +31,7 @@ IPOPT: dict[str, Any] = {
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
     "ipopt.acceptable_tol": 1e-6,
+    "ipopt.mu_strategy": "adaptive",
     "ipopt.max_iter": 400,
 }
 
@@ -100,7 +105,7 @@ class Solver:
             {
                 "x": unknowns,
                 "p": searching,
-                "f": (1 - searching) * objective + searching * (missed + 1e-4 * nearby),
+                "f": (1 - searching) * objective + searching * missed + HOLD * nearby,
                 "g": ca.vertcat(*program._at_least, *program._zero),
             },
             IPOPT,
