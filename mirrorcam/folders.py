@@ -69,6 +69,15 @@ def _unfinished(folder: Path, *, keep_interrupted: bool) -> Iterator[Path]:
                     parent.rmdir()
 
 
+def clear(folder: Path) -> None:
+    """Delete everything in a folder, but not the folder."""
+    for path in folder.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
 def _remove(folder: Path) -> None:
     if folder.exists():
         shutil.rmtree(folder)

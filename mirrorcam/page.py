@@ -67,7 +67,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             f"each was tilted by {tolerances.tilt_deg:g}° and shifted by {tolerances.offset_mm:g} mm (one standard "
             f"deviation), and the lens strayed from its data sheet"
         ),
-        checks=read_metrics(root / "cad" / "metrics.json"),
+        checks=read_metrics(root / "cad" / "checks.json"),
         truth=read_metrics(root / "validation" / "metrics.json"),
         before_after=_picture(
             root,
@@ -75,7 +75,9 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             "design/before_after.png",
             "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
         ),
-        part=_picture(root, "cad/mirror_holder.png", "cad/mirror_holder.svg", "The mirror holder"),
+        part=_picture(
+            root, "cad/mirror_holder.png", "cad/mirror_holder.png", "The holder, its mirrors and the camera's pupil"
+        ),
         frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
         views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
         residuals=_picture(
@@ -90,6 +92,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
                 ("mirror_holder.step", "the solid, for any CAD program"),
                 ("mirror_holder.stl", "the mesh, for a printer"),
                 ("mirrors.dxf", "outlines of the mirrors, for a cutter"),
+                ("mirror_holder.svg", "a drawing of the holder"),
             )
         ),
         files=(

@@ -156,6 +156,15 @@ def _limit_table(metrics: Mapping[str, Metric]) -> str:
     return "\n".join(parts)
 
 
+def _folded_checks(metrics: Mapping[str, Metric]) -> str:
+    """All checks behind one line that says how many pass; unfolded where one fails."""
+    limited = [metric for metric in metrics.values() if metric.limit is not None]
+    failed = sum(not metric.passed for metric in limited)
+    checks = count_text(len(limited), "check")
+    line = f"{failed} of {checks} failed" if failed else f"{checks} passed"
+    return f"<details{' open' if failed else ''}><summary>{line}</summary>{_limit_table(metrics)}</details>"
+
+
 def _design_table(parabola: Layout, optimised: Layout) -> str:
     rows = []
     for name, metric in optimised.metrics.items():
@@ -233,7 +242,7 @@ def index_html(report: Report) -> str:
         before_after=_picture(report.before_after),
         design_table=_design_table(report.parabola, report.layout),
         part=_picture(report.part),
-        part_checks=_limit_table(report.checks),
+        part_checks=_folded_checks(report.checks),
         part_files=_files(report.part_files),
         frame=_picture(report.frame),
         frames=report.frames,
@@ -277,7 +286,9 @@ $design_table
 <h2><span>2</span> The part</h2>
 <p>One printable holder with a seat for each mirror, and a cutting file for the mirrors. The seats were read back from
 the exported solid and compared with the design.</p>
-<div class="pair"><div>$part</div><div>$part_checks<ul class="files">$part_files</ul></div></div>
+$part
+<ul class="files">$part_files</ul>
+$part_checks
 </section>
 <section>
 <h2><span>3</span> What the camera sees</h2>
@@ -341,7 +352,6 @@ table+figure,details+figure{margin-top:32px}
 figcaption{color:var(--soft);font-size:14px;margin-top:8px}
 a{color:var(--accent);text-underline-offset:3px}
 a:focus-visible,summary:focus-visible{outline:2px solid var(--accent);outline-offset:3px;border-radius:4px}
-.pair{display:grid;grid-template-columns:minmax(0,5fr) minmax(0,6fr);gap:36px;align-items:start}
 table{width:100%;border-collapse:collapse;font-size:15px;line-height:1.45}
 th,td{padding:9px 14px 9px 0;text-align:left;vertical-align:baseline;border-bottom:1px solid var(--line)}
 th{font-weight:400}
@@ -356,12 +366,10 @@ td{white-space:nowrap;font-variant-numeric:tabular-nums}
 .bar.fail:before{background:var(--bad)}
 b.pass{color:var(--good);font-weight:600}
 b.fail{color:var(--bad);font-weight:700}
-.pair .share{display:none}
 details{margin-top:14px;color:var(--soft);font-size:15px}
 summary{cursor:pointer}
 details table{margin-top:10px;color:var(--ink)}
 .files{list-style:none;margin:0;padding:0;font-size:15px}
-.pair .files{margin-top:22px}
 .files li{display:flex;flex-wrap:wrap;gap:2px 18px;justify-content:space-between;padding:9px 0;
 border-bottom:1px solid var(--line)}
 .files a{overflow-wrap:anywhere}
@@ -370,7 +378,7 @@ footer{padding-top:56px;padding-bottom:64px;color:var(--soft);font-size:14px}
 code{font:.94em ui-monospace,SFMono-Regular,Menlo,Consolas,monospace}
 @media (max-width:720px){body{font-size:16px}header{padding-top:24px}.kicker{margin-bottom:36px}
 section{padding-top:52px}
-.lead{font-size:17px}.pair{grid-template-columns:minmax(0,1fr)}.share{display:none}
+.lead{font-size:17px}.share{display:none}
 .highlights{grid-template-columns:1fr 1fr}.highlights div:last-child:nth-child(odd){grid-column:1/-1}
 .highlights dd{font-size:24px}.highlights div{padding:16px}
 th,td{padding-right:10px}header,main,footer{padding-left:18px;padding-right:18px}}

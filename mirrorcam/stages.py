@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from mirrorcam.folders import replaced
+from mirrorcam.folders import clear, replaced
 from mirrorcam.progress import Advance
 from optics.files import write_text
 from optics.values import Value
@@ -115,6 +115,10 @@ def _read_manifest(folder: Path) -> Manifest | None:
         return None
 
 
+def _text(manifest: Manifest) -> str:
+    return manifest.model_dump_json(indent=1, by_alias=True) + "\n"
+
+
 def is_current(stage: Stage, root: Path) -> bool:
     """Whether the stage's folder holds, unaltered, what the stage would make now."""
     folder = root / stage.name
@@ -129,6 +133,9 @@ def perform(stage: Stage, root: Path, advance: Advance = lambda done, total: Non
     """
     wanted = _wanted(stage, root)
     with replaced(root / stage.name, marker=MANIFEST, keep_interrupted=stage.resumes) as folder:
+        if _read_manifest(folder) != wanted:
+            clear(folder)  # what is left there was interrupted while making something else
+        write_text(folder / MANIFEST, _text(wanted))
         stage.work(folder, advance)
         made = wanted.replaced(files=digests(folder))
-        write_text(folder / MANIFEST, made.model_dump_json(indent=1, by_alias=True) + "\n")
+        write_text(folder / MANIFEST, _text(made))

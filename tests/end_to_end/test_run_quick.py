@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -81,3 +84,31 @@ def test_a_deleted_file_is_made_again_and_nothing_else(first: tuple[Path, subpro
     assert result.returncode == 0
     assert reused(result) == set(STAGES) - {"light_field"}
     assert tiles.read_bytes() == before
+
+
+def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
+    first: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    out = tmp_path / "quick"
+    for stage in ("design", "cad"):
+        shutil.copytree(first[0] / stage, out / stage)
+    unfinished = out / ".set-unfinished"
+    command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        while not (unfinished / "frames" / "0002.png").exists():
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        said, complaint = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert complaint == "mirrorcam: interrupted; finished files are whole\n"
+    assert "re-used" in said
+    assert not (out / "set").exists()
+    frames = {path.name: path.stat().st_mtime_ns for path in (unfinished / "frames").glob("*.png")}
+
+    result = run_quick(out)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert reused(result) == {"design", "cad"}
+    now = {name: (out / "set" / "frames" / name).stat().st_mtime_ns for name in frames}
+    assert now == frames
+    assert digests(out / "set") == digests(first[0] / "set")

@@ -52,7 +52,7 @@ def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[s
             small_layout.save(folder / "layout.json")
 
         def cad(folder: Path, advance: Advance) -> None:
-            write_metrics(folder / "metrics.json", part)
+            write_metrics(folder / "checks.json", part)
 
         def validation(folder: Path, advance: Advance) -> None:
             write_metrics(folder / "metrics.json", truth)

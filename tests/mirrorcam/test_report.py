@@ -168,6 +168,14 @@ def test_share_of_limit(metric: Metric, share: float) -> None:
     assert metric.passed == (share <= 1)
 
 
+def test_checks_of_the_part_are_folded_away_unless_one_fails(report: Report) -> None:
+    page = index_html(report)
+    assert "<details><summary>1 check passed" in page
+    worse = {**report.checks, "wall_mm": Metric(value=0.4, unit="mm", limit=1.2, lower_is_better=False)}
+    page = index_html(replace(report, checks=worse))
+    assert "<details open><summary>1 of 2 checks failed</summary>" in page
+
+
 def test_labels_and_numbers() -> None:
     assert label("held_out_rms_x_px") == "Held out RMS x"
     assert label("pixel_efficiency_300mm") == "Pixel efficiency at 300 mm"

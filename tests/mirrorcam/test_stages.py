@@ -152,22 +152,39 @@ def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
     assert is_current(stage, root)
 
 
-def test_work_that_resumes_finds_what_was_left(root: Path) -> None:
+def growing(frames: int) -> Stage:
+    """A stage that is interrupted at each new frame until it has them all."""
+
     def work(folder: Path, advance: Advance) -> None:
-        frames = sorted(folder.iterdir())
-        (folder / f"{len(frames):04d}.png").touch()
-        if len(frames) < 2:
+        found = len(list(folder.glob("*.png")))
+        (folder / f"{found:04d}.png").touch()
+        if found + 1 < frames:
             raise KeyboardInterrupt
 
-    stage = Stage("copy", work, resumes=True)
+    return Stage("set", work, parameters={"frames": frames}, resumes=True)
+
+
+def test_work_that_resumes_finds_what_was_left(root: Path) -> None:
+    stage = growing(3)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
             perform(stage, root)
-        assert not (root / "copy").exists()
+        assert not (root / "set").exists()
+        assert not is_current(stage, root)
     perform(stage, root)
     assert is_current(stage, root)
-    assert sorted(path.name for path in (root / "copy").glob("*.png")) == ["0000.png", "0001.png", "0002.png"]
-    assert sorted(path.name for path in root.iterdir()) == ["copy", "source.txt"]
+    assert sorted(path.name for path in (root / "set").glob("*.png")) == ["0000.png", "0001.png", "0002.png"]
+    assert sorted(path.name for path in root.iterdir()) == ["set", "source.txt"]
+
+
+def test_work_that_resumes_does_not_find_what_was_left_of_another_request(root: Path) -> None:
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            perform(growing(5), root)
+    with pytest.raises(KeyboardInterrupt):
+        perform(growing(2), root)
+    perform(growing(2), root)
+    assert sorted(path.name for path in (root / "set").glob("*.png")) == ["0000.png", "0001.png"]
 
 
 def test_leftovers_of_a_killed_run_are_cleared(root: Path) -> None:
