@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
@@ -11,6 +12,7 @@ from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.values import InputError
 from render_scenes.dataset import Tolerances
+from render_scenes.truth import sub_image
 
 DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens that covers the sensor
 
@@ -44,6 +46,13 @@ def _covers_sensor(camera: Camera) -> bool:
     return bool(np.isfinite(camera.normalized_from_pixels(np.concatenate(edges))).all())
 
 
+def _off_sensor(layout: Layout) -> int | None:
+    """The first mirror of which the sensor shows nothing."""
+    sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
+    shown = (sensor.intersects(sub_image(layout, index)) for index in range(len(layout.mirrors)))
+    return next((index for index, is_shown in enumerate(shown) if not is_shown), None)
+
+
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
     """A layout of kind "as-built", drawn around `layout`; drawn again (up to 20 times) when it could not exist.
 
@@ -65,7 +74,15 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
             if error.title == Camera.__name__:
                 blame = f"focal_percent {tolerances.focal_percent}: {reason}"
             continue
-        if _covers_sensor(built.camera):
+        if not _covers_sensor(built.camera):
+            blame = (
+                f"distortion_mean {tolerances.distortion_mean.tolist()}: the lens model folds before the sensor ends"
+            )
+        elif (lost := _off_sensor(built)) is not None:
+            blame = (
+                f"tilt_deg {tolerances.tilt_deg}, focal_percent {tolerances.focal_percent}, "
+                f"centre_px {tolerances.centre_px}: mirror {lost} lies outside the sensor"
+            )
+        else:
             return built
-        blame = f"distortion_mean {tolerances.distortion_mean.tolist()}: the lens model folds before the sensor ends"
     raise InputError(f"tolerances {blame} (in each of {DRAWS} draws), expected smaller ones")

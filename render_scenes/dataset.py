@@ -64,7 +64,7 @@ class RenderSettings(Value):
 
     @property
     def subpixels(self) -> int:
-        """Into how many squares a pixel is cut along each side before the lens blurs: two where the samples allow it."""
+        """How many squares a pixel is cut into, along each side, before the lens blurs: two where `spp` allows it."""
         return 2 if self.spp % 4 == 0 else 1
 
 

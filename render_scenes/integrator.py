@@ -1,9 +1,8 @@
 """Light along mirrors: an integrator without the bias of Mitsuba's ray offset, and the pixel loop around it.
 
-`SurfaceInteraction.spawn_ray` moves the origin of a reflected ray along the *normal* to leave the surface; the reflected
-ray is then no longer the true one but a parallel of it, and corners seen by way of a mirror move by hundredths of a pixel
-(tenths where the unit is metres). Moving it along the *reflected direction* leaves the surface just as well and changes
-nothing.
+`SurfaceInteraction.spawn_ray` moves the origin of a reflected ray along the *normal* to leave the surface. The ray is
+then no longer the true one but a parallel of it, and corners seen by way of a mirror move by hundredths of a pixel (by
+tenths where the unit is metres). Moving it along the *reflected direction* leaves the surface too and changes nothing.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def _plugin(variant: str) -> str:
             super().__init__(props)
             # Opaque, so that other scenes do not compile other kernels.
             self.first = mi.UInt32(1 if props.get("mirrors_only", False) else 0)
-            self.last = mi.UInt32(int(props.get("max_bounces", 8)))
+            self.last = mi.UInt32(props.get("max_bounces", 8))
             dr.make_opaque(self.first, self.last)
 
         def radiance(self, scene: Any, ray: Any, active: Any) -> Any:

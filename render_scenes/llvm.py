@@ -1,9 +1,9 @@
 """Choosing Mitsuba's variant: CUDA where a GPU answers, LLVM else, scalar as a last resort, and never an abort.
 
-Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process with
-an LLVM ERROR once a kernel compiles, and Dr.Jit takes them silently where a distribution ships one. So a library is used
-only if it is the packaged one of the `render` extra, or if a child process has rendered with it; and no module of this
-folder imports mitsuba or drjit before `use_variant` has pointed Dr.Jit at it.
+Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process
+with an LLVM ERROR once a kernel compiles, and Dr.Jit takes them silently where a distribution ships one. So a library
+is used only if it is the packaged one of the `render` extra, or if a child process has rendered with it; and no module
+of this folder imports mitsuba or drjit before `use_variant` has pointed Dr.Jit at it.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def renders(variant: str, library: Path | None = None) -> bool:
 
 
 def gpu_answers() -> bool:
-    """Whether the CUDA driver is present and reports a device (asked of the driver itself; costs nothing without one)."""
+    """Whether the CUDA driver is present and reports a device; asked of the driver, which costs nothing without one."""
     try:
         driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
     except OSError:

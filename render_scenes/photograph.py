@@ -14,12 +14,13 @@ def photograph(
 ) -> NDArray[np.uint8]:
     """A grey picture (h, w) of radiance (h * subpixels, w * subpixels); radiance 1 is grey level 255.
 
-    The lens blurs before the pixels collect the light. The other way round, what pixels cannot resolve would already have
-    turned into false detail, and corners of boards that lie square to the pixels would err by .01 px.
+    The lens blurs before the pixels collect the light. The other way round, what pixels cannot resolve would already
+    have turned into false detail, and corners of boards that lie square to the pixels would err by .01 px.
     """
     light = radiance
     if model.lens_blur_px > 0:
-        light = cv2.GaussianBlur(light, (0, 0), model.lens_blur_px * subpixels, borderType=cv2.BORDER_REPLICATE)
+        sigma = model.lens_blur_px * subpixels
+        light = np.asarray(cv2.GaussianBlur(light, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
     height, width = (length // subpixels for length in radiance.shape)
     grey = 255.0 * light.reshape(height, subpixels, width, subpixels).mean(axis=(1, 3), dtype=np.float32)
     if model.read_noise_grey > 0:

@@ -1,4 +1,4 @@
-"""Where to hold the board: poses that show it to every mirror, over all of its sub-image, near and far, tilted and turned.
+"""Where to hold the board: poses that show it to every mirror, over all of its sub-image, near and far, tilted.
 
 The plan knows the design alone, like the person who holds the board.
 """
@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
@@ -26,6 +25,7 @@ CELLS = 10  # coverage is counted on a grid of this many cells along each side o
 FEWEST_CORNERS = 6  # that a view must show to tell where the board is
 SMALLEST_SQUARE_PX = 8.0
 ROOM_MM = 20.0  # between mirrors and board
+_ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,10 @@ def _choose(
     """
     cells = [_Cells(outline) for outline in outlines_px]
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
-    numbers = qmc.Halton(d=6, rng=random).random(count * CANDIDATES).reshape(CANDIDATES, count, 6)
+    # A shifted additive recurrence (Roberts): six numbers that fill the cube evenly however many there are.
+    steps = _ROOT ** -np.arange(1.0, 7.0)
+    numbers = (random.random(6) + np.arange(CANDIDATES * count)[:, None] * steps) % 1.0
+    numbers = numbers.reshape(CANDIDATES, count, 6)
     numbers[..., 0] = (random.permutation(count) + numbers[..., 0]) / max(count, 1)
     poses: list[FloatArray] = []
     for frame in range(count):
@@ -203,7 +206,7 @@ def _check_visible(
     board = f"board of {target.cols} x {target.rows} squares of {target.square_mm:g} mm"
     if square_px < SMALLEST_SQUARE_PX:
         raise InputError(
-            f"{board}: too small to be seen, a square spans {square_px:.1f} px, expected at least {SMALLEST_SQUARE_PX:g}"
+            f"{board}: too small to be seen, a square spans {square_px:.1f} px, expected {SMALLEST_SQUARE_PX:g} or more"
         )
     poorest = int(np.argmin(np.mean(enough, axis=0)))
     if np.mean(enough, axis=0)[poorest] < 0.5:

@@ -1,6 +1,6 @@
 """A synthetic calibration set: what a real user would photograph, with the truth in a folder of its own.
 
-A set is a function of its request (layout, board, counts, seed, tolerances, settings): the same request, the same bytes.
+A set follows from its request (layout, board, counts, seed, tolerances, settings): the same request, the same bytes.
 Every file is written whole or not at all, so an interrupted set is continued where it stopped.
 """
 
@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optics.files import atomic, write_image, write_json
 from optics.layout import Layout
@@ -23,6 +24,7 @@ from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, Tolerances,
 from render_scenes.llvm import use_variant
 from render_scenes.photograph import photograph
 from render_scenes.poses import Plan, plan_base_frames, plan_frames
+from render_scenes.scene import BoardScene
 from render_scenes.truth import Oracle
 
 # Streams of random numbers; each is independent of how much the others draw.
@@ -67,7 +69,9 @@ def render_set(
         base_coverage=float(base_plan.coverage[0]),
         request="",
     )
-    dataset = dataset.replaced(request=_digest(dataset, seed))
+    dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, seed))
+    # Before anything is written: a scene refuses what it cannot render.
+    scene, base_scene = (BoardScene(built.camera, mirrors, target, settings) for mirrors in (built.mirrors, ()))
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout, target)
     dataset = _write_truth(out, dataset, built, target, plan, base_plan, seed)
@@ -75,13 +79,16 @@ def render_set(
     kept = sum(name in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
     report = on_frame or (lambda done, of: None)
     report(kept, total)
-    for stream, names, poses in (
-        (_FRAMES, dataset.frame_names, plan.poses),
-        (_BASE, dataset.base_names, base_plan.poses),
+    for stream, stage, names, poses in (
+        (_FRAMES, scene, dataset.frame_names, plan.poses),
+        (_BASE, base_scene, dataset.base_names, base_plan.poses),
     ):
-        missing = [index for index, name in enumerate(names) if name not in dataset.files]
-        if missing:
-            dataset = _render_frames(out, dataset, built, stream, missing, poses, seed, report)
+        for index, name in enumerate(names):
+            if name not in dataset.files:
+                write_image(out / name, _picture(stage, poses[index], settings, seed, stream, index))
+                dataset = _recorded(out, dataset, name)
+                kept += 1
+                report(kept, total)
     return dataset
 
 
@@ -89,10 +96,22 @@ def _random(*key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(key))
 
 
-def _digest(dataset: Dataset, seed: int) -> str:
-    """The request in sixteen hexadecimal digits."""
-    asked = dataset.model_dump(mode="json", exclude={"request", "files"}) | {"seed": seed}
-    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
+def _picture(
+    scene: BoardScene, rig_from_board: FloatArray, settings: RenderSettings, seed: int, stream: int, index: int
+) -> NDArray[np.uint8]:
+    """One frame; its samples and its noise depend on nothing but the seed and its place in the set."""
+    key = np.random.SeedSequence((seed, stream, index))
+    scene.place_board(rig_from_board)
+    cut = settings.subpixels
+    radiance = scene.render(spp=settings.spp // cut**2, seed=int(key.generate_state(1)[0]), subpixels=cut)
+    return photograph(radiance, cut, settings.sensor, np.random.default_rng(key.spawn(1)[0]))
+
+
+def _digest(dataset: Dataset, built: Layout, plan: Plan, base_plan: Plan, seed: int) -> str:
+    """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
+    asked = dataset.model_dump(mode="json", exclude={"request", "files"})
+    drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
+    return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _continue(out: Path, dataset: Dataset) -> Dataset:
@@ -107,13 +126,13 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         return dataset
     before = Dataset.load(out)
     if before.request != dataset.request:
-        fields = (name for name in Dataset.model_fields if name not in ("schema_id", "request", "files"))
-        other = [name for name in fields if getattr(before, name) != getattr(dataset, name)]
-        raise InputError(
-            f"{out}: holds a set of another {' and '.join(other[:3]) or 'seed'}, expected a new folder or the same request"
-        )
-    for folder in ("frames", "base", "truth"):
-        for leftover in (out / folder).glob(".*"):
+        asked = set(Dataset.model_fields) - {"schema_id", "request", "files", "coverage", "base_coverage"}
+        other = sorted(name for name in asked if getattr(before, name) != getattr(dataset, name))
+        differs = " and ".join(other) or "seed (or of another version of this program)"
+        raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
+    # A killed run cannot remove its temporary files (`optics.files.atomic`).
+    for pattern in ("frames/.*-*.png", "base/.*-*.png", "truth/.*-*.*", ".*-*.json", ".*-*.toml"):
+        for leftover in out.glob(pattern):
             leftover.unlink()
     return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
 
@@ -158,34 +177,3 @@ def _write_truth(
             base_visible=base_visible,
         )
     return _recorded(out, dataset, *(f"truth/{n}" for n in ("layout.json", "poses.json", "seed.json", "corners.npz")))
-
-
-def _render_frames(
-    out: Path,
-    dataset: Dataset,
-    built: Layout,
-    stream: int,
-    missing: list[int],
-    poses: FloatArray,
-    seed: int,
-    report: Callable[[int, int], None],
-) -> Dataset:
-    """Render and write the frames of one stream that are not there yet."""
-    from render_scenes.scene import BoardScene
-
-    settings = dataset.settings
-    mirrors, names = (built.mirrors, dataset.frame_names) if stream == _FRAMES else ((), dataset.base_names)
-    scene = BoardScene(built.camera, mirrors, dataset.target, settings)
-    subpixels = settings.subpixels
-    for index in missing:
-        key = np.random.SeedSequence((seed, stream, index))
-        scene.place_board(poses[index])
-        radiance = scene.render(
-            spp=settings.spp // subpixels**2, seed=int(key.generate_state(1)[0]), subpixels=subpixels
-        )
-        picture = photograph(radiance, subpixels, settings.sensor, np.random.default_rng(key.spawn(1)[0]))
-        write_image(out / names[index], picture)
-        dataset = _recorded(out, dataset, names[index])
-        done = sum(name in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
-        report(done, dataset.frames + dataset.base_frames)
-    return dataset

@@ -23,31 +23,29 @@ MARGIN_SQUARES = 1  # of white paper around the printed squares
 _MOST_TEXELS_PER_SQUARE = 64
 
 
-def texels_per_square(target: Checkerboard | Charuco) -> int:
-    """How finely to sample the print so that its edges fall between texels.
+def print_on_paper(target: Checkerboard | Charuco) -> NDArray[np.uint8]:
+    """The sheet, as coarse as its edges allow: the print with its margin of white paper, 0 ink and 255 paper.
 
     One texel a square is exact for a checkerboard. With markers, one texel a marker module is exact where a square is a
-    whole number of modules; otherwise the count up to 64 that moves a marker's edges least.
+    whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
     """
     if isinstance(target, Checkerboard):
-        return 1
+        return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
+    texels, marker_mm = _marker_raster(target)
+    image = target.replaced(marker_mm=marker_mm).image(texels)
+    return np.pad(image, MARGIN_SQUARES * texels, constant_values=255)
+
+
+def _marker_raster(target: Charuco) -> tuple[int, float]:
+    """Texels a square, and the marker_mm nearest to the target's whose modules are then whole numbers of texels."""
     modules = DICTIONARIES[target.dictionary][1]
-    module_mm = target.marker_mm / modules
-    best, least = 0, np.inf
-    for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1):
-        for per_module in range(1, (texels - 1) // modules + 1):
-            if (texels - per_module * modules) % 2:
-                continue  # the marker would not be centred
-            off_mm = abs(per_module * target.square_mm / texels - module_mm)
-            if off_mm < least - 1e-9:
-                best, least = texels, off_mm
-    return best
-
-
-def print_on_paper(target: Checkerboard | Charuco) -> NDArray[np.uint8]:
-    """The sheet: the print with its margin of white paper, 0 ink and 255 paper."""
-    texels = texels_per_square(target)
-    return np.pad(target.image(texels), MARGIN_SQUARES * texels, constant_values=255)
+    choices = [
+        (texels, texels_per_module * modules * target.square_mm / texels)
+        for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1)
+        for texels_per_module in range(1, (texels - 1) // modules + 1)
+        if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
+    ]
+    return min(choices, key=lambda choice: (round(abs(choice[1] - target.marker_mm), 9), choice[0]))
 
 
 def world_from_sheet(target: Checkerboard | Charuco, rig_from_board: FloatArray) -> FloatArray:
@@ -72,7 +70,8 @@ def mirror_shape(mirror: Mirror, reflectance: float) -> Any:
         )
     corners = mirror.outline_in_rig_mm
     outline = mirror.outline_in_plane_mm
-    turn = np.cross(outline[1] - outline[0], outline - outline[0]).sum()
+    edges = np.roll(outline, -1, axis=0) - outline
+    turn = (outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]).sum()
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(
         {
@@ -114,19 +113,19 @@ class BoardScene:
         sheet = print_on_paper(target)[
             ::-1
         ]  # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle
-        radiance = settings.ink + (settings.paper - settings.ink) * np.float32(sheet) / 255.0
+        radiance = settings.ink + (settings.paper - settings.ink) * (sheet / 255.0)
         self.scene = mi.load_dict(
             {
                 "type": "scene",
                 "board": {
                     "type": "rectangle",
-                    "to_world": mi.ScalarTransform4f(world_from_sheet(target, np.eye(4))),
+                    "to_world": mi.ScalarTransform4f(world_from_sheet(target, np.eye(4)).astype(np.float32)),
                     "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
                     "emitter": {
                         "type": "area",
                         "radiance": {
                             "type": "bitmap",
-                            "bitmap": mi.Bitmap(np.float32(radiance)),
+                            "bitmap": mi.Bitmap(radiance.astype(np.float32)),
                             "raw": True,
                             "filter_type": "nearest",
                             "wrap_mode": "clamp",
@@ -145,7 +144,9 @@ class BoardScene:
         """Move the board to a rigid 4x4 pose in mm."""
         import mitsuba as mi
 
-        self._parameters["board.to_world"] = mi.Transform4f(world_from_sheet(self.target, rig_from_board))
+        self._parameters["board.to_world"] = mi.Transform4f(
+            world_from_sheet(self.target, rig_from_board).astype(np.float32)
+        )
         self._parameters.update()
 
     def render(

@@ -1,7 +1,7 @@
 """The base camera as a Mitsuba sensor: pinhole with OpenCV's distortion, inverted exactly per ray.
 
-Mitsuba's world is the rig frame in mm, with the camera at the origin: single precision is finest there. Its pixel (0, 0)
-has its centre at (0.5, 0.5), ours at (0, 0).
+Mitsuba's world is the rig frame in mm, with the camera at the origin: single precision is finest there. Its pixel
+(0, 0) has its centre at (0.5, 0.5), ours at (0, 0).
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ def _plugin(variant: str) -> str:
     import mitsuba as mi
 
     class OpenCVSensor(mi.Sensor):
-        """Plugin "opencv_camera": a camera at the origin of the rig with `intrinsics`, nine numbers, comma separated."""
+        """Plugin "opencv_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
             # Opaque, so that another camera does not compile another kernel.
-            self.intrinsics = [mi.Float(float(number)) for number in props["intrinsics"].split(",")]
+            self.intrinsics = [mi.Float(float(number)) for number in str(props["intrinsics"]).split(",")]
             dr.make_opaque(self.intrinsics)
 
         def ray_through(self, x: Any, y: Any) -> Any:

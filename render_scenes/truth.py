@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.layout import Layout
-from optics.targets import Checkerboard, Charuco
+from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -27,8 +27,8 @@ def points_in_rig(points_in_board: FloatArray, rig_from_board: FloatArray) -> Fl
 
 def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
     """Whether pixels (..., 2) lie at least the margin inside the sensor; NaN does not."""
-    far_edge = np.array([camera.width_px, camera.height_px]) - 1.0
-    return ((px >= VISIBLE_MARGIN_PX) & (px <= far_edge - VISIBLE_MARGIN_PX)).all(axis=-1)
+    far_edge = np.array([camera.width_px, camera.height_px]) - 1.0 - VISIBLE_MARGIN_PX
+    return np.all((px >= VISIBLE_MARGIN_PX) & (px <= far_edge), axis=-1)
 
 
 def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
@@ -43,17 +43,23 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
     at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
     clear = np.ones(len(points), dtype=np.bool_)
     for other_index, other in enumerate(layout.mirrors):
-        if other_index == index:
-            continue
         start, end = (p @ other.normal_in_rig + other.distance_mm for p in (at_mirror, points))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            part = start / (start - end)
-            crossing = at_mirror + part[:, None] * (points - at_mirror)
+        crosses = (start > 0) != (end > 0)
+        if other_index == index or not crosses.any():
+            continue
+        part = start[crosses] / (start - end)[crosses]
+        crossing = at_mirror[crosses] + part[:, None] * (points - at_mirror)[crosses]
         frame = other.rig_from_plane
         x, y = ((crossing - frame[:3, 3]) @ frame[:3, :2]).T
-        inside = shapely.contains_xy(shapely.Polygon(other.outline_in_plane_mm), x, y)
-        clear &= ~(inside & (part > 0) & (part < 1))
+        clear[crosses] &= ~shapely.contains_xy(shapely.Polygon(other.outline_in_plane_mm), x, y)
     return clear
+
+
+def sub_image(layout: Layout, index: int) -> shapely.Polygon:
+    """Outline of a mirror's picture in pixels, without what lies past the reach of the lens model."""
+    outline = layout.outline_px(index)
+    inside = outline[np.isfinite(outline).all(axis=1)]
+    return shapely.Polygon(inside) if len(inside) >= 3 else shapely.Polygon()
 
 
 class Oracle:
@@ -61,9 +67,7 @@ class Oracle:
 
     def __init__(self, layout: Layout, target: Checkerboard | Charuco) -> None:
         self.layout, self.target = layout, target
-        self._windows = [
-            shapely.Polygon(layout.outline_px(index)).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))
-        ]
+        self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
 
     def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:

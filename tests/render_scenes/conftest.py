@@ -1,0 +1,39 @@
+"""What the rendering tests share."""
+
+from __future__ import annotations
+
+import pytest
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.targets import Charuco
+
+LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
+
+
+@pytest.fixture(scope="session")
+def distorted_layout(default_layout: Layout) -> Layout:
+    """The default layout before a lens with every kind of distortion."""
+    return default_layout.replaced(camera=default_layout.camera.replaced(distortion=LENS))
+
+
+@pytest.fixture(scope="session")
+def small_layout(default_layout: Layout) -> Layout:
+    """The default layout with a sensor of 480 x 270 pixels: the same mirrors, quick to render."""
+    full = default_layout.camera
+    camera = Camera(
+        name="small",
+        width_px=480,
+        height_px=270,
+        fx_px=full.fx_px / 4.0,
+        fy_px=full.fy_px / 4.0,
+        cx_px=(full.cx_px + 0.5) / 4.0 - 0.5,
+        cy_px=(full.cy_px + 0.5) / 4.0 - 0.5,
+    )
+    return default_layout.replaced(camera=camera)
+
+
+@pytest.fixture(scope="session")
+def small_board() -> Charuco:
+    """The size of the default board in squares twice as large, for the small layout."""
+    return Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)

@@ -1,0 +1,94 @@
+"""The manifest of a rendered set."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optics.targets import default_board
+from optics.values import InputError
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, Tolerances, sha256
+
+
+def manifest() -> Dataset:
+    return Dataset(
+        layout_identity="0123456789abcdef",
+        target=default_board(),
+        frames=2,
+        base_frames=1,
+        width_px=1920,
+        height_px=1080,
+        tolerances=Tolerances(),
+        settings=RenderSettings(),
+        renderer="mitsuba",
+        coverage=(0.5, 1.0),
+        base_coverage=0.9,
+        request="abc",
+    )
+
+
+def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
+    dataset = manifest()
+    dataset.save(tmp_path)
+    assert Dataset.load(tmp_path) == dataset
+    assert '"schema": "mirrorcam.dataset/1"' in (tmp_path / MANIFEST).read_text()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "named"),
+    [
+        ("mirrorcam.dataset/1", "mirrorcam.dataset/9", "schema"),
+        ('"frames": 2', '"frames": -2', "frames"),
+        ('"tilt_deg": 0.3', '"tilt_deg": NaN', "tilt_deg"),
+        ('"request"', '"requested"', "request"),
+    ],
+)
+def test_what_does_not_belong_is_refused_by_name(tmp_path: Path, before: str, after: str, named: str) -> None:
+    manifest().save(tmp_path)
+    path = tmp_path / MANIFEST
+    path.write_text(path.read_text().replace(before, after))
+    with pytest.raises(InputError, match=named):
+        Dataset.load(tmp_path)
+
+
+def test_a_folder_without_a_manifest_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        Dataset.load(tmp_path)
+
+
+def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
+    picture = tmp_path / "frames" / "0000.png"
+    picture.parent.mkdir()
+    picture.write_bytes(b"picture")
+    dataset = manifest().replaced(files={"frames/0000.png": sha256(picture)})
+    assert dataset.intact(tmp_path, "frames/0000.png")
+    assert not dataset.intact(tmp_path, "frames/0001.png")
+    picture.write_bytes(b"pictur")
+    assert not dataset.intact(tmp_path, "frames/0000.png")
+    picture.unlink()
+    assert not dataset.intact(tmp_path, "frames/0000.png")
+
+
+def test_it_is_complete_with_every_frame() -> None:
+    dataset = manifest()
+    assert dataset.frame_names == ("frames/0000.png", "frames/0001.png")
+    assert dataset.base_names == ("base/0000.png",)
+    most = dict.fromkeys(dataset.frame_names, "0")
+    assert not dataset.replaced(files=most).complete
+    assert dataset.replaced(files=most | {"base/0000.png": "0"}).complete
+
+
+def test_no_tolerance_is_a_camera_as_designed() -> None:
+    none = Tolerances.none()
+    assert none.tilt_deg == none.offset_mm == none.focal_percent == none.centre_px == 0.0
+    np.testing.assert_array_equal(none.distortion_mean, 0.0)
+    np.testing.assert_array_equal(none.distortion_sigma, 0.0)
+
+
+def test_the_manifest_needs_no_renderer() -> None:
+    code = "import sys, render_scenes.dataset; sys.exit(any(m in sys.modules for m in ('mitsuba', 'drjit', 'casadi')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

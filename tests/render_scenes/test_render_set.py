@@ -1,0 +1,215 @@
+"""A whole set: the same request, the same bytes; whole files or none; the truth in its own folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optics.files import read_image
+from optics.layout import Layout
+from optics.targets import Charuco, Checkerboard, load_board
+from optics.values import InputError
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, SensorModel, Tolerances, sha256
+from render_scenes.render_set import render_set
+from render_scenes.truth import Oracle
+
+FRAMES, BASE = 3, 2
+Render = Callable[..., Dataset]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def render(small_layout: Layout, small_board: Charuco) -> Render:
+    def call(out: Path, **changes: object) -> Dataset:
+        request: dict[str, object] = {
+            "frames": FRAMES,
+            "base_frames": BASE,
+            "seed": 7,
+            "tolerances": Tolerances(centre_px=2.0),
+            "spp": 4,
+        }
+        return render_set(small_layout, small_board, out, **(request | changes))  # type: ignore[arg-type]
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def finished(render: Render, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("sets") / "set"
+    render(out)
+    return out
+
+
+def test_a_set_holds_what_was_promised(finished: Path, small_layout: Layout, small_board: Charuco) -> None:
+    dataset = Dataset.load(finished)
+    assert set(contents(finished)) == {
+        MANIFEST,
+        "layout.json",
+        "board.toml",
+        *(f"frames/{index:04d}.png" for index in range(FRAMES)),
+        *(f"base/{index:04d}.png" for index in range(BASE)),
+        *(f"truth/{name}" for name in ("layout.json", "poses.json", "seed.json", "corners.npz")),
+    }
+    assert dataset.complete
+    assert set(dataset.files) == set(contents(finished)) - {MANIFEST}
+    assert all(dataset.intact(finished, name) for name in dataset.files)
+    assert Layout.load(finished / "layout.json") == small_layout
+    assert load_board(finished / "board.toml") == small_board
+    for name in (*dataset.frame_names, *dataset.base_names):
+        picture = read_image(finished / name, grey=True)
+        assert picture.shape == (270, 480)
+        assert picture.max() < 255
+        assert np.ptp(picture) > 150
+    assert min(dataset.coverage) > 0.3
+    assert 0.2 < dataset.base_coverage <= 1.0
+
+
+def test_the_truth_is_that_of_the_camera_as_built(finished: Path, small_layout: Layout, small_board: Charuco) -> None:
+    built = Layout.load(finished / "truth" / "layout.json")
+    assert built.kind == "as-built"
+    assert built.identity != small_layout.identity
+    poses = json.loads((finished / "truth" / "poses.json").read_text())
+    assert np.shape(poses["frames"]) == (FRAMES, 4, 4)
+    assert np.shape(poses["base"]) == (BASE, 4, 4)
+    corners = np.load(finished / "truth" / "corners.npz")
+    assert corners["frames_px"].shape == (FRAMES, 9, 54, 2)
+    assert corners["base_px"].shape == (BASE, 54, 2)
+    oracle = Oracle(built, small_board)
+    for frame in range(FRAMES):
+        px, visible = oracle.by_mirrors(np.array(poses["frames"][frame]))
+        np.testing.assert_array_equal(corners["frames_px"][frame], px)
+        np.testing.assert_array_equal(corners["frames_visible"][frame], visible)
+    np.testing.assert_array_equal(corners["base_visible"][1], oracle.direct(np.array(poses["base"][1]))[1])
+
+
+def test_pictures_show_the_board_where_the_truth_says(finished: Path, small_board: Charuco) -> None:
+    corners = np.load(finished / "truth" / "corners.npz")
+    for frame in range(FRAMES):
+        picture = read_image(finished / f"frames/{frame:04d}.png", grey=True).astype(float)
+        seen = corners["frames_px"][frame][corners["frames_visible"][frame]]
+        assert len(seen) > 50
+        for x, y in np.round(seen).astype(int):
+            # Around a corner of a checkerboard half is black and half is white.
+            window = picture[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
+            assert 60 < window.mean() < 150
+
+
+def test_nothing_outside_the_truth_tells_the_truth(finished: Path) -> None:
+    truth = json.loads((finished / "truth" / "layout.json").read_text())
+    told = (finished / MANIFEST).read_text() + (finished / "layout.json").read_text()
+    assert repr(truth["camera"]["fx_px"]) not in told
+    assert repr(truth["mirrors"][0]["virtual_centre_in_rig_mm"][0]) not in told
+    assert "seed" not in json.loads((finished / MANIFEST).read_text())
+
+
+def test_the_same_request_gives_the_same_bytes(render: Render, finished: Path, tmp_path: Path) -> None:
+    render(tmp_path / "again")
+    assert contents(tmp_path / "again") == contents(finished)
+
+
+def test_another_seed_gives_another_set(render: Render, finished: Path, tmp_path: Path) -> None:
+    render(tmp_path / "other", seed=8, frames=1, base_frames=1)
+    first, other = contents(finished), contents(tmp_path / "other")
+    for name in ("frames/0000.png", "base/0000.png", "truth/layout.json", "truth/poses.json"):
+        assert first[name] != other[name]
+
+
+def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_path: Path) -> None:
+    out = tmp_path / "set"
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render(out, on_frame=interrupt)
+    dataset = Dataset.load(out)
+    assert not dataset.complete
+    assert [name for name in dataset.files if name.startswith("frames")] == ["frames/0000.png", "frames/0001.png"]
+    assert not (out / "frames" / "0002.png").exists()
+    written = (out / "frames" / "0000.png").stat().st_mtime_ns
+    (out / "frames" / "0001.png").write_bytes(b"half a pict")
+    (out / "frames" / ".0002-killed.png").write_bytes(b"left over by a killed run")
+    calls: list[tuple[int, int]] = []
+    render(out, on_frame=lambda done, total: calls.append((done, total)))
+    assert calls == [(done, FRAMES + BASE) for done in range(1, FRAMES + BASE + 1)]
+    assert (out / "frames" / "0000.png").stat().st_mtime_ns == written
+    assert contents(out) == contents(finished)
+
+
+def test_a_finished_set_renders_nothing_again(render: Render, finished: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in finished.glob("*/*.png")}
+    calls: list[tuple[int, int]] = []
+    render(finished, on_frame=lambda done, total: calls.append((done, total)))
+    assert calls == [(FRAMES + BASE, FRAMES + BASE)]
+    assert {path: path.stat().st_mtime_ns for path in finished.glob("*/*.png")} == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"seed": 8}, "seed"),
+        ({"spp": 9}, "settings"),
+        ({"frames": FRAMES + 1}, "frames"),
+        ({"tolerances": Tolerances(tilt_deg=0.1)}, "tolerances"),
+        ({"settings": RenderSettings(sensor=SensorModel(lens_blur_px=1.1))}, "settings"),
+    ],
+)
+def test_another_request_in_the_same_folder_is_refused(
+    render: Render, finished: Path, changes: dict[str, object], named: str
+) -> None:
+    before = contents(finished)
+    with pytest.raises(InputError, match=f"holds a set of another {named}"):
+        render(finished, **changes)
+    assert contents(finished) == before
+
+
+def test_a_folder_of_someone_else_is_left_alone(render: Render, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "holiday.png").write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"has a folder 'frames' but no dataset\.json"):
+        render(tmp_path)
+    assert set(contents(tmp_path)) == {"frames/holiday.png"}
+    (tmp_path / "file").write_bytes(b"mine")
+    with pytest.raises(InputError, match="is a file"):
+        render(tmp_path / "file")
+
+
+@pytest.mark.parametrize("what", ["board", "mirror", "tolerance"])
+def test_a_refusal_leaves_nothing_behind(what: str, small_layout: Layout, small_board: Charuco, tmp_path: Path) -> None:
+    layout, board, tolerances = small_layout, small_board, Tolerances(centre_px=2.0)
+    if what == "board":
+        board_too_small = Checkerboard(cols=20, rows=14, square_mm=2.0)
+    if what == "mirror":
+        layout = layout.replaced(mirrors=tuple(mirror.replaced(surface="second") for mirror in layout.mirrors))
+    if what == "tolerance":
+        tolerances = Tolerances(tilt_deg=30.0)
+    with pytest.raises(InputError) as error:
+        render_set(
+            layout,
+            board_too_small if what == "board" else board,
+            tmp_path / "set",
+            frames=1,
+            base_frames=1,
+            seed=0,
+            tolerances=tolerances,
+            spp=1,
+        )
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_checkerboard_and_frames_alone_are_rendered_too(small_layout: Layout, tmp_path: Path) -> None:
+    board = Checkerboard(cols=10, rows=7, square_mm=24.0)
+    request = {"frames": 1, "base_frames": 0, "seed": 0, "tolerances": Tolerances.none(), "spp": 3}
+    dataset = render_set(small_layout, board, tmp_path / "set", **request)  # type: ignore[arg-type]
+    assert dataset.complete
+    assert dataset.files["frames/0000.png"] == sha256(tmp_path / "set" / "frames" / "0000.png")
+    assert Layout.load(tmp_path / "set" / "truth" / "layout.json").camera == small_layout.camera

@@ -1,0 +1,129 @@
+"""What can be seen of a board, and where, without a renderer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.targets import Checkerboard
+from optics.values import FloatArray
+from render_scenes.truth import VISIBLE_MARGIN_PX, Oracle, points_in_rig
+
+BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
+
+
+def facing(layout: Layout, target: Checkerboard, depth_mm: float) -> FloatArray:
+    rig_from_board = np.eye(4)
+    rig_from_board[:3, :3] = layout.view_from_rig.T
+    middle = layout.view_from_rig.T @ np.array([0.0, -70.0, depth_mm])
+    rig_from_board[:3, 3] = middle - rig_from_board[:3, :3] @ np.array([*target.size_mm, 0.0]) / 2.0
+    return rig_from_board
+
+
+def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
+    pose = facing(distorted_layout, BOARD, 400.0)
+    px, _ = Oracle(distorted_layout, BOARD).by_mirrors(pose)
+    points = points_in_rig(BOARD.corners_in_board_mm, pose)
+    assert px.shape == (9, 19 * 13, 2)
+    for index in range(9):
+        np.testing.assert_array_equal(px[index], distorted_layout.project(points, index))
+
+
+def test_seen_is_inside_the_sub_image_and_the_sensor_by_the_margin(distorted_layout: Layout) -> None:
+    px, visible = Oracle(distorted_layout, BOARD).by_mirrors(facing(distorted_layout, BOARD, 400.0))
+    sensor = shapely.box(0.0, 0.0, 1919.0, 1079.0)
+    for index in range(9):
+        outline = shapely.Polygon(distorted_layout.outline_px(index, 200)).intersection(sensor)
+        inside = shapely.contains_xy(outline, *px[index].T)
+        edge = shapely.distance(shapely.boundary(outline), shapely.points(px[index]))
+        assert not (visible[index] & ~inside).any()
+        assert edge[visible[index]].min() > VISIBLE_MARGIN_PX - 0.1
+        clearly = inside & (edge > VISIBLE_MARGIN_PX + 0.5)
+        assert visible[index][clearly].all()
+        assert 20 < visible[index].sum() < len(visible[index])
+
+
+def test_the_blank_side_of_a_board_shows_nothing(default_layout: Layout) -> None:
+    oracle = Oracle(default_layout, BOARD)
+    pose = facing(default_layout, BOARD, 400.0)
+    assert oracle.by_mirrors(pose)[1].any()
+    turned = pose @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    turned[:3, 3] = pose[:3, 3] + pose[:3, 0] * BOARD.size_mm[0]
+    px, visible = oracle.by_mirrors(turned)
+    np.testing.assert_allclose(np.sort(px[4], axis=0), np.sort(oracle.by_mirrors(pose)[0][4], axis=0), atol=1e-6)
+    assert not visible.any()
+
+
+def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None:
+    pose = facing(default_layout, BOARD, 400.0)
+    behind = pose.copy()
+    # The board reflected to the other side of the central mirror, as far as a rigid motion can.
+    behind[:3, 3] = default_layout.mirrors[4].reflect(pose[:3, 3])
+    assert not Oracle(default_layout, BOARD).by_mirrors(behind)[1][4].any()
+
+
+def folding_mirror() -> Mirror:
+    """At 45 degrees, 80 mm up the axis of the camera, seen within 0.1 of its middle in normalized coordinates."""
+    window = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+    depth = 80.0 / (1.0 - window[:, 1:])  # of the plane z - y = 80
+    return Mirror(
+        virtual_centre_in_rig_mm=[0.0, -80.0, 80.0],
+        outline_in_rig_mm=np.concatenate([window, np.ones((4, 1))], axis=1) * depth,
+    )
+
+
+@pytest.mark.parametrize(("left_mm", "hidden"), [(-50.0, "all"), (0.0, "some"), (60.0, "none")])
+def test_a_mirror_in_the_way_hides_the_board(left_mm: float, hidden: str) -> None:
+    # The other mirror stands across the beam, 150 mm before the first: no pixel shows it, but it is in the way.
+    across = Mirror.from_plane(
+        np.array([0.0, 150.0, 0.0]),
+        np.array([0.0, -1.0, 0.0]),
+        outline_in_rig_mm=[[x, 150.0, z] for x, z in ((left_mm, 40), (110, 40), (110, 140), (left_mm, 140))],
+    )
+    layout = Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=(folding_mirror(), across))
+    target = Checkerboard(cols=6, rows=5, square_mm=8.0)
+    pose = facing(layout, target, 300.0)
+    pose[2, 3] += 10.0
+    alone = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(folding_mirror(),))
+    assert Oracle(alone, target).by_mirrors(pose)[1].all()
+    visible = Oracle(layout, target).by_mirrors(pose)[1][0]
+    assert {"all": not visible.any(), "some": visible.any() and not visible.all(), "none": visible.all()}[hidden]
+
+
+def test_corners_without_an_image_are_nan_and_not_seen(default_layout: Layout) -> None:
+    behind_camera = np.eye(4)
+    behind_camera[:3, 3] = [-120.0, -84.0, -300.0]
+    oracle = Oracle(default_layout, BOARD)
+    px, visible = oracle.direct(behind_camera)
+    assert np.isnan(px).all()
+    assert not visible.any()
+
+
+def test_the_bare_camera_sees_the_printed_side_only(default_layout: Layout) -> None:
+    oracle = Oracle(default_layout, BOARD)
+    pose = np.eye(4)
+    pose[:3, 3] = [-120.0, -84.0, 400.0]
+    px, visible = oracle.direct(pose)
+    np.testing.assert_array_equal(px, default_layout.camera.project(BOARD.corners_in_board_mm + pose[:3, 3]))
+    assert visible.all()
+    pose[:3, 3] = [-120.0 + 300.0, -84.0, 400.0]
+    shifted, seen = oracle.direct(pose)
+    np.testing.assert_array_equal(seen, shifted[:, 0] <= 1919.0 - VISIBLE_MARGIN_PX)
+    assert 0 < seen.sum() < len(seen)
+    turned = pose @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    turned[:3, 3] = [120.0, -84.0, 400.0]
+    assert not oracle.direct(turned)[1].any()
+
+
+def test_stacked_poses_are_the_single_ones(default_layout: Layout) -> None:
+    oracle = Oracle(default_layout, BOARD)
+    poses = [facing(default_layout, BOARD, depth) for depth in (320.0, 500.0)]
+    px, visible = oracle.all_by_mirrors(poses)
+    for frame, pose in enumerate(poses):
+        np.testing.assert_array_equal(px[frame], oracle.by_mirrors(pose)[0])
+        np.testing.assert_array_equal(visible[frame], oracle.by_mirrors(pose)[1])
+    assert oracle.all_direct([])[0].shape == (0, 19 * 13, 2)
