@@ -55,7 +55,7 @@ def scaled(camera: Camera, factor: float) -> Camera:
     """The same camera with its pixels binned: pixel (0, 0) is a centre, so that the corner (-0.5, -0.5) stays."""
     width, height = round(camera.width_px * factor), round(camera.height_px * factor)
     return camera.replaced(
-        name=f"{camera.name} at {width}x{height}",
+        name=f"{camera.name}, scaled by {factor:g}",
         width_px=width,
         height_px=height,
         fx_px=camera.fx_px * factor,
@@ -201,8 +201,7 @@ def run_all(recipe: Recipe, root: Path, command: str) -> bool:
         },
     )
     write_page(root, command=command, small=recipe.small)
-    print_metrics(
-        {"measured": {name: metric for name, metric in {**part, **truth}.items() if metric.limit is not None}}
-    )
+    failed = {name: metric for name, metric in part.items() if not metric.passed}
+    print_metrics({"measured": failed | {name: metric for name, metric in truth.items() if metric.limit is not None}})
     say("done", f"open {root / 'index.html'}")
     return all(metric.passed for metrics in (design, part, truth) for metric in metrics.values())

@@ -21,6 +21,14 @@ _WORDS = {
     "stl": "STL",
     "p95": "95 % quantile",
 }
+_LABELS = {
+    "normal_error_max_deg": "Direction of the worst mirror, from the truth",
+    "distance_error_max_mm": "Distance of the worst mirror, from the truth",
+    "held_out_rms_x_px": "Corners in frames left out of the fit, RMS in x",
+    "held_out_rms_y_px": "Corners in frames left out of the fit, RMS in y",
+    "held_out_spatial_rms_mm": "The same in space, pixel ray to corner, RMS",
+    "decoded_corner_rms_px": "Corners in decoded views, from a pinhole at the true place, RMS",
+}
 _HEADLINES = {
     "normal_error_max_deg": "is how far the worst mirror's calibrated direction is from the truth",
     "decoded_corner_rms_px": "is the RMS distance of decoded corners from where true positions predict them",
@@ -80,6 +88,8 @@ class Report:
 
 def label(name: str) -> str:
     """A figure's name as people read it: without its unit, which stands beside the value."""
+    if name in _LABELS:
+        return _LABELS[name]
     for ending in _UNIT_ENDINGS:
         name = name.removesuffix(ending)
     words = (_WORDS.get(word, re.sub(r"^(\d+)mm$", r"at \1 mm", word)) for word in name.split("_"))

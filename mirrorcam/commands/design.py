@@ -27,11 +27,10 @@ def write_design(spec: DesignSpec, out: Path) -> None:
 
     Raises InfeasibleDesign, before anything is written, when no layout meets the spec.
     """
+    from mirrorcam.figures.design import before_after
     from optics.design.metrics import evaluate
     from optics.design.optimise import design
     from optics.design.seeds import faceted_parabola
-
-    from mirrorcam.figures.design import before_after
 
     optimised = design(spec)
     parabola = faceted_parabola(spec)

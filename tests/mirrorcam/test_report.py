@@ -88,7 +88,7 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
     for words in (
         "one webcam and two flat mirrors",
         "All 2 checks pass",
-        "Normal error max",
+        "Direction of the worst mirror, from the truth",
         "0.004°",
         "≤ 0.02°",
         "53%",
@@ -140,14 +140,12 @@ def test_every_text_is_escaped(report: Report) -> None:
 
 def test_a_figure_past_its_limit_is_named_first_and_fails_the_page(report: Report) -> None:
     worse = Metric(value=0.05, unit="deg", limit=0.02)
-    page = index_html(
-        replace(report, truth={"held_out_rms_px": Metric(value=0.05, unit="px", limit=0.1), "tilt": worse})
-    )
+    page = index_html(replace(report, truth={"rms_x_px": Metric(value=0.05, unit="px", limit=0.1), "tilt": worse}))
     text = outline(page).text
     assert "1 of 3 checks failed: Tilt" in text
     assert "FAIL" in text
     table = page[page.index("Against the truth") :]
-    assert table.index("Tilt") < table.index("Held out RMS")
+    assert table.index("Tilt") < table.index("RMS x")
     assert "checks pass" not in text
 
 
@@ -177,6 +175,6 @@ def test_checks_of_the_part_are_folded_away_unless_one_fails(report: Report) -> 
 
 
 def test_labels_and_numbers() -> None:
-    assert label("held_out_rms_x_px") == "Held out RMS x"
+    assert label("direct_rms_x_px") == "Direct RMS x"
     assert label("pixel_efficiency_300mm") == "Pixel efficiency at 300 mm"
     assert (number_word(9), number_word(20)) == ("nine", "20")
