@@ -109,11 +109,14 @@ def _jpeg_ends(raw: bytes) -> bool:
 
 
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
-    """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey; truncated or foreign files raise InputError."""
+    """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey, as the sensor saw it (a turn noted in EXIF is not applied).
+
+    Truncated or foreign files raise InputError.
+    """
     raw = read_bytes(path)
     if (raw.startswith(b"\x89PNG") and PNG_END not in raw) or (raw.startswith(b"\xff\xd8") and not _jpeg_ends(raw)):
         raise InputError(f"{path}: image is truncated")
-    flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
+    flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB) | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags) if raw else None
     if image is None:
         raise InputError(f"{path}: not an image that can be decoded, expected PNG or JPEG")

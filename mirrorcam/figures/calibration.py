@@ -50,7 +50,12 @@ def _distribution(axes: Axes, calibration: Calibration) -> None:
     used = calibration.residuals_px[calibration.inliers]
     reach = 4.0 * float(used.std())
     for axis, values in zip("xy", used.T, strict=True):
-        axes.hist(values, bins=np.linspace(-reach, reach, 61).tolist(), histtype="step", label=f"{axis}: {values.std():.3f} px")
+        axes.hist(
+            values,
+            bins=np.linspace(-reach, reach, 61).tolist(),
+            histtype="step",
+            label=f"{axis}: {values.std():.3f} px",
+        )
     axes.set(
         xlabel="residual px", ylabel="corners", title=f"{len(used)} corners, {int((~calibration.inliers).sum())} out"
     )

@@ -94,7 +94,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[F
     shape = (target.cols - 1, target.rows - 1)
     boards: list[FloatArray] = []
     height, width = grey.shape
-    for parts in (1, 2, 3):
+    for parts in (1, 2):
         tile_w, tile_h = -(-2 * width // (parts + 1)), -(-2 * height // (parts + 1))
         for row in range(parts):
             for col in range(parts):

@@ -64,7 +64,7 @@ def calibrate_with_direct_view(
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
     found = []
     for number, picture in enumerate(pictures):
-        found.append(find_checkerboards(picture, target, most=2**mirrors))
+        found.append(find_checkerboards(picture, target, most=mirrors + 1))
         if on_picture is not None:
             on_picture(number + 1, len(pictures))
     if not any(found):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from optics.calibration.bootstrap import behind, virtual_centre_between
 from optics.calibration.corners import Grey
@@ -18,29 +19,27 @@ from optics.layout import Layout
 from optics.mirror import Mirror, reflect
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
-from tests.optics.synthetic import posed, render
+from tests.optics.synthetic import render
 
 BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
-CAMERA = Camera(width_px=1200, height_px=700, fx_px=900.0, fy_px=903.0, cx_px=590.0, cy_px=355.0, distortion=[-0.08, 0.05, 0, 0, 0])  # fmt: skip
+CAMERA = Camera(width_px=900, height_px=600, fx_px=675.0, fy_px=677.0, cx_px=442.0, cy_px=41.0, distortion=[-0.08, 0.05, 0, 0, 0])  # fmt: skip
 
 
 def corner_of_two_mirrors(opening_deg: float) -> Layout:
-    """Two upright mirrors that meet at z = 900 mm before the camera, the left half of the picture in one of them."""
+    """Two upright mirrors that meet at z = 650 mm before the camera, the left half of the picture in one of them."""
     mirrors = []
     half = np.radians(opening_deg / 2)
-    for side, low, high in ((-1, -0.64, -0.005), (1, 0.005, 0.64)):
+    for side, low, high in ((-1, -0.65, -0.005), (1, 0.005, 0.65)):
         normal = np.array([-side * np.cos(half), 0.0, -np.sin(half)])
-        plain = np.array([[low, -0.38], [high, -0.38], [high, 0.38], [low, 0.38]])
+        plain = np.array([[low, -0.05], [high, -0.05], [high, 0.8], [low, 0.8]])
         rays = np.column_stack([plain, np.ones(4)])
-        outline = rays * ((normal @ [0.0, 0.0, 900.0]) / (rays @ normal))[:, None]
-        mirrors.append(Mirror.from_plane(np.array([0.0, 0.0, 900.0]), normal, outline_in_rig_mm=outline))
+        outline = rays * ((normal @ [0.0, 0.0, 650.0]) / (rays @ normal))[:, None]
+        mirrors.append(Mirror.from_plane(np.array([0.0, 0.0, 650.0]), normal, outline_in_rig_mm=outline))
     return Layout(rows=1, cols=2, camera=CAMERA, mirrors=tuple(mirrors), view_from_rig=np.eye(3))
 
 
-def picture_of(layout: Layout, centre: FloatArray, turn_deg: FloatArray, seed: int) -> Grey:
+def picture_of(layout: Layout, pose: FloatArray, seed: int) -> Grey:
     """The mirrors' picture with the board itself in front of it."""
-    pose = posed(BOARD, centre, turn_deg, direct=True)
-    # A board with its back to the mirrors would not be seen in them, so this one is printed on both sides.
     through = render(CAMERA, layout, BOARD, pose, noise_grey=1.0, seed=seed)
     direct = render(CAMERA, None, BOARD, pose, noise_grey=1.0, seed=seed)
     size = np.array(BOARD.size_mm)
@@ -54,19 +53,29 @@ def picture_of(layout: Layout, centre: FloatArray, turn_deg: FloatArray, seed: i
     return np.where(inside, direct, through).astype(np.uint8)
 
 
+# Middle of the board in mm; then its slope towards the camera, spin on that slope and lean, in degrees.
 POSES = [
-    ((10.0, 150.0, 640.0), (60.0, 10.0, 20.0)),
-    ((-20.0, 140.0, 660.0), (55.0, -15.0, -30.0)),
-    ((25.0, 160.0, 620.0), (65.0, 5.0, 60.0)),
-    ((0.0, 150.0, 600.0), (50.0, 20.0, -5.0)),
-    ((-15.0, 155.0, 680.0), (62.0, -8.0, 100.0)),
+    ((10.0, 270.0, 450.0), (-84.0, 30.0, 0.0)),
+    ((-15.0, 265.0, 440.0), (-78.0, -25.0, 6.0)),
+    ((15.0, 280.0, 460.0), (-86.0, 75.0, -6.0)),
+    ((0.0, 260.0, 440.0), (-75.0, 10.0, 4.0)),
+    ((-10.0, 275.0, 450.0), (-90.0, 120.0, 0.0)),
 ]
+
+
+def lying(centre: tuple[float, ...], turns_deg: tuple[float, ...]) -> FloatArray:
+    """rig_from_board (4, 4) of a board that lies before the mirrors, its print towards camera and mirrors alike."""
+    slope, spin, lean = turns_deg
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("XYZ", [slope, lean, spin], degrees=True).as_matrix()
+    matrix[:3, 3] = centre - matrix[:3, :3] @ BOARD.corners_in_board_mm.mean(axis=0)
+    return matrix
 
 
 @pytest.fixture(scope="module")
 def calibrated() -> tuple[Layout, Calibration]:
     truth = corner_of_two_mirrors(90.0)
-    pictures = [picture_of(truth, np.array(c), np.array(t), seed) for seed, (c, t) in enumerate(POSES)]
+    pictures = [picture_of(truth, lying(*pose), seed) for seed, pose in enumerate(POSES)]
     names = [f"{number}.png" for number in range(len(pictures))]
     return truth, calibrate_with_direct_view(pictures, BOARD, mirrors=2, names=names)
 
@@ -121,7 +130,7 @@ def test_what_does_not_suffice_is_refused_in_one_line(calibrated: tuple[Layout, 
         charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
         calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]
     truth, _ = calibrated
-    bare = [render(CAMERA, None, BOARD, posed(BOARD, np.array(c), np.array(t), direct=True)) for c, t in POSES[:3]]
+    bare = [render(CAMERA, None, BOARD, lying(*pose)) for pose in POSES[:3]]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
 
