@@ -1,1 +1,1 @@
-"""Figures: each module draws what one room has made."""
+"""Pictures of results; each module imports matplotlib, so import them where a picture is made."""

@@ -1,0 +1,181 @@
+"""The paper's "before and after": a design's start beside its optimum (tech report, figure "OptimizingMirrorCam")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patches import Polygon as PolygonPatch
+from shapely import Polygon, union_all
+
+from optics.design.metrics import common_region, fitted_grid, grid_error, pixel_efficiency, seen_px
+from optics.files import atomic
+from optics.layout import Layout
+from optics.values import FloatArray
+
+MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777777", "#228833", "#333333"
+LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
+DEPTHS_PER_ROW = 3
+
+
+def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
+    """Write a PNG of two layouts side by side: sensor, mirrors from the side and the front, overlap at each depth.
+
+    The depths are those of the optimised layout's spec (or of the parabola's). Panels of one kind share their scale.
+    Raises ValueError where neither layout has a spec.
+    """
+    spec = optimised.spec or parabola.spec
+    if spec is None:
+        raise ValueError("before_after needs a layout with a spec, found none to take depths from")
+    depths_mm = sorted(spec.depths_mm)
+    overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
+    heights = [0.75, 5.3, 3.75] + [3.75] * len(overlap_rows)
+    figure = Figure(figsize=(16.0, sum(heights)), layout="constrained")
+    sides = np.asarray(figure.subfigures(1, 2, wspace=0.02))
+    same_scale: list[list[Axes]] = []
+    for side, name, layout in zip(sides, ("Faceted parabola", "Optimised"), (parabola, optimised), strict=True):
+        head, top, middle, *below = side.subfigures(len(heights), 1, height_ratios=heights)
+        head.text(0.5, 0.62, name, ha="center", va="center", fontsize=17, fontweight="bold")
+        head.text(0.5, 0.18, _figures(layout, depths_mm), ha="center", va="center", fontsize=13)
+        _sensor(top.subplots(), layout, depths_mm)
+        from_side, from_front = middle.subplots(1, 2, width_ratios=(1.15, 1.0))
+        _side(from_side, layout)
+        _front(from_front, layout)
+        same_scale.append([from_side, from_front])
+        for part, row in zip(below, overlap_rows, strict=True):
+            panels = part.subplots(1, len(row), squeeze=False)[0]
+            for axes, depth_mm in zip(panels, row, strict=True):
+                _overlap(axes, layout, depth_mm)
+            same_scale[-1].extend(panels)
+    for column in zip(*same_scale, strict=True):
+        _share_limits(column)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
+    shares = ", ".join(f"{pixel_efficiency(layout, depth):.0%} at {depth:g} mm" for depth in depths_mm)
+    return f"grid error {grid_error(layout):.3f} of a spacing, pixel efficiency {shares}"
+
+
+def _share_limits(column: Sequence[Axes]) -> None:
+    for get, put in ((Axes.get_xlim, Axes.set_xlim), (Axes.get_ylim, Axes.set_ylim)):
+        limits = np.array([get(axes) for axes in column])
+        for axes in column:
+            put(axes, limits[:, 0].min(), limits[:, 1].max())
+
+
+def _outline(axes: Axes, points: FloatArray, **style: Any) -> None:
+    axes.add_patch(PolygonPatch(points, closed=True, **style))
+
+
+def _vertices(region: Polygon) -> FloatArray:
+    return np.array(region.exterior.coords)[:-1]
+
+
+def _fill(colour: str, opacity: float) -> tuple[float, float, float, float]:
+    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    return red, green, blue, opacity
+
+
+def _finish(axes: Axes, title: str, x: str, y: str, handles: Sequence[Artist]) -> None:
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_title(title, fontsize=12)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.tick_params(labelsize=9)
+    # The legend's distance is counted in font sizes, so that it clears the axis label under panels of any height.
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
+    axes.legend(handles=handles, ncols=len(handles), frameon=False, fontsize=9, **place)
+
+
+def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
+    """Sub-images on the sensor and, in them, the region that all views see."""
+    camera = layout.camera
+    for k in range(len(layout.mirrors)):
+        _outline(axes, layout.outline_px(k), facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, linewidth=1.3)
+    for depth_mm, line in zip(depths_mm, cycle(LINE_STYLES)):
+        region, _ = common_region(layout, depth_mm)
+        for k in range(len(layout.mirrors) if not region.is_empty else 0):
+            seen = seen_px(layout, region, depth_mm, k)
+            _outline(axes, seen, facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linewidth=1.3, linestyle=line)
+    for k in range(len(layout.mirrors)):
+        middle = layout.outline_px(k).mean(axis=0)
+        axes.annotate(f"{k}", middle, ha="center", va="center", fontsize=11, color=CAMERA)
+    axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5))
+    handles = [Patch(facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, label="sub-image")]
+    for depth_mm, line in zip(depths_mm, cycle(LINE_STYLES)):
+        label = f"seen by all at {depth_mm:g} mm"
+        handles.append(Patch(facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linestyle=line, label=label))
+    _finish(axes, "Sub-images on the sensor", "x px", "y px", handles)
+
+
+def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
+    """Virtual centres, the ideal grid they should be on, and what parts them, along two axes of the rig."""
+    grid = (fitted_grid(layout)[0] @ layout.view_from_rig)[..., [first, second]]
+    for line in (*grid, *np.swapaxes(grid, 0, 1)):
+        axes.plot(*line.T, color=GRID, linewidth=0.9, zorder=2)
+    centres = layout.virtual_centres_in_rig_mm[:, [first, second]]
+    for centre, node in zip(centres, grid.reshape(-1, 2), strict=True):
+        axes.plot(*np.array([centre, node]).T, color=VIEW, linewidth=1.6, zorder=3)
+    axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6, zorder=4)
+    axes.plot(*centres.T, "o", color=VIEW, markersize=5, zorder=5)
+
+
+def _side(axes: Axes, layout: Layout) -> None:
+    """Mirrors, camera and virtual cameras from the side: the scene lies to the right."""
+    end_mm = 1.6 * max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in layout.mirrors)
+    for k, mirror in enumerate(layout.mirrors):
+        outline = mirror.outline_in_rig_mm
+        if k % layout.cols == layout.central_index % layout.cols:
+            chief = mirror.cut(mirror.outline_normalized.mean(axis=0))
+            leaving = chief - mirror.virtual_centre_in_rig_mm
+            end = chief + leaving * ((end_mm - chief[1]) / leaving[1])
+            axes.plot(*np.array([np.zeros(3), chief, end])[:, [1, 2]].T, color=RAY, linewidth=1.2, zorder=1)
+        _outline(axes, outline[:, [1, 2]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
+    _virtual_cameras(axes, layout, 1, 2)
+    axes.plot(0.0, 0.0, "^", color=CAMERA, markersize=10)
+    axes.annotate("camera", (0.0, 0.0), (9, 0), textcoords="offset points", va="center", fontsize=9, color=CAMERA)
+    axes.margins(0.06)
+    handles = [Line2D([], [], color=MIRROR, label="mirror"), Line2D([], [], color=RAY, label="chief ray")]
+    _finish(axes, "From the side", "y mm (towards the scene)", "z mm (up)", handles)
+
+
+def _front(axes: Axes, layout: Layout) -> None:
+    """Mirrors and virtual cameras from behind, looking along the view axis: x to the right."""
+    for mirror in layout.mirrors:
+        outline = mirror.outline_in_rig_mm[:, [0, 2]]
+        _outline(axes, outline, facecolor=_fill(MIRROR, 0.12), edgecolor=MIRROR, linewidth=0.8)
+    _virtual_cameras(axes, layout, 0, 2)
+    axes.margins(0.06)
+    handles = [
+        Line2D([], [], color=VIEW, marker="o", linestyle="none", label="virtual camera"),
+        Line2D([], [], color=GRID, marker="s", markerfacecolor="white", label="ideal grid"),
+    ]
+    _finish(axes, "Virtual cameras along the view", "x mm", "z mm (up)", handles)
+
+
+def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
+    """What each view sees of the plane at a depth, and what all see."""
+    region, footprints = common_region(layout, depth_mm)
+    for seen in footprints:
+        if not seen.is_empty:
+            _outline(axes, _vertices(seen), facecolor=_fill(MIRROR, 0.07), edgecolor=MIRROR, linewidth=0.9)
+    if not region.is_empty:
+        _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
+    axes.margins(0.04)
+    axes.autoscale_view()
+    share = region.area / union_all(footprints).area
+    handles = [
+        Line2D([], [], color=MIRROR, label="one view"),
+        Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label=f"all views ({share:.0%} of the union)"),
+    ]
+    _finish(axes, f"Overlap at {depth_mm:g} mm", "x mm", "z mm (up)", handles)
