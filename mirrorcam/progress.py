@@ -66,11 +66,11 @@ def count_text(count: int, thing: str) -> str:
     return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
-def figure_text(value: float) -> str:
-    """A measured figure as people read it: four significant digits, two where it is tiny, all digits of thousands."""
+def figure_text(value: float, digits: int = 4) -> str:
+    """A measured figure as people read it: a few significant digits, two where it is tiny, all of thousands."""
     if abs(value) >= 1000:
         return f"{value:.0f}"
-    return f"{value:.4g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
 def limit_text(metric: Metric) -> str:

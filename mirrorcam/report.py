@@ -97,12 +97,12 @@ def label(name: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def value_text(metric: Metric, value: float) -> str:
+def value_text(metric: Metric, value: float, digits: int = 4) -> str:
     """A value with its unit; a share as a percentage, and no unit for a plain number."""
     if metric.unit.startswith("of the "):
         return f"{value:.1%}"
     unit = {"1": "", "deg": "°"}.get(metric.unit, f" {metric.unit}")
-    return f"{figure_text(value)}{unit}"
+    return f"{figure_text(value, digits)}{unit}"
 
 
 def share_of_limit(metric: Metric) -> float:
@@ -221,7 +221,7 @@ def _highlights(report: Report) -> str:
             tiles.append(_highlight(f"{metric.value:.0%}", f"of the sensor shows the common scene at {depth}{versus}"))
     for name, text in _HEADLINES.items():
         if name in report.truth:
-            tiles.append(_highlight(value_text(report.truth[name], report.truth[name].value), text))
+            tiles.append(_highlight(value_text(report.truth[name], report.truth[name].value, digits=2), text))
     return "".join(tiles)
 
 
