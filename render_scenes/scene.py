@@ -110,9 +110,8 @@ class BoardScene:
         import mitsuba as mi
 
         self.camera, self.target = camera, target
-        sheet = print_on_paper(target)[
-            ::-1
-        ]  # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle
+        # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
+        sheet = print_on_paper(target)[::-1]
         radiance = settings.ink + (settings.paper - settings.ink) * (sheet / 255.0)
         self.scene = mi.load_dict(
             {

@@ -59,11 +59,22 @@ def test_the_blank_side_of_a_board_shows_nothing(default_layout: Layout) -> None
 
 
 def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None:
-    pose = facing(default_layout, BOARD, 400.0)
-    behind = pose.copy()
-    # The board reflected to the other side of the central mirror, as far as a rigid motion can.
-    behind[:3, 3] = default_layout.mirrors[4].reflect(pose[:3, 3])
-    assert not Oracle(default_layout, BOARD).by_mirrors(behind)[1][4].any()
+    mirror, target = default_layout.mirrors[4], Checkerboard(cols=4, rows=3, square_mm=1.0)
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    for at, seen in ((4.0, True), (0.6, False)):
+        # On the ray that meets the middle of the mirror; its image lies before the mirror when it lies behind.
+        place = mirror.reflect(at * middle)
+        rig_from_board = np.eye(4)
+        away = place - mirror.virtual_centre_in_rig_mm
+        x_axis = np.cross(away, [0.0, 0.0, 1.0])
+        axes = np.stack([x_axis, np.cross(away, x_axis), away], axis=1)
+        rig_from_board[:3, :3] = axes / np.linalg.norm(axes, axis=0)
+        rig_from_board[:3, 3] = place - rig_from_board[:3, :3] @ [2.0, 1.5, 0.0]
+        px, visible = Oracle(default_layout, target).by_mirrors(rig_from_board)
+        expected = default_layout.camera.project(middle)
+        np.testing.assert_allclose(px[4].mean(axis=0), expected, atol=2.0)
+        assert visible[4].all() == seen
+        assert visible[4].any() == seen
 
 
 def folding_mirror() -> Mirror:
