@@ -23,7 +23,8 @@ from optics.values import FloatArray
 
 MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777777", "#228833", "#333333"
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
-DEPTHS_PER_ROW = 3
+DEPTHS_PER_ROW = 2
+LEGEND_COLUMNS = 3
 
 
 def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
@@ -62,8 +63,12 @@ def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
 
 
 def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
-    shares = ", ".join(f"{pixel_efficiency(layout, depth):.0%} at {depth:g} mm" for depth in depths_mm)
-    return f"grid error {grid_error(layout):.3f} of a spacing, pixel efficiency {shares}"
+    shares = [pixel_efficiency(layout, depth_mm) for depth_mm in depths_mm]
+    if len(shares) > DEPTHS_PER_ROW:
+        efficiency = f"{min(shares):.0%} to {max(shares):.0%} at {depths_mm[0]:g} to {depths_mm[-1]:g} mm"
+    else:
+        efficiency = ", ".join(f"{share:.0%} at {depth:g} mm" for share, depth in zip(shares, depths_mm, strict=True))
+    return f"grid error {grid_error(layout):.3f} of a spacing, pixel efficiency {efficiency}"
 
 
 def _share_limits(column: Sequence[Axes]) -> None:
@@ -94,7 +99,7 @@ def _finish(axes: Axes, title: str, x: str, y: str, handles: Sequence[Artist]) -
     axes.tick_params(labelsize=9)
     # The legend's distance is counted in font sizes, so that it clears the axis label under panels of any height.
     place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
-    axes.legend(handles=handles, ncols=len(handles), frameon=False, fontsize=9, **place)
+    axes.legend(handles=handles, ncols=min(len(handles), LEGEND_COLUMNS), frameon=False, fontsize=9, **place)
 
 
 def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
@@ -173,9 +178,10 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
         _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
     axes.margins(0.04)
     axes.autoscale_view()
-    share = region.area / union_all(footprints).area
+    share, overlap = pixel_efficiency(layout, depth_mm), region.area / union_all(footprints).area
+    title = f"{depth_mm:g} mm: {share:.0%} of the sensor, overlap {overlap:.0%}"
     handles = [
         Line2D([], [], color=MIRROR, label="one view"),
-        Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label=f"all views ({share:.0%} of the union)"),
+        Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label="all views"),
     ]
-    _finish(axes, f"Overlap at {depth_mm:g} mm", "x mm", "z mm (up)", handles)
+    _finish(axes, title, "x mm", "z mm (up)", handles)
