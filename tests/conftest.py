@@ -28,5 +28,5 @@ def two_mirror_photos() -> list[Path]:
     folders = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/two_mirror_photos"))
     photos = [photo for folder in folders for photo in sorted(folder.glob("photo_*.jpg"))]
     if len(photos) != 8:
-        pytest.skip(f"{len(photos)} of 8 photographs in $MIRRORCAM_PHOTOS or data/two_mirror_photos beside the checkout")
+        pytest.skip(f"{len(photos)} of 8 photographs in $MIRRORCAM_PHOTOS or beside the checkout")
     return photos

@@ -55,9 +55,7 @@ def render(
     rays = rays_through(camera)
     height, width = rays.shape[:2]
     image = np.full((height, width), 12.0, dtype=np.float32)
-    texture = cv2.copyMakeBorder(
-        target.image(PX_PER_SQUARE), PX_PER_SQUARE, PX_PER_SQUARE, PX_PER_SQUARE, PX_PER_SQUARE, cv2.BORDER_CONSTANT, value=(255,)
-    )  # fmt: skip
+    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255)
     views = [None] if layout is None else list(layout.mirrors)
     for mirror in views:
         if mirror is None:
@@ -66,7 +64,7 @@ def render(
         else:
             mask = np.zeros((height, width), dtype=np.uint8)
             outline = camera.pixels_from_normalized(mirror.outline_normalized)
-            corners = np.rint(((outline + 0.5) * SUPERSAMPLING - 0.5)).astype(np.int32)
+            corners = np.rint((outline + 0.5) * SUPERSAMPLING - 0.5).astype(np.int32)
             cv2.fillConvexPoly(mask, corners, 1)
             inside = mask.astype(bool)
             origin = mirror.virtual_centre_in_rig_mm

@@ -25,7 +25,15 @@ BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=9.3)
 CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
 
 
-TURNS_DEG = [(20.0, 15, 5), (-22.0, 10, -8), (5.0, -28, 12), (-8.0, 25, 0), (25.0, -18, -15), (-25.0, -20, 7), (0.0, 5, 25)]  # fmt: skip
+TURNS_DEG = [
+    (20.0, 15.0, 5.0),
+    (-22.0, 10.0, -8.0),
+    (5.0, -28.0, 12.0),
+    (-8.0, 25.0, 0.0),
+    (25.0, -18.0, -15.0),
+    (-25.0, -20.0, 7.0),
+    (0.0, 5.0, 25.0),
+]
 
 
 def mirrored_pose(number: int) -> FloatArray:

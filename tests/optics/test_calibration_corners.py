@@ -14,7 +14,15 @@ from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 from tests.optics.synthetic import posed, render
 
-CAMERA = Camera(width_px=800, height_px=500, fx_px=700.0, fy_px=702.0, cx_px=395.0, cy_px=255.0, distortion=[0.05, -0.1, 3e-4, -5e-4, 0])  # fmt: skip
+CAMERA = Camera(
+    width_px=800,
+    height_px=500,
+    fx_px=700.0,
+    fy_px=702.0,
+    cx_px=395.0,
+    cy_px=255.0,
+    distortion=[0.05, -0.1, 3e-4, -5e-4, 0],
+)
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=20.0)
 CHARUCO = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=12.6)
 DIRECT_POSE = posed(PLAIN, np.array([5.0, -8.0, 330.0]), np.array([12.0, -20.0, 8.0]), direct=True)
@@ -91,7 +99,10 @@ def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
 
 def test_several_boards_are_found_in_one_picture() -> None:
     small = Checkerboard(cols=8, rows=7, square_mm=9.0)
-    views = [posed(small, np.array([x, 0.0, 300.0]), np.array([5.0, 10.0, r]), direct=True) for x, r in ((-60, 20), (60, -30))]  # fmt: skip
+    views = [
+        posed(small, np.array([x, 0.0, 300.0]), np.array([5.0, 10.0, roll]), direct=True)
+        for x, roll in ((-60.0, 20.0), (60.0, -30.0))
+    ]
     pictures = [render(CAMERA, None, small, pose) for pose in views]
     together = np.where(np.arange(800) < 395, pictures[0], pictures[1])
     boards = find_checkerboards(together, small, most=4)
@@ -109,7 +120,8 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
     assert len(whole) == 40
     assert rms(whole.pixels - truth) < 0.05
     hand = tuple(int(v) for v in truth[11])
-    covered = cv2.circle(picture.copy(), hand, 45, (120,), -1)
+    covered = picture.copy()
+    cv2.circle(covered, hand, 45, (120,), -1)
     partly = confirm(covered, near, PLAIN)
     hidden = np.linalg.norm(truth - truth[11], axis=1) < 45
     assert not set(partly.ids) & set(np.flatnonzero(hidden))

@@ -55,7 +55,7 @@ def _make_scene(modes: int = 0) -> Scene:
     views = [(frame, view) for frame in range(8) for view in range(MIRRORS)] + [(f, DIRECT) for f in range(8, 14)]
     seen = Observations.join([Observations.of_view(f, v, every, np.zeros((len(corners), 2))) for f, v in views])
     pixels = residuals(truth, seen, board)
-    inside = ((pixels > 0) & (pixels < [1919, 1079])).all(axis=1)
+    inside = np.all((pixels > 0) & (pixels < [1919, 1079]), axis=1)
     return Scene(truth, board, replace(seen.where(inside), pixels=pixels[inside]))
 
 
@@ -155,7 +155,8 @@ def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
     bad = random.random(len(seen)) < 0.01
     pixels = seen.pixels.copy()
     pixels[bad] += 20 * SIGMA_PX * np.sign(random.normal(size=(bad.sum(), 2)))
-    solution = fit(_disturbed(scene.truth, 2, tilt_deg=0.5, offset_mm=0.5, focal_px=5.0), replace(seen, pixels=pixels), scene.board, ALL)  # fmt: skip
+    start = _disturbed(scene.truth, 2, tilt_deg=0.5, offset_mm=0.5, focal_px=5.0)
+    solution = fit(start, replace(seen, pixels=pixels), scene.board, ALL)
     assert not solution.inliers[bad].any()
     assert solution.inliers[~bad].mean() > 0.999
     clean = fit(scene.truth, seen.where(~bad), scene.board, ALL)

@@ -22,7 +22,15 @@ from optics.values import FloatArray, InputError
 from tests.optics.synthetic import render
 
 BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
-CAMERA = Camera(width_px=900, height_px=600, fx_px=675.0, fy_px=677.0, cx_px=442.0, cy_px=41.0, distortion=[-0.08, 0.05, 0, 0, 0])  # fmt: skip
+CAMERA = Camera(
+    width_px=900,
+    height_px=600,
+    fx_px=675.0,
+    fy_px=677.0,
+    cx_px=442.0,
+    cy_px=41.0,
+    distortion=[-0.08, 0.05, 0, 0, 0],
+)
 
 
 def corner_of_two_mirrors(opening_deg: float) -> Layout:
@@ -86,7 +94,7 @@ def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, 
     for axis in "xy":
         assert found.metrics[f"rms_{axis}_px"].value < 0.1
     for a, b in zip(found.layout.mirrors, truth.mirrors, strict=True):
-        angle = np.degrees(np.arccos(min(1.0, a.normal_in_rig @ b.normal_in_rig)))
+        angle = np.degrees(np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)))
         assert angle < 0.5
         assert a.distance_mm == pytest.approx(b.distance_mm, rel=0.01)
     angle = found.metrics["mirrors_0_1_angle_deg"].value
@@ -98,7 +106,7 @@ def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, 
 def test_the_plane_between_points_and_their_image() -> None:
     random = np.random.default_rng(1)
     centre = np.array([30.0, -50.0, 200.0])
-    points = random.normal(0.0, 20.0, (12, 3)) + [10.0, 0.0, 30.0]
+    points = random.normal(0.0, 20.0, (12, 3)) + np.array([10.0, 0.0, 30.0])
     found, misfit = virtual_centre_between(points, reflect(points, centre))
     np.testing.assert_allclose(found, centre, atol=1e-9)
     assert misfit < 1e-9
@@ -120,7 +128,7 @@ def test_angle_and_its_sigma_agree_with_finite_differences_and_sampling() -> Non
     assert np.std(angles) == pytest.approx(sigma, rel=0.05)
 
 
-def test_what_does_not_suffice_is_refused_in_one_line(calibrated: tuple[Layout, Calibration]) -> None:
+def test_what_does_not_suffice_is_refused_in_one_line() -> None:
     blank = np.full((300, 400), 90, dtype=np.uint8)
     with pytest.raises(InputError, match="no 8 x 7 checkerboard found in any of 2 pictures"):
         calibrate_with_direct_view([blank, blank], BOARD, mirrors=2, names=["a", "b"])
@@ -129,7 +137,6 @@ def test_what_does_not_suffice_is_refused_in_one_line(calibrated: tuple[Layout, 
     with pytest.raises(InputError, match="plain checkerboard"):
         charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
         calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]
-    truth, _ = calibrated
     bare = [render(CAMERA, None, BOARD, lying(*pose)) for pose in POSES[:3]]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
