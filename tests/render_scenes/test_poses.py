@@ -10,7 +10,7 @@ from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard, default_board
 from optics.values import FloatArray, InputError
-from render_scenes.poses import ROOM_MM, common_field, plan_base_frames, plan_frames
+from render_scenes.poses import ROOM_MM, common_bounds, fields, plan_base_frames, plan_frames
 from render_scenes.truth import Oracle, points_in_rig
 
 
@@ -101,13 +101,21 @@ def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> N
     assert plan.coverage.min() > 0.7
 
 
-def test_the_common_field_is_what_every_mirror_shows(default_layout: Layout) -> None:
-    field = common_field(default_layout, 400.0)
-    x, y = field.representative_point().coords[0]
-    for point_in_view, shown in (([x, y, 400.0], True), ([x + 500.0, y, 400.0], False)):
+def test_every_mirror_shows_the_common_field(default_layout: Layout) -> None:
+    (low_x, low_y), (high_x, high_y) = common_bounds(default_layout, 400.0)
+    assert high_x - low_x > 100.0
+    assert high_y - low_y > 60.0
+    middle = [(low_x + high_x) / 2, (low_y + high_y) / 2, 400.0]
+    for point_in_view, shown in ((middle, True), ([high_x + 200.0, middle[1], 400.0], False)):
         point = default_layout.view_from_rig.T @ np.array(point_in_view)
         px = np.array([default_layout.project(point, index) for index in range(9)])
         assert all((0 < x < 1919 and 0 < y < 1079) for x, y in px) == shown
+    for index, field in enumerate(fields(default_layout, 400.0)):
+        corners = np.array(field.exterior.coords[:-1])
+        in_rig = np.column_stack([corners, np.full(len(corners), 400.0)]) @ default_layout.view_from_rig
+        mirror = default_layout.mirrors[index]
+        seen = mirror.reflect(in_rig)
+        np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], mirror.outline_normalized, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -127,15 +135,26 @@ def test_a_board_that_cannot_be_seen_is_refused_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_mirrors_without_a_common_field_are_refused() -> None:
+def parting_mirrors(outward: float) -> Layout:
+    """Two mirrors side by side, each turned outward."""
     mirrors = []
     for side in (-1.0, 1.0):
-        normal = np.array([0.5 * side, 1.0, -1.0])  # turned outward: the views part
+        normal = np.array([outward * side, 1.0, -1.0])
         window = np.array([[0.05, -0.1], [0.3, -0.1], [0.3, 0.1], [0.05, 0.1]]) * [side, 1.0]
         rays = np.concatenate([window, np.ones((4, 1))], axis=1)
         outline = rays * (-80.0 / (rays @ normal))[:, None]
         mirrors.append(Mirror.from_plane(outline[0], normal, outline_in_rig_mm=outline))
-    apart = Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=tuple(mirrors))
-    assert common_field(apart, 400.0).is_empty
-    with pytest.raises(InputError, match="share no field of view"):
-        plan_frames(apart, default_board(), 2, random())
+    return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=tuple(mirrors))
+
+
+def test_mirrors_without_a_common_field_see_parts_of_a_board() -> None:
+    apart = parting_mirrors(0.05)
+    first, second = fields(apart, 400.0)
+    assert not first.intersects(second)
+    plan = plan_frames(apart, default_board(), 6, random())
+    assert (plan.coverage > 0.3).all()
+
+
+def test_mirrors_too_far_apart_for_the_board_are_refused() -> None:
+    with pytest.raises(InputError, match="too small to be seen, mirror"):
+        plan_frames(parting_mirrors(0.5), default_board(), 6, random())
