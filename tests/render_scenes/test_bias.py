@@ -128,7 +128,9 @@ def test_rendered_corners_agree_with_the_projection(
     assert np.sqrt(np.mean(np.concatenate(list(errors.values())) ** 2)) < LIMIT_PX
 
 
-def stock_pictures(scene: BoardScene, crops: dict[int, Crop], layout: Layout, chosen: Any) -> dict[int, FloatArray]:
+def stock_pictures(
+    scene: BoardScene, crops: dict[int, Crop], layout: Layout, chosen: Any, spp: int
+) -> dict[int, FloatArray]:
     """Windows by Mitsuba's own loop, film and sampler, with any integrator, on a sensor cut as finely."""
     import mitsuba as mi
 
@@ -140,7 +142,7 @@ def stock_pictures(scene: BoardScene, crops: dict[int, Crop], layout: Layout, ch
     for index, crop in crops.items():
         x, y, width, height = (number * CUT for number in crop)
         eye = sensor(fine, crop=(x, y, width, height))
-        radiance = mi.render(scene.scene, sensor=eye, integrator=chosen, spp=16, seed=mi.UInt32(1))
+        radiance = mi.render(scene.scene, sensor=eye, integrator=chosen, spp=spp, seed=mi.UInt32(1))
         pictures[index] = photograph(np.array(radiance)[..., 0])
     return pictures
 
@@ -150,7 +152,7 @@ def test_the_stock_integrator_fails_this_test(
 ) -> None:
     import mitsuba as mi
 
-    pictures = stock_pictures(scene, dict(enumerate(crops)), distorted_layout, mi.load_dict({"type": "path"}))
+    pictures = stock_pictures(scene, dict(enumerate(crops)), distorted_layout, mi.load_dict({"type": "path"}), 4)
     errors = errors_by_mirror(pictures, crops, distorted_layout, rig_from_board)
     bias = np.array([np.linalg.norm(error.mean(axis=0)) for error in errors.values()])
     assert (bias > LIMIT_PX).all(), bias
@@ -161,6 +163,6 @@ def test_the_stock_loop_is_innocent(
     scene: BoardScene, crops: list[Crop], distorted_layout: Layout, rig_from_board: FloatArray
 ) -> None:
     two = {index: crops[index] for index in (1, 3)}
-    pictures = stock_pictures(scene, two, distorted_layout, integrator(mirrors_only=True))
+    pictures = stock_pictures(scene, two, distorted_layout, integrator(mirrors_only=True), 16)
     for index, error in errors_by_mirror(pictures, crops, distorted_layout, rig_from_board).items():
         assert np.linalg.norm(error.mean(axis=0)) <= LIMIT_PX, (index, error.mean(axis=0))
