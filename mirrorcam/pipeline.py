@@ -10,7 +10,7 @@ from mirrorcam.commands.design import write_design
 from mirrorcam.extras import require
 from mirrorcam.page import read_metrics, write_page, write_pictures
 from mirrorcam.progress import Advance, long_work, print_metrics, say
-from mirrorcam.stages import Stage, is_current, perform
+from mirrorcam.stages import Stage, perform, staleness
 from optics.camera import Camera
 from optics.files import write_metrics
 from optics.layout import Layout
@@ -174,9 +174,12 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
 def finish(stage: Stage, root: Path) -> None:
     """Do a stage, or say that what is there is what it would make."""
-    if is_current(stage, root):
+    reason = staleness(stage, root)
+    if not reason:
         say(stage.name, "nothing changed, re-used")
         return
+    if (root / stage.name).exists():
+        say(stage.name, f"done again: {reason}")
     with long_work(stage.name, stage.doing, stage.unit) as advance:
         perform(stage, root, advance)
 

@@ -119,11 +119,26 @@ def _text(manifest: Manifest) -> str:
     return manifest.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
-def is_current(stage: Stage, root: Path) -> bool:
-    """Whether the stage's folder holds, unaltered, what the stage would make now."""
+def staleness(stage: Stage, root: Path) -> str:
+    """Why the stage has to be done (again), in a few words; empty where its folder holds what it would make now."""
     folder = root / stage.name
     found = _read_manifest(folder)
-    return found is not None and found.replaced(files={}) == _wanted(stage, root) and found.files == digests(folder)
+    if found is None:
+        return "not made yet"
+    wanted = _wanted(stage, root)
+    if found.parameters != wanted.parameters:
+        return "other parameters"
+    for before, now in ((found.reads, wanted.reads), (found.sources, wanted.sources), (found.tools, wanted.tools)):
+        for name in sorted(before.keys() | now.keys()):
+            if before.get(name) != now.get(name):
+                return f"{name} changed"
+    files = digests(folder)
+    for name in sorted(found.files.keys() | files.keys()):
+        if name not in files:
+            return f"{name} is missing"
+        if files[name] != found.files.get(name):
+            return f"{name} is not what was written"
+    return ""
 
 
 def perform(stage: Stage, root: Path, advance: Advance = lambda done, total: None) -> None:

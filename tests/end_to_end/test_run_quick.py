@@ -83,6 +83,7 @@ def test_a_deleted_file_is_made_again_and_nothing_else(first: tuple[Path, subpro
     result = run_quick(out)
     assert result.returncode == 0
     assert reused(result) == set(STAGES) - {"light_field"}
+    assert f"done again: {tiles.name} is missing" in result.stdout
     assert tiles.read_bytes() == before
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam import stages
 from mirrorcam.progress import Advance
-from mirrorcam.stages import MANIFEST, Stage, is_current, perform
+from mirrorcam.stages import MANIFEST, Stage, perform, staleness
 from optics.values import InputError
 
 
@@ -32,10 +32,10 @@ def root(tmp_path: Path) -> Path:
 
 def test_a_finished_stage_is_current(root: Path) -> None:
     stage = copying(root, size=3)
-    assert not is_current(stage, root)
+    assert staleness(stage, root)
     perform(stage, root)
     assert (root / "copy" / "text.txt").read_text() == "first"
-    assert is_current(stage, root)
+    assert not staleness(stage, root)
     assert sorted(path.name for path in root.iterdir()) == ["copy", "source.txt"]
 
 
@@ -64,32 +64,40 @@ def delete_manifest_content(root: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "harm", [delete_output, alter_output, add_output, delete_folder, alter_input, delete_manifest_content]
+    ("harm", "reason"),
+    [
+        (delete_output, "deep/parameters.txt is missing"),
+        (alter_output, "text.txt is not what was written"),
+        (add_output, "0001.png is not what was written"),
+        (delete_folder, "not made yet"),
+        (alter_input, "source.txt changed"),
+        (delete_manifest_content, "not made yet"),
+    ],
 )
 def test_whatever_changes_on_disk_makes_it_stale_until_it_is_done_again(
-    root: Path, harm: Callable[[Path], None]
+    root: Path, harm: Callable[[Path], None], reason: str
 ) -> None:
     stage = copying(root)
     perform(stage, root)
     harm(root)
-    assert not is_current(stage, root)
+    assert staleness(stage, root) == reason
     perform(stage, root)
-    assert is_current(stage, root)
+    assert not staleness(stage, root)
     assert (root / "copy" / "text.txt").read_text() == (root / "source.txt").read_text()
     assert not (root / "copy" / "0001.png").exists()
 
 
 def test_a_changed_parameter_makes_it_stale(root: Path) -> None:
     perform(copying(root, size=3), root)
-    assert not is_current(copying(root, size=4), root)
-    assert is_current(copying(root, size=3), root)
+    assert staleness(copying(root, size=4), root) == "other parameters"
+    assert not staleness(copying(root, size=3), root)
 
 
 def test_changed_sources_make_it_stale(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = copying(root)
     perform(stage, root)
     monkeypatch.setattr(stages, "source_digest", lambda module: "0" * 64)
-    assert not is_current(stage, root)
+    assert staleness(stage, root) == "mirrorcam.stages changed"
 
 
 def test_source_digest_sees_every_file_of_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +116,8 @@ def test_source_digest_sees_every_file_of_a_package(tmp_path: Path, monkeypatch:
 def test_a_changed_tool_makes_it_stale(root: Path) -> None:
     perform(copying(root), root)
     stage = copying(root)
-    assert not is_current(Stage(stage.name, stage.work, reads=stage.reads, tools=("numpy",)), root)
+    with_tool = Stage(stage.name, stage.work, reads=stage.reads, sources=stage.sources, tools=("numpy",))
+    assert staleness(with_tool, root) == "numpy changed"
 
 
 def test_a_stage_that_reads_another_follows_it(root: Path) -> None:
@@ -117,7 +126,7 @@ def test_a_stage_that_reads_another_follows_it(root: Path) -> None:
     perform(second, root)
     alter_input(root)
     perform(first, root)
-    assert not is_current(second, root)
+    assert staleness(second, root)
 
 
 def test_a_stage_done_again_with_the_same_result_leaves_its_followers_alone(root: Path) -> None:
@@ -126,7 +135,7 @@ def test_a_stage_done_again_with_the_same_result_leaves_its_followers_alone(root
     perform(second, root)
     alter_output(root)
     perform(first, root)
-    assert is_current(second, root)
+    assert not staleness(second, root)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
@@ -149,7 +158,7 @@ def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         perform(Stage("copy", work), root)
-    assert is_current(stage, root)
+    assert not staleness(stage, root)
 
 
 def growing(frames: int) -> Stage:
@@ -170,9 +179,9 @@ def test_work_that_resumes_finds_what_was_left(root: Path) -> None:
         with pytest.raises(KeyboardInterrupt):
             perform(stage, root)
         assert not (root / "set").exists()
-        assert not is_current(stage, root)
+        assert staleness(stage, root)
     perform(stage, root)
-    assert is_current(stage, root)
+    assert not staleness(stage, root)
     assert sorted(path.name for path in (root / "set").glob("*.png")) == ["0000.png", "0001.png", "0002.png"]
     assert sorted(path.name for path in root.iterdir()) == ["set", "source.txt"]
 
