@@ -12,12 +12,17 @@ from matplotlib.figure import Figure
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.files import atomic
+from optics.values import FloatArray
 
-ARROW_PX = 30.0  # length at which the rms residual is drawn, of a picture 1920 px wide
+CELLS_ACROSS = 60  # cells of the sensor whose residuals are averaged, across its width
+ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
-    """Write a PNG: residual arrows over the sensor, coloured by view, beside the distribution of each axis."""
+    """Write a PNG: what is left of the residuals in each part of the sensor, by view, beside their distribution.
+
+    Averages over a cell show what the model misses; where it misses nothing, the arrows point anywhere.
+    """
     figure, (sensor, plot) = plt.subplots(1, 2, figsize=(13, 5), width_ratios=(2.3, 1), layout="constrained")
     _arrows(sensor, calibration)
     _distribution(plot, calibration)
@@ -27,23 +32,44 @@ def residual_figure(calibration: Calibration, path: Path) -> None:
 def _arrows(axes: Axes, calibration: Calibration) -> None:
     camera = calibration.layout.camera
     used, seen = calibration.inliers, calibration.observations
-    rms = float(np.sqrt(np.mean(calibration.residuals_px[used] ** 2)))
-    gain = ARROW_PX * camera.width_px / 1920.0 / max(rms, 1e-12)
-    views = [int(view) for view in np.unique(seen.view)]
+    cell_px = camera.width_px / CELLS_ACROSS
+    means = {
+        int(view): _cell_means(seen.pixels[rows], calibration.residuals_px[rows], cell_px)
+        for view in np.unique(seen.view)
+        if (rows := used & (seen.view == view)).any()
+    }
+    rms = float(np.sqrt(np.mean(np.concatenate([residuals for _, residuals in means.values()]) ** 2)))
+    gain = ARROW_CELLS * cell_px / max(rms, 1e-12)
     colours = plt.get_cmap("tab10")
-    for view in views:
-        rows = used & (seen.view == view)
-        x, y = seen.pixels[rows].T
-        dx, dy = gain * calibration.residuals_px[rows].T
+    for view, (at, residuals) in means.items():
         name = "direct" if view == DIRECT else f"mirror {view}"
         colour = "0.65" if view == DIRECT else colours(view % 10)
         axes.quiver(
-            x, y, dx, dy, color=colour, angles="xy", scale_units="xy", scale=1, width=0.0012, label=name,
+            at[:, 0],
+            at[:, 1],
+            gain * residuals[:, 0],
+            gain * residuals[:, 1],
+            color=colour,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.0015,
+            label=name,
             zorder=1 if view == DIRECT else 2,
-        )  # fmt: skip
+        )
     axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5), aspect="equal")
-    axes.set(xlabel="x px", ylabel="y px", title=f"Residuals, {gain:.0f} times enlarged (rms {rms:.3f} px)")
+    title = f"Mean residual in cells of {cell_px:.0f} px, {gain:.0f} times enlarged (rms {rms:.3f} px)"
+    axes.set(xlabel="x px", ylabel="y px", title=title)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=5, frameon=False, fontsize=8)
+
+
+def _cell_means(pixels: FloatArray, residuals: FloatArray, cell_px: float) -> tuple[FloatArray, FloatArray]:
+    """Mean position (k, 2) and mean residual (k, 2) of the corners (n, 2) in each cell that has any."""
+    _, cell, count = np.unique(np.floor(pixels / cell_px), axis=0, return_inverse=True, return_counts=True)
+    sums = np.zeros((2, len(count), 2))
+    np.add.at(sums[0], cell.ravel(), pixels)
+    np.add.at(sums[1], cell.ravel(), residuals)
+    return sums[0] / count[:, None], sums[1] / count[:, None]
 
 
 def _distribution(axes: Axes, calibration: Calibration) -> None:
