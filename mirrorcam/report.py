@@ -288,8 +288,8 @@ and its light field decoded.</p>
 <section>
 <h2><span>1</span> The design</h2>
 <p>Each mirror shows the scene from its own place, as if a camera stood behind it. A faceted parabola puts these virtual
-cameras on a plane, but off a regular grid, and its views share little of the scene. The optimiser moves every mirror and
-its four corners until the views overlap.</p>
+cameras on a plane, but off a regular grid, and its views share little of the scene. The optimiser moves every mirror
+and its four corners until the views overlap.</p>
 $before_after
 $design_table
 </section>

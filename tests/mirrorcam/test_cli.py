@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.progress import figure_text
 from optics.files import read_image, write_image
 from optics.layout import Layout
+from optics.targets import Checkerboard, default_board, save_board
 from optics.values import InputError
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
@@ -37,13 +39,16 @@ def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
     """Exit 2, one line on standard error that holds the expected words, and not one new file."""
     before = sorted(folder.rglob("*"))
     result = mirrorcam(folder, arguments)
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1, result.stderr
-    assert lines[0].startswith("mirrorcam: ")
-    for words in expected:
-        assert words in lines[0]
+    assert_one_line(result.stderr, *expected)
     assert result.returncode == 2
     assert sorted(folder.rglob("*")) == before
+
+
+def assert_one_line(said: str, *expected: str) -> None:
+    assert said.count("\n") == 1, said
+    assert said.startswith("mirrorcam: ")
+    for words in expected:
+        assert words in said
 
 
 @pytest.mark.parametrize(
@@ -65,6 +70,11 @@ def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
         ("decode --layout layout.json", "--frames (): Tuple should have at least 1 item"),
         ("decode frame.png", "--layout"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
+        ("render nowhere.json", "nowhere.json: no such file"),
+        ("render layout.json --frames 0", "--frames 0: Input should be greater than or equal to 1"),
+        ("calibrate picture.png --board board.toml", "expected --layout LAYOUT, or --direct-view"),
+        ("validate nowhere", "nowhere/dataset.json: no such file"),
+        ("run --seed -1", "--seed -1: Input should be greater than or equal to 0"),
     ],
 )
 def test_a_bad_command_line_is_refused_in_one_line(
@@ -76,10 +86,7 @@ def test_a_bad_command_line_is_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(arguments.split()) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("mirrorcam: ")
-    assert said.count("\n") == 1
-    assert expected in said
+    assert_one_line(capfd.readouterr().err, expected)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -114,17 +121,26 @@ def unknown_schema(data: dict[str, Any]) -> None:
         (unknown_schema, "schema: Input should be 'mirrorcam.layout/1'"),
     ],
 )
-@pytest.mark.parametrize("command", ["cad", "decode frame.png --layout"])
+@pytest.mark.parametrize(
+    "command", ["cad", "render", "decode frame.png --layout", "calibrate picture.png --board board.toml --layout"]
+)
 def test_a_bad_layout_is_refused_in_one_line(
     tmp_path: Path,
     layout_data: dict[str, Any],
     harm: Callable[[dict[str, Any]], None],
     expected: str,
     command: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     harm(layout_data)
     (tmp_path / "bad.json").write_text(json.dumps(layout_data))
-    assert_refused(tmp_path, f"{command} bad.json", "bad.json: ", expected)
+    save_board(tmp_path / "board.toml", default_board())
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(f"{command} bad.json".split()) == 2
+    assert_one_line(capfd.readouterr().err, "bad.json: ", expected)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.fixture
@@ -185,6 +201,39 @@ def test_decode_writes_every_view_and_a_picture_of_them(tmp_path: Path, frame: P
         assert light_field["weights"].shape == (1, 2, height, width)
         assert light_field["positions_mm"].shape == (1, 2, 3)
     assert read_image(tmp_path / "out" / "frame_views.png").shape[1] > 2 * width
+
+
+def test_a_board_too_large_to_be_seen_is_refused(tmp_path: Path, default_layout: Layout) -> None:
+    pytest.importorskip("mitsuba", reason="rendering needs the extra render")
+    default_layout.save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", Checkerboard(cols=9, rows=6, square_mm=900.0))
+    assert_refused(tmp_path, "render layout.json --board board.toml --out set", "board: too large")
+
+
+def test_pictures_without_a_corner_are_refused(tmp_path: Path, default_layout: Layout) -> None:
+    default_layout.save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", default_board())
+    for name in ("one.png", "two.png", "base.png"):
+        write_image(tmp_path / name, np.zeros((1080, 1920, 3), dtype=np.uint8))
+    arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
+    assert_refused(tmp_path, arguments, "no corner of the board found in any of 2 frames")
+
+
+def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
+    assert_refused(tmp_path, "design --depths-mm 20 --out design", "infeasible design, depth constraint")
+
+
+def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
+    result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert sorted(path.name for path in (tmp_path / "design").iterdir()) == [
+        "before_after.png",
+        "layout.json",
+        "parabola.json",
+    ]
+    layout, parabola = (Layout.load(tmp_path / "design" / name) for name in ("layout.json", "parabola.json"))
+    for text in ("parabola", "optimised", *(figure_text(x.metrics["grid_error"].value) for x in (parabola, layout))):
+        assert text in result.stdout
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:
