@@ -18,7 +18,7 @@ from optics.calibration.detect import direct_view, sub_images
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.residuals import Board, Estimate, points_at_camera
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
-from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
+from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals, start_robustly
 from optics.camera import INTRINSIC_NAMES, Camera
 from optics.files import one_line
 from optics.layout import Layout
@@ -168,16 +168,16 @@ def _start(observations: Observations, camera: Camera, layout: Layout, corners_i
 def _two_stages(
     start: Estimate, observations: Observations, mirrored_frames: int, corners_in_board_mm: FloatArray
 ) -> Solution:
-    """Mirrors and poses with the camera held, as in the paper, then everything jointly."""
+    """Mirrors and poses with the camera held, as in the paper, as the start of everything jointly."""
     board = Board.rigid(corners_in_board_mm)
     mirrors = len(start.virtual_centres_in_rig_mm)
     rows = observations.frame < mirrored_frames
     held = Estimate(start.camera, start.virtual_centres_in_rig_mm, start.rig_from_board[:mirrored_frames])
-    paper = fit(held, observations.where(rows), board, free_globals(intrinsics=(), mirrors=mirrors))
+    paper, _ = start_robustly(held, observations.where(rows), board, free_globals(intrinsics=(), mirrors=mirrors))
     joint = Estimate(
         start.camera,
-        paper.estimate.virtual_centres_in_rig_mm,
-        np.concatenate([paper.estimate.rig_from_board, start.rig_from_board[mirrored_frames:]]),
+        paper.virtual_centres_in_rig_mm,
+        np.concatenate([paper.rig_from_board, start.rig_from_board[mirrored_frames:]]),
     )
     return fit(joint, observations, board, free_globals(intrinsics=INTRINSIC_NAMES, mirrors=mirrors))
 

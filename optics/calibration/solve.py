@@ -166,11 +166,10 @@ def fit(
     are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
     UndeterminedError where the corners leave a free parameter open.
     """
-    estimate, _, huber_iterations = _huber(start, observations, board, free)
+    estimate, iterations = start_robustly(start, observations, board, free)
     r = residuals(estimate, observations, board)
     inliers = np.ones(len(observations), dtype=bool)
     sigma = _robust_sigma(r)
-    iterations = huber_iterations
     while True:
         dropped = _outliers(r, observations.view, inliers, sigma)
         inliers &= ~dropped
@@ -202,21 +201,23 @@ def _robust_sigma(r: FloatArray) -> float:
     return max(1.4826 * float(np.median(np.abs(r))), 1e-9)
 
 
-def _huber(
+def start_robustly(
     start: Estimate, observations: Observations, board: Board, free: NDArray[np.int64]
-) -> tuple[Estimate, FloatArray, int]:
-    """Iteratively re-weighted least squares with Huber's weights, to a few digits."""
+) -> tuple[Estimate, int]:
+    """An estimate near the minimum of Huber's loss, whatever a few wild corners say, and the iterations it took.
+
+    The weights are renewed after every few steps, until the median residual no longer shrinks by a hundredth.
+    """
     estimate, iterations = start, 0
-    root = np.ones(len(observations))
     previous = np.inf
     for _ in range(20):
         r = residuals(estimate, observations, board)
         sigma = _robust_sigma(r)
-        norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
-        root = np.sqrt(1.0 / np.maximum(norm, 1.0))
-        estimate, _, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=10)
-        iterations += steps
-        if abs(previous - sigma) < 1e-3 * sigma:
+        if sigma > 0.99 * previous:
             break
         previous = sigma
-    return estimate, root, iterations
+        norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
+        root = np.sqrt(1.0 / np.maximum(norm, 1.0))
+        estimate, _, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=3)
+        iterations += steps
+    return estimate, iterations
