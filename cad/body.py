@@ -60,7 +60,7 @@ def plan_body(layout: Layout, hardware: Hardware) -> Body:
     reach += max(mirror.thickness_mm for mirror in layout.mirrors)
     volumes = keep_outs(layout, hardware)
     rims = plan_rims(layout, volumes, reach, hardware)
-    nearest = min(float((polygon @ away).min()) for polygon in (*seats, *(rim.top for rim in rims)))
+    nearest = min(float((polygon @ away).min()) for polygon in (*seats, *(rim.top for rim, _ in rims)))
     left, bottom, right, top = front.footprint.bounds
     size = (right - left, top - bottom, mount.back_mm - nearest)
     _check_bed(size, hardware)
@@ -72,7 +72,7 @@ def plan_body(layout: Layout, hardware: Hardware) -> Body:
         slab=down_from(hull),
         cores=tuple(down_from(polygon) for polygon in seats),
         fillers=tuple(down_from(polygon) for polygon in front.fillers),
-        rims=(*rims, *(down_from(rim.base) for rim in rims)),
+        rims=tuple(solid for rim, ground in rims for solid in (rim, down_from(ground))),
         keep_outs=tuple(tuple(group) for group in volumes),
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
@@ -92,7 +92,8 @@ def _check_sheet(index: int, mirror: Mirror) -> None:
 
 def _check_bed(size_mm: tuple[float, float, float], hardware: Hardware) -> None:
     """The part lies on its back, turned so that its longer side follows the bed's longer side."""
-    bed = (*sorted(hardware.bed_mm[:2]), hardware.bed_mm[2])
-    for name, length, room in zip(("wide", "long", "high"), (*sorted(size_mm[:2]), size_mm[2]), bed, strict=True):
+    lengths = sorted(size_mm[:2], reverse=True)
+    bed = (*sorted(hardware.bed_mm[:2], reverse=True), hardware.bed_mm[2])
+    for name, length, room in zip(("long", "wide", "high"), (*lengths, size_mm[2]), bed, strict=True):
         if length > room:
             raise InputError(f"mirror holder is {length:.1f} mm {name}, expected at most {room:g} mm (printer bed)")

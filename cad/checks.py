@@ -11,7 +11,7 @@ import trimesh
 from build123d import Compound, Face, GeomType, import_step
 from ezdxf.entities.lwpolyline import LWPolyline
 from ezdxf.filemanagement import readfile
-from shapely import Point, Polygon, STRtree, contains_xy, unary_union
+from shapely import Point, Polygon, STRtree, contains_xy, get_coordinates, unary_union
 
 from cad.cutting import outline_from_back
 from cad.hardware import Hardware
@@ -28,8 +28,8 @@ SURFACE_MM = 1e-3
 # Two faces make a wall where they are parallel to 30 deg; the edge of a wedge is not a wall.
 WALL_COSINE = np.cos(np.radians(30.0))
 WALL_SAMPLE_MM2 = 1.0
-EDGE_RAYS = 61
-GRID_RAYS = 150
+WALL_DOT_MM2 = 0.5
+RAY_STEP_MM = 1.0
 
 
 def check_files(folder: Path, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
@@ -146,18 +146,19 @@ def check_stl(path: Path, layout: Layout, hardware: Hardware) -> dict[str, Metri
     }
 
 
-def light_rays(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) in rig, mm, of one mirror, to the pupil and to the scene: from its outline and inside it.
+def light_rays(layout: Layout, index: int, hardware: Hardware, *, outline: bool = True) -> FloatArray:
+    """Segments (2, n, 2, 3) in rig, mm, of one mirror, to the pupil and to the scene: from a grid and the outline.
 
     The reflection is the layout's own, not the cones that the part was cut with.
     """
     mirror = layout.mirrors[index]
-    outline = Polygon(mirror.outline_in_plane_mm)
-    edge = [outline.exterior.interpolate(share, normalized=True).coords[0] for share in np.linspace(0, 1, EDGE_RAYS)]
-    left, bottom, right, top = outline.bounds
-    step = np.sqrt(outline.area / GRID_RAYS)
-    grid = np.stack(np.meshgrid(np.arange(left, right, step), np.arange(bottom, top, step)), axis=-1).reshape(-1, 2)
-    flat = np.concatenate([mirror.outline_in_plane_mm, edge, grid[contains_xy(outline, grid[:, 0], grid[:, 1])]])
+    area = Polygon(mirror.outline_in_plane_mm)
+    left, bottom, right, top = area.bounds
+    columns, rows = (np.arange(low, high, RAY_STEP_MM) for low, high in ((left, right), (bottom, top)))
+    flat = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    flat = flat[contains_xy(area, flat[:, 0], flat[:, 1])]
+    if outline:
+        flat = np.concatenate([flat, get_coordinates(area.exterior.segmentize(RAY_STEP_MM))])
     points = flat @ mirror.rig_from_plane[:3, :2].T + mirror.rig_from_plane[:3, 3]
     outgoing = points @ mirror.reflection.T
     forward = layout.view_from_rig[2]
@@ -168,13 +169,13 @@ def light_rays(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
 
 
 def shade_of_sheets(layout: Layout, hardware: Hardware) -> float:
-    """Share of the worst mirror's rays that the *other* mirrors' sheets stand in: what thick sheets cost."""
+    """Share of the worst mirror's area whose light the *other* mirrors' sheets stand in: what thick sheets cost."""
     corners = [np.vstack([volume.base, volume.top]) for volume in (sheet(mirror) for mirror in layout.mirrors)]
     sheets = [manifold3d.Manifold.hull_points(points) for points in corners]
     worst = 0.0
     for index in range(len(sheets)):
         others = manifold3d.Manifold.compose([other for place, other in enumerate(sheets) if place != index])
-        to_pupil, to_scene = light_rays(layout, index, hardware)
+        to_pupil, to_scene = light_rays(layout, index, hardware, outline=False)
         shaded = [
             bool(others.ray_cast(*a)) or bool(others.ray_cast(*b)) for a, b in zip(to_pupil, to_scene, strict=True)
         ]
@@ -183,25 +184,27 @@ def shade_of_sheets(layout: Layout, hardware: Hardware) -> float:
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold) -> float:
-    """Smallest distance, straight into the material, between two faces that are parallel to 30 deg."""
-    points, normals = _samples(np.array(mesh.triangles), np.array(mesh.face_normals))
+    """Smallest distance, straight into the material, between two faces that are parallel to 30 deg.
+
+    Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing hangs on them.
+    """
+    points, normals, areas = _samples(np.array(mesh.triangles), np.array(mesh.face_normals))
     reach = float(np.linalg.norm(mesh.extents))
-    thinnest = reach
-    for point, normal in zip(points, normals, strict=True):
-        for hit in body.ray_cast(point - SURFACE_MM * normal, point - reach * normal):
-            wall = SURFACE_MM + hit.distance * (reach - SURFACE_MM)
-            if -np.dot(hit.normal, normal) >= WALL_COSINE:
-                thinnest = min(thinnest, wall)
-            break
-    return thinnest
+    walls = np.full(len(points), reach)
+    for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        hits = body.ray_cast(point - SURFACE_MM * normal, point - reach * normal)
+        if hits and -np.dot(hits[0].normal, normal) >= WALL_COSINE:
+            walls[index] = SURFACE_MM + hits[0].distance * (reach - SURFACE_MM)
+    thinnest_first = np.argsort(walls, kind="stable")
+    return float(walls[thinnest_first][np.argmax(np.cumsum(areas[thinnest_first]) > WALL_DOT_MM2)])
 
 
-def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (m, 3) spread over triangles (n, 3, 3), one per `WALL_SAMPLE_MM2` or more, and their normals (m, 3)."""
-    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
-    points, owners = [], []
-    for index in np.flatnonzero(areas > 1e-6):
-        n = int(np.ceil(np.sqrt(areas[index] / WALL_SAMPLE_MM2)))
+def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points (m, 3) spread over triangles (n, 3, 3), their normals (m, 3), and the area (m,) that each stands for."""
+    sizes = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    points, owners, areas = [], [], []
+    for index in np.flatnonzero(sizes > 0.0):
+        n = int(np.ceil(np.sqrt(sizes[index] / WALL_SAMPLE_MM2)))
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
         upright = np.stack([i, j], axis=-1)[i + j < n] + 1.0 / 3.0
         inverted = np.stack([i, j], axis=-1)[i + j < n - 1] + 2.0 / 3.0
@@ -209,8 +212,8 @@ def _samples(triangles: FloatArray, normals: FloatArray) -> tuple[FloatArray, Fl
         a, b, c = triangles[index]
         points.append(a + share[:, :1] * (b - a) + share[:, 1:] * (c - a))
         owners.append(np.full(len(share), index))
-    owner = np.concatenate(owners)
-    return np.concatenate(points), normals[owner]
+        areas.append(np.full(len(share), sizes[index] / len(share)))
+    return np.concatenate(points), normals[np.concatenate(owners)], np.concatenate(areas)
 
 
 def check_dxf(path: Path, layout: Layout) -> dict[str, Metric]:

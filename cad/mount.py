@@ -42,13 +42,13 @@ class FrontSurface:
     """The front of the holder as seen straight from its back: a seat behind every mirror, fillers in the gaps.
 
     A filler is a mirror's outline grown by `margin_mm`, on a plane parallel to its seat. It recedes behind the seats
-    around it, so that it never becomes a thin ridge in front of one.
+    around it, and its corners are cut off, so that it is nowhere a thin ridge or tip beside a neighbour.
     """
 
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float) -> None:
         self._axes = axes
         self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror)) for mirror in layout.mirrors]
-        grown = [outline_at(mirror, back_height_mm(mirror), margin_mm) for mirror in layout.mirrors]
+        grown = [outline_at(mirror, back_height_mm(mirror), margin_mm, bevelled=True) for mirror in layout.mirrors]
         seats = [outline_at(mirror, back_height_mm(mirror)) for mirror in layout.mirrors]
         self._cores = self._shadows(seats)
         self._fillers = self._shadows(grown)

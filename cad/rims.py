@@ -47,11 +47,13 @@ def edges_of(mirror: Mirror) -> list[Edge]:
     return edges
 
 
-def plan_rims(layout: Layout, keep_outs: list[list[Frustum]], reach_mm: float, hardware: Hardware) -> list[Frustum]:
-    """The rims of all mirrors, standing on their seat planes; pockets still have to cut them back from the mirrors.
+def plan_rims(
+    layout: Layout, keep_outs: list[list[Frustum]], reach_mm: float, hardware: Hardware
+) -> list[tuple[Frustum, FloatArray]]:
+    """The rims of all mirrors, each with the ground (4, 3) it needs: its foot, widened to the mirror's edge.
 
-    A rim enters no other mirror's light and stands neither before nor behind another mirror (looked for `reach_mm` far
-    along its normal), where it would become a ridge. Its own light may shave it if a whole wall remains outside.
+    A rim enters no light and stands neither before nor behind another mirror (looked for `reach_mm` far along its
+    normal), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim stands back.
     """
     fit = hardware.mirror_fit_mm
     taken = [
@@ -65,33 +67,40 @@ def plan_rims(layout: Layout, keep_outs: list[list[Frustum]], reach_mm: float, h
     return rims
 
 
-def _rims_of(mirror: Mirror, own_light: list[Frustum], others: list[Frustum], hardware: Hardware) -> list[Frustum]:
-    """The rims of one mirror outside the volumes that others take; from its own light its outer wall stays."""
+def _rims_of(
+    mirror: Mirror, own_light: list[Frustum], others: list[Frustum], hardware: Hardware
+) -> list[tuple[Frustum, FloatArray]]:
     fit, margin = hardware.mirror_fit_mm, hardware.mirror_fit_mm + hardware.rim_mm
     bottom = back_height_mm(mirror)
     top = bottom + hardware.rim_height_of_sheet * mirror.thickness_mm
-    levels = np.linspace(bottom + 1e-3, top, 3)
+    levels = np.linspace(bottom + 1e-3, top, 4)
+    sides = np.linspace(fit, margin, 10)
     middle = mirror.rig_from_plane[:3, 3]
     radius = float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max()) + 2.0 * margin + mirror.thickness_mm
     others = [volume for volume in others if volume.comes_near(middle, radius)]
-    across = np.array([0.0, 0.0, margin, margin])
     rims = []
     for edge in edges_of(mirror):
         if edge.length_mm < hardware.rim_length_mm:
             continue
         steps = np.linspace(0.0, edge.length_mm, int(np.ceil(edge.length_mm / STEP_MM)) + 1)
-        whole = edge.in_rig(*np.meshgrid(steps, np.linspace(fit, margin, 5), levels, indexing="ij"))
-        kept = edge.in_rig(*np.meshgrid(steps, [margin - hardware.wall_mm, margin], levels, indexing="ij"))
-        taken = np.zeros(len(steps), dtype=bool)
+        points = edge.in_rig(*np.meshgrid(steps, sides, levels, indexing="ij"))
+        lit = np.any([volume.contains(points).any(axis=2) for volume in own_light], axis=0)
+        # Per step the side from which on outwards no light is met.
+        first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
+        room = np.append(sides, np.inf)[first_free] <= margin - hardware.wall_mm
         for volume in others:
-            taken |= volume.contains(whole).any(axis=(1, 2))
-        for volume in own_light:
-            taken |= volume.contains(kept).any(axis=(1, 2))
-        for first, last in _runs(~taken):
+            room &= ~volume.contains(points).any(axis=(1, 2))
+        for first, last in _runs(room):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
             if to_mm - from_mm >= hardware.rim_length_mm:
+                inner_mm = float(sides[first_free[first : last + 1].max()])
                 along = np.array([from_mm, to_mm, to_mm, from_mm])
-                rims.append(Frustum(*(edge.in_rig(along, across, np.full(4, level)) for level in (bottom, top))))
+                foot, crest = (
+                    edge.in_rig(along, np.array([inner_mm, inner_mm, margin, margin]), np.full(4, level))
+                    for level in (bottom, top)
+                )
+                ground = edge.in_rig(along, np.array([0.0, 0.0, margin, margin]), np.full(4, bottom))
+                rims.append((Frustum(foot, crest), ground))
     return rims
 
 

@@ -85,15 +85,15 @@ def back_height_mm(mirror: Mirror) -> float:
     return -mirror.thickness_mm if mirror.surface == "first" else 0.0
 
 
-def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0) -> FloatArray:
+def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
     """The outline grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
 
     Sheets are cut at right angles to their faces, so the outline moves along the normal. Counter-clockwise as seen
-    from the pupil. Corners sharper than 60 deg are bevelled when grown, hence m >= n.
+    from the pupil. Corners sharper than 60 deg, or all when `bevelled`, are cut off when grown, hence m >= n.
     """
     polygon = Polygon(mirror.outline_in_plane_mm)
     if margin_mm > 0.0:
-        polygon = polygon.buffer(margin_mm, join_style="mitre", mitre_limit=2.0)
+        polygon = polygon.buffer(margin_mm, join_style="bevel" if bevelled else "mitre", mitre_limit=2.0)
     corners = np.array(orient(polygon).exterior.coords)[:-1]
     local = np.column_stack([corners, np.full(len(corners), height_mm)])
     return local @ mirror.rig_from_plane[:3, :3].T + mirror.rig_from_plane[:3, 3]

@@ -1,0 +1,101 @@
+"""Layouts and built holders that the tests of CAD share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from cad.build import build
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.values import FloatArray, Metric
+
+Surface = Literal["first", "second"]
+Built = tuple[Layout, Path, dict[str, Metric]]
+
+
+def parabola(
+    rows: int,
+    cols: int,
+    *,
+    scale_mm: float = 80.0,
+    gap_mm: float = 1.2,
+    surface: Surface = "first",
+    thickness_mm: float = 1.0,
+) -> Layout:
+    """Facets tangent to the parabola with its focus in the pupil and the directrix y = -scale, tiling the sensor."""
+    camera = Camera.c920()
+    half_u, half_v = 0.95 * 960.0 / camera.fx_px, 0.95 * 540.0 / camera.fy_px
+    us, vs = np.linspace(-half_u, half_u, cols + 1), np.linspace(half_v, -half_v, rows + 1)
+    gap = gap_mm / scale_mm / 2.0
+    mirrors = []
+    for t in range(rows):
+        for s in range(cols):
+            u, v = (us[s] + us[s + 1]) / 2.0, (vs[t] + vs[t + 1]) / 2.0
+            distance = scale_mm / (np.sqrt(1.0 + u * u + v * v) - v)
+            centre = np.array([distance * u, -scale_mm, distance])
+            left, right, low, high = us[s] + gap, us[s + 1] - gap, vs[t + 1] + gap, vs[t] - gap
+            rays = np.array([[left, high, 1.0], [right, high, 1.0], [right, low, 1.0], [left, low, 1.0]])
+            outline = rays * (centre @ centre / 2.0 / (rays @ centre))[:, None]
+            mirrors.append(
+                Mirror(
+                    virtual_centre_in_rig_mm=centre,
+                    outline_in_rig_mm=outline,
+                    surface=surface,
+                    thickness_mm=thickness_mm,
+                )
+            )
+    return Layout(rows=rows, cols=cols, camera=camera, mirrors=tuple(mirrors))
+
+
+def flat_pair(*, gap_mm: float, width_mm: float = 30.0, height_mm: float = 20.0, thickness_mm: float = 1.0) -> Layout:
+    """Two rectangular mirrors side by side in the one plane y = z - 80, which folds the view by 90 deg."""
+    point, right, up = np.array([0.0, 0.0, 80.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0)
+
+    def mirror(left_mm: float) -> Mirror:
+        corners = [(left_mm, 0.0), (left_mm + width_mm, 0.0), (left_mm + width_mm, height_mm), (left_mm, height_mm)]
+        outline: FloatArray = np.array([point + a * right + (b - height_mm / 2.0) * up for a, b in corners])
+        return Mirror.from_plane(
+            point, np.array([0.0, 1.0, -1.0]), outline_in_rig_mm=outline, thickness_mm=thickness_mm
+        )
+
+    mirrors = (mirror(-gap_mm / 2.0 - width_mm), mirror(gap_mm / 2.0))
+    return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
+
+
+@pytest.fixture(scope="session")
+def make_parabola() -> Callable[..., Layout]:
+    return parabola
+
+
+@pytest.fixture(scope="session")
+def make_flat_pair() -> Callable[..., Layout]:
+    return flat_pair
+
+
+@pytest.fixture(scope="session")
+def built_default(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """The default 3x3 first-surface layout, the folder of its files, and its checks."""
+    out = tmp_path_factory.mktemp("default")
+    return default_layout, out, build(default_layout, out)
+
+
+@pytest.fixture(scope="session")
+def built_pair(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """A 1x2 first-surface layout: the smallest part, for tests that break it."""
+    layout = parabola(1, 2, scale_mm=50.0)
+    out = tmp_path_factory.mktemp("pair")
+    return layout, out, build(layout, out)
+
+
+@pytest.fixture(scope="session")
+def built_second_surface(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """A 2x2 layout of second-surface mirrors, 2 mm thick."""
+    layout = parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
+    out = tmp_path_factory.mktemp("second")
+    return layout, out, build(layout, out)
