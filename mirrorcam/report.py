@@ -16,7 +16,7 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 _UNIT_ENDINGS = ("_deg", "_mm", "_px")
 _WORDS = {
     "fov": "field of view",
-    "iou": "(intersection over union)",
+    "iou": "",
     "rms": "RMS",
     "stl": "STL",
     "p95": "95 % quantile",
@@ -26,7 +26,7 @@ _LABELS = {
     "distance_error_max_mm": "Distance of the worst mirror, from the truth",
     "held_out_rms_x_px": "Corners in frames left out of the fit, RMS in x",
     "held_out_rms_y_px": "Corners in frames left out of the fit, RMS in y",
-    "held_out_spatial_rms_mm": "The same in space, pixel ray to corner, RMS",
+    "held_out_spatial_rms_mm": "Corners in frames left out, from their pixel's ray in space, RMS",
     "decoded_corner_rms_px": "Corners in decoded views, from a pinhole at the true place, RMS",
 }
 _HEADLINES = {
@@ -93,7 +93,7 @@ def label(name: str) -> str:
     for ending in _UNIT_ENDINGS:
         name = name.removesuffix(ending)
     words = (_WORDS.get(word, re.sub(r"^(\d+)mm$", r"at \1 mm", word)) for word in name.split("_"))
-    text = " ".join(words)
+    text = " ".join(word for word in words if word)
     return text[:1].upper() + text[1:]
 
 
@@ -392,5 +392,5 @@ section{padding-top:52px}
 .lead{font-size:17px}.share{display:none}
 .highlights{grid-template-columns:1fr 1fr}.highlights div:last-child:nth-child(odd){grid-column:1/-1}
 .highlights dd{font-size:24px}.highlights div{padding:16px}
-th,td{padding-right:10px}header,main,footer{padding-left:18px;padding-right:18px}}
+th,td{padding-right:10px}.plain td{white-space:normal}header,main,footer{padding-left:18px;padding-right:18px}}
 """
