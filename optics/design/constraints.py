@@ -21,7 +21,9 @@ MARGIN = 1e-6
 """Kept beyond every limit (in scales), so that the rounded layout still satisfies it."""
 
 CORNERS = 4
-LEAST_TURN = 1e-4
+LEAST_TURN = 1e-3
+"""Smallest turn at a corner of a sub-image, as the area its two edges span, relative to that at the start."""
+
 LEAST_INCIDENCE = 0.1
 
 
@@ -87,9 +89,13 @@ def add_mirror(
         program.require(towards - LEAST_INCIDENCE)
         face.append(ray * (0.5 * squared / towards))
     edges = [b - a for a, b in pairwise([*quad, quad[0]])]
+    tile_area = float(np.prod(corners.max(axis=0) - corners.min(axis=0)))
     for before, after in pairwise([*edges, edges[0]]):
-        program.require(turn(before, after) - LEAST_TURN)
-    offset = centre_unknown / ca.sqrt(squared) * back
+        program.require(turn(before, after) / tile_area - LEAST_TURN)
+    length = ca.sqrt(squared)
+    # A second-surface sheet lies before its reflecting face; the pupil must lie before the sheet.
+    program.require(length / 2.0 + min(back, 0.0) - MARGIN, "occlusion")
+    offset = centre_unknown / length * back
     return MirrorUnknown(centre_unknown, quad, face, [*face, *(point + offset for point in face)])
 
 
@@ -137,12 +143,13 @@ def add_overlap(
         at = ca.DM(aim) + vertex * (1.0 + depth)
         scene.append(ca.vertcat(at[0], depth, at[1]))
     seen = []
+    tile_area = float(4.0 * np.prod(half_size))
     for mirror in mirrors:
         images = [reflected(point, mirror.centre) for point in scene]
         seen.append([point[:2] / point[2] for point in images])
         for a, b in pairwise([*mirror.corners, mirror.corners[0]]):
             for point in seen[-1]:
-                program.require(10.0 * turn(b - a, point - a))
+                program.require(turn(b - a, point - a) / tile_area, "overlap")
     return seen
 
 

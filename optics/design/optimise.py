@@ -19,8 +19,8 @@ from optics.mirror import Mirror
 from optics.spec import DesignSpec
 from optics.values import FloatArray
 
-SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 100.0}
-"""What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by the whole sensor)."""
+SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0}
+"""What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
 
 MISSED = 1e-5
 
@@ -29,13 +29,13 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
     """The constraint that is missed most, in words."""
     worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
     by_mm = missed[worst] * spec.scale_mm
-    shared = max(0.0, LEAST_EFFICIENCY - missed["overlap"])
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
     finding = {
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
-        "occlusion": f"neighbouring mirrors reach {by_mm:.3g} mm into each other's light",
+        "occlusion": f"sheets of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
-        "overlap": f"views share {shared:.1%} of the sensor at {depths} mm, expected at least {LEAST_EFFICIENCY:.0%}",
+        "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
+        f"it leaves some by {missed['overlap']:.0%} of a sub-image",
     }[worst]
     return InfeasibleDesign(worst, finding)
 
@@ -58,6 +58,8 @@ def _solved(solver: Solver, spec: DesignSpec, start: Start, values: FloatArray |
         if outcome.solved:
             return outcome
     feasible, missed = solver.find_feasible()
+    if not feasible.solved:
+        raise InfeasibleDesign("every", f"IPOPT came near to no layout that meets them all ({feasible.status})")
     if max(missed.values()) > MISSED:
         raise _refusal(spec, missed)
     outcome = solver.optimise(feasible.values)

@@ -172,7 +172,7 @@ def problem_of(spec: DesignSpec, start: Start, pairs: Iterable[tuple[int, int]])
     mirrors = _add_mirrors(program, spec, start)
     efficiencies = [_add_efficiency(program, spec, start, mirrors, d / spec.scale_mm) for d in spec.depths_mm]
     for efficiency in efficiencies:
-        program.require(efficiency - LEAST_EFFICIENCY, "overlap")
+        program.require(efficiency - LEAST_EFFICIENCY)
     error, spacings = squared_grid_error([mirror.centre for mirror in mirrors], spec.rows, spec.cols)
     for spacing in spacings:
         program.require(spacing - LEAST_GRID_SPACING)

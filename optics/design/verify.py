@@ -128,6 +128,12 @@ def _check_gaps(layout: Layout, spacing_mm: float) -> None:
 
 
 def _check_light(layout: Layout, depth_mm: float) -> None:
+    for k, mirror in enumerate(layout.mirrors):
+        if mirror.surface == "second" and mirror.distance_mm <= mirror.thickness_mm:
+            raise InfeasibleDesign(
+                "occlusion",
+                f"the sheet of mirror {k} reaches {mirror.thickness_mm - mirror.distance_mm:.3g} mm past the pupil",
+            )
     blocked = blocked_light(layout.mirrors, depth_mm)
     if blocked:
         worst = max(blocked, key=lambda found: found.fraction)
