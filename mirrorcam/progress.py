@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import cache
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -42,10 +42,11 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
     """
     started = time.monotonic()
     if console().is_terminal:
-        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
-        with Progress(*columns, TimeElapsedColumn(), console=console(), transient=True) as bar:
-            task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
+        text, count = TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
+        columns = (SpinnerColumn(), text, BarColumn(bar_width=30), count, TimeElapsedColumn())
+        with Progress(*columns, console=console(), transient=True) as bar:
+            task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None, count="")
+            yield lambda done, total: bar.update(task, completed=done, total=total, count=f"{done}/{total} {unit}")
     else:
         say(title, f"{doing} ...")
         last = started
