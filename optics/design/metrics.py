@@ -126,12 +126,17 @@ def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
 
 
 def grid_error(layout: Layout) -> float:
-    """Root mean square distance of virtual centres to the best-fitting grid / geometric mean of its spacings."""
+    """Root mean square distance of virtual centres to the best-fitting grid / geometric mean of its spacings.
+
+    Raises InputError where a spacing is 0: views in one place are no grid.
+    """
     grid, spacings = fitted_grid(layout)
     if layout.rows * layout.cols < 2:
         return 0.0
     distances = np.linalg.norm(layout.virtual_centres_in_view_mm - grid, axis=-1)
     used = np.abs(spacings[[layout.cols > 1, layout.rows > 1]])
+    if used.min() < 1e-6:
+        raise InputError(f"virtual centres are {used.min():.2g} mm apart along an axis of the grid, expected a grid")
     return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
 
 
