@@ -25,6 +25,7 @@ from tyro.conf import (
 )
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
+from mirrorcam import interruption
 from mirrorcam.commands import cad, calibrate, decode, design, render, run, validate
 from optics.camera import Camera
 from optics.values import InputError
@@ -135,7 +136,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         command = parse(arguments)
-        return RUNNERS[type(command.command)](command.command)
+        with interruption.remembered():
+            return RUNNERS[type(command.command)](command.command)
     except InputError as error:
         return _refuse(str(error), BAD_INPUT, arguments)
     except BrokenPipeError:

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
+from mirrorcam import interruption
 from optics.values import Metric
 
 SECONDS_BETWEEN_LINES = 5.0
@@ -59,6 +60,7 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
                 say(title, f"{done}/{total} {unit}".rstrip() + f" after {now - started:.0f} s")
 
         yield advance
+    interruption.check()
     say(title, f"done in {time.monotonic() - started:.1f} s")
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.progress import figure_text
+from mirrorcam.progress import figure_text, long_work
 from optics.files import read_image, write_image
 from optics.layout import Layout
 from optics.targets import Checkerboard, default_board, save_board
@@ -277,6 +279,28 @@ def test_what_ends_a_command_is_told_in_one_line(
     monkeypatch.setitem(cli.RUNNERS, options, raising(error))
     assert cli.main(["cad", "layout.json"]) == code
     assert capfd.readouterr().err == line + "\n"
+
+
+def test_an_interruption_that_a_library_swallows_still_ends_the_command(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    reached = []
+
+    def run(options: object) -> int:
+        with long_work("design", "deaf work"), suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        reached.append("next work")
+        return 0
+
+    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
+    monkeypatch.setitem(cli.RUNNERS, options, run)
+    before = signal.getsignal(signal.SIGINT)
+    assert cli.main(["cad", "layout.json"]) == 130
+    assert reached == []
+    assert "done" not in capfd.readouterr().out
+    assert signal.getsignal(signal.SIGINT) is before
+    monkeypatch.setitem(cli.RUNNERS, options, lambda options: 0)
+    assert cli.main(["cad", "layout.json"]) == 0
 
 
 def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -> None:
