@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mirrorcam.cli import main
 from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors, validate
 from optics.layout import Layout
 from optics.targets import default_board
@@ -79,3 +81,21 @@ def test_a_truth_that_differs_fails(default_set: Path, tmp_path: Path, validatio
     other = truth.replaced(mirrors=(*truth.mirrors[:4], turned, *truth.mirrors[5:]))
     errors = mirror_errors(validation.calibration.layout, other)
     assert errors["distance_error_max_mm"].value > LIMITS["distance_error_max_mm"]
+
+
+def test_the_command_fails_past_a_limit_and_still_reports(
+    default_set: Path, validation: Validation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    strict = {n: m.replaced(limit=1e-9) if m.limit else m for n, m in validation.metrics.items()}
+    for found, code in ((validation, 0), (Validation(validation.calibration, strict), 1)):
+        monkeypatch.setattr("mirrorcam.validate.validate", lambda *_, found=found: found)
+        assert main(["validate", str(default_set), "--out", str(tmp_path / str(code))]) == code
+        assert {path.name for path in (tmp_path / str(code)).iterdir()} == {
+            "layout.json",
+            "metrics.json",
+            "report.md",
+            "residuals.png",
+        }
+    written = json.loads((tmp_path / "1" / "metrics.json").read_text())
+    assert written["normal_error_max_deg"]["unit"] == "deg"
+    assert written["normal_error_max_deg"]["value"] > written["normal_error_max_deg"]["limit"]
