@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.commands.render import RenderOptions
 from mirrorcam.progress import figure_text, long_work
 from optics.files import read_image, write_image
 from optics.layout import Layout
 from optics.targets import Checkerboard, default_board, save_board
 from optics.values import InputError
+from render_scenes.dataset import Tolerances
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
@@ -319,3 +321,10 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     assert capfd.readouterr().err == (
         'mirrorcam: build123d not installed, needed for this command: pip install "mirrorcam[cad]"\n'
     )
+
+
+def test_render_offers_the_tolerances_of_a_set_with_their_own_defaults() -> None:
+    options = cli.parse(["render", "layout.json"]).command
+    assert isinstance(options, RenderOptions)
+    tolerances = Tolerances()
+    assert (options.tilt_deg, options.offset_mm) == (tolerances.tilt_deg, tolerances.offset_mm)
