@@ -25,6 +25,8 @@ MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
 DEPTHS_PER_ROW = 2
 LEGEND_COLUMNS = 3
+SIDE_IN, HEAD_IN, SENSOR_IN, ROW_IN = 8.0, 1.0, 5.35, 3.9
+MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
 
 
 def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
@@ -38,21 +40,21 @@ def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
         raise ValueError("before_after needs a layout with a spec, found none to take depths from")
     depths_mm = sorted(spec.depths_mm)
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
-    heights = [0.75, 5.3, 3.75] + [3.75] * len(overlap_rows)
-    figure = Figure(figsize=(16.0, sum(heights)), layout="constrained")
-    sides = np.asarray(figure.subfigures(1, 2, wspace=0.02))
+    height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
+    figure = Figure(figsize=(2.0 * SIDE_IN, height_in))
     same_scale: list[list[Axes]] = []
-    for side, name, layout in zip(sides, ("Faceted parabola", "Optimised"), (parabola, optimised), strict=True):
-        head, top, middle, *below = side.subfigures(len(heights), 1, height_ratios=heights)
-        head.text(0.5, 0.62, name, ha="center", va="center", fontsize=17, fontweight="bold")
-        head.text(0.5, 0.18, _figures(layout, depths_mm), ha="center", va="center", fontsize=13)
-        _sensor(top.subplots(), layout, depths_mm)
-        from_side, from_front = middle.subplots(1, 2, width_ratios=(1.15, 1.0))
+    for left_in, name, layout in ((0.0, "Faceted parabola", parabola), (SIDE_IN, "Optimised", optimised)):
+        middle, top_in = (left_in + SIDE_IN / 2.0) / figure.get_figwidth(), height_in - HEAD_IN
+        figure.text(middle, 1.0 - 0.35 / height_in, name, ha="center", va="center", fontsize=17, fontweight="bold")
+        shares = _figures(layout, depths_mm)
+        figure.text(middle, 1.0 - 0.75 / height_in, shares, ha="center", va="center", fontsize=13)
+        _sensor(_row(figure, left_in, top_in, SENSOR_IN, (1.0,))[0], layout, depths_mm)
+        from_side, from_front = _row(figure, left_in, top_in - SENSOR_IN, ROW_IN, (1.15, 1.0))
         _side(from_side, layout)
         _front(from_front, layout)
         same_scale.append([from_side, from_front])
-        for part, row in zip(below, overlap_rows, strict=True):
-            panels = part.subplots(1, len(row), squeeze=False)[0]
+        for number, row in enumerate(overlap_rows):
+            panels = _row(figure, left_in, top_in - SENSOR_IN - ROW_IN * (1 + number), ROW_IN, (1.0,) * len(row))
             for axes, depth_mm in zip(panels, row, strict=True):
                 _overlap(axes, layout, depth_mm)
             same_scale[-1].extend(panels)
@@ -60,6 +62,20 @@ def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
         _share_limits(column)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
+
+
+def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths: Sequence[float]) -> list[Axes]:
+    """Axes side by side in one side of the figure, placed by hand: matplotlib's layout engines vary run to run."""
+    across, upwards = figure.get_size_inches()
+    panels = []
+    for width in widths:
+        cell_in = SIDE_IN * width / sum(widths)
+        room = (cell_in - MARGIN_IN["left"] - MARGIN_IN["right"], height_in - MARGIN_IN["top"] - MARGIN_IN["bottom"])
+        corner = (left_in + MARGIN_IN["left"], top_in - height_in + MARGIN_IN["bottom"])
+        rectangle = (corner[0] / across, corner[1] / upwards, room[0] / across, room[1] / upwards)
+        panels.append(figure.add_axes(rectangle))
+        left_in += cell_in
+    return panels
 
 
 def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
@@ -93,10 +109,11 @@ def _fill(colour: str, opacity: float) -> tuple[float, float, float, float]:
 
 def _finish(axes: Axes, title: str, x: str, y: str, handles: Sequence[Artist]) -> None:
     axes.set_aspect("equal", adjustable="box")
-    axes.set_title(title, fontsize=12)
+    axes.set_title(title, fontsize=11)
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.tick_params(labelsize=9)
+    axes.locator_params(axis="x", nbins=6)
     # The legend's distance is counted in font sizes, so that it clears the axis label under panels of any height.
     place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
     axes.legend(handles=handles, ncols=min(len(handles), LEGEND_COLUMNS), frameon=False, fontsize=9, **place)
@@ -179,7 +196,7 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
     axes.margins(0.04)
     axes.autoscale_view()
     share, overlap = pixel_efficiency(layout, depth_mm), region.area / union_all(footprints).area
-    title = f"{depth_mm:g} mm: {share:.0%} of the sensor, overlap {overlap:.0%}"
+    title = f"{depth_mm:g} mm: {share:.0%} of the sensor, IoU {overlap:.2f}"
     handles = [
         Line2D([], [], color=MIRROR, label="one view"),
         Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label="all views"),

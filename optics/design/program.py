@@ -68,6 +68,26 @@ class Program:
         self._zero.append(ca.vec(expression))
 
     @property
+    def start(self) -> FloatArray:
+        """Where all unknowns start."""
+        return np.array(self._start)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest values of all unknowns."""
+        return np.array(self._low), np.array(self._high)
+
+    @property
+    def constraints(self) -> Expression:
+        """All constraints, one column: first those that must be at least 0, then those that must be 0."""
+        return ca.vertcat(*self._at_least, *self._zero)
+
+    @property
+    def upper_limits(self) -> FloatArray:
+        """Greatest values of `constraints`; the least are 0."""
+        return np.repeat([np.inf, 0.0], [sum(part.numel() for part in parts) for parts in (self._at_least, self._zero)])
+
+    @property
     def unknowns(self) -> Expression:
         """All unknowns, one column."""
         return ca.vertcat(*self._symbols)
@@ -92,10 +112,7 @@ class Solver:
 
     def __init__(self, program: Program, objective: Expression, slack_weights: dict[str, float]) -> None:
         unknowns = program.unknowns
-        self._start = np.array(program._start)
-        self._low, self._high = np.array(program._low), np.array(program._high)
-        self._at_least = sum(column.numel() for column in program._at_least)
-        self._equal = sum(column.numel() for column in program._zero)
+        self._start, self._bounds, self._upper_limits = program.start, program.bounds, program.upper_limits
         missed = sum(slack_weights[family] * slack for family, slack in program.slack.items())
         nearby = ca.sumsqr(unknowns[len(ELASTIC) :] - ca.DM(self._start[len(ELASTIC) :]))
         searching = ca.SX.sym("searching")
@@ -106,22 +123,22 @@ class Solver:
                 "x": unknowns,
                 "p": searching,
                 "f": (1 - searching) * objective + searching * missed + HOLD * nearby,
-                "g": ca.vertcat(*program._at_least, *program._zero),
+                "g": program.constraints,
             },
             IPOPT,
         )
         self._slacks = ca.Function("slacks", [unknowns], [ca.vertcat(*program.slack.values())])
 
     def _solve(self, start: FloatArray, slack_limit: float, searching: float) -> Outcome:
-        high = self._high.copy()
+        low, high = (bound.copy() for bound in self._bounds)
         high[: len(ELASTIC)] = slack_limit
         result = self._nlp(
             x0=start,
-            lbx=self._low,
+            lbx=low,
             ubx=high,
             p=searching,
-            lbg=np.zeros(self._at_least + self._equal),
-            ubg=np.concatenate([np.full(self._at_least, np.inf), np.zeros(self._equal)]),
+            lbg=np.zeros_like(self._upper_limits),
+            ubg=self._upper_limits,
         )
         stats = self._nlp.stats()
         return Outcome(

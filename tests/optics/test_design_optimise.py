@@ -1,0 +1,174 @@
+"""The optimiser from end to end: what it reaches, what it refuses, and that it says the same thing every time."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from optics.camera import Camera
+from optics.design.errors import InfeasibleDesign
+from optics.design.metrics import evaluate
+from optics.design.optimise import design
+from optics.design.seeds import faceted_parabola
+from optics.design.verify import verify
+from optics.layout import Layout
+from optics.spec import DesignSpec
+from optics.values import InputError
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Layout:
+    return design(DesignSpec())
+
+
+def test_the_default_design_reaches_its_goals(nominal: Layout) -> None:
+    assert nominal.kind == "nominal"
+    assert nominal.metrics["grid_error"].value <= 0.11
+    assert nominal.metrics["pixel_efficiency_300mm"].value >= 0.50
+    assert nominal.metrics["pixel_efficiency_500mm"].value >= 0.50
+    assert 1.0 <= nominal.metrics["smallest_gap_mm"].value < 1.01
+
+
+def test_the_parabola_is_far_behind() -> None:
+    parabola = evaluate(faceted_parabola(DesignSpec()), [300.0, 500.0])
+    assert parabola["grid_error"].value == pytest.approx(0.275, abs=0.005)
+    assert parabola["pixel_efficiency_300mm"].value == pytest.approx(0.124, abs=0.005)
+    assert parabola["pixel_efficiency_500mm"].value == pytest.approx(0.253, abs=0.005)
+
+
+def test_the_parabola_scores_as_the_prototype_did_where_depths_count_from_its_directrix() -> None:
+    parabola = evaluate(faceted_parabola(DesignSpec(spacing_mm=0.6)), [220.0, 420.0])
+    assert parabola["pixel_efficiency_220mm"].value == pytest.approx(0.07, abs=0.005)
+    assert parabola["pixel_efficiency_420mm"].value == pytest.approx(0.23, abs=0.005)
+
+
+def test_the_layout_says_where_it_comes_from(nominal: Layout) -> None:
+    assert nominal.spec == DesignSpec()
+    assert nominal.provenance["made_by"] == "optics.design.optimise.design"
+    assert nominal.metrics == evaluate(nominal, [300.0, 500.0])
+
+
+def test_the_same_spec_gives_the_same_bytes(nominal: Layout) -> None:
+    again = design(DesignSpec())
+    assert again.model_dump_json() == nominal.model_dump_json()
+
+
+def test_the_default_layout_is_the_committed_one(nominal: Layout, default_layout: Layout) -> None:
+    # Another machine's linear algebra may round otherwise, which the optimum does not feel.
+    assert np.abs(nominal.virtual_centres_in_rig_mm - default_layout.virtual_centres_in_rig_mm).max() < 0.01
+    for name, metric in default_layout.metrics.items():
+        assert nominal.metrics[name].value == pytest.approx(metric.value, rel=1e-3), name
+
+
+def test_a_symmetric_camera_gets_a_symmetric_array(nominal: Layout) -> None:
+    centres = nominal.virtual_centres_in_view_mm
+    assert np.abs(centres[:, ::-1] * [-1.0, 1.0, 1.0] - centres).max() < 1e-4
+
+
+def test_the_central_mirror_folds_by_ninety_degrees_at_the_scale(nominal: Layout) -> None:
+    centre = nominal.mirrors[nominal.central_index].virtual_centre_in_rig_mm
+    assert np.abs(centre - [0.0, -80.0, 80.0]).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "worst_error", "least_efficiency"),
+    [
+        (1, 2, 0.03, 0.80),
+        (2, 2, 0.09, 0.65),
+        (2, 3, 0.09, 0.57),
+        (2, 4, 0.09, 0.52),
+        (3, 5, 0.11, 0.40),
+        (4, 4, 0.11, 0.40),
+    ],
+)
+def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency: float) -> None:
+    spec = DesignSpec(rows=rows, cols=cols)
+    layout = design(spec)
+    verify(layout, spec)
+    assert layout.metrics["grid_error"].value <= worst_error
+    for depth in ("300", "500"):
+        assert layout.metrics[f"pixel_efficiency_{depth}mm"].value >= least_efficiency
+
+
+@pytest.mark.slow
+def test_five_by_five() -> None:
+    layout = design(DesignSpec(rows=5, cols=5))
+    assert layout.metrics["grid_error"].value <= 0.11
+    assert layout.metrics["pixel_efficiency_300mm"].value >= 0.30
+
+
+def test_tradeoff_trades_efficiency_for_the_grid() -> None:
+    figures = [design(DesignSpec(rows=2, cols=2, tradeoff=t)).metrics for t in (0.1, 0.4, 0.8, 1.0)]
+    errors = [metrics["grid_error"].value for metrics in figures]
+    shares = [metrics["pixel_efficiency_300mm"].value + metrics["pixel_efficiency_500mm"].value for metrics in figures]
+    for better, worse in itertools.pairwise(errors):
+        assert worse < better
+    for better, worse in itertools.pairwise(shares):
+        assert worse < better
+    assert errors[-1] < 0.005
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"surface": "second", "thickness_mm": 3.0},
+        {"scale_mm": 40.0, "depths_mm": (150.0, 250.0), "spacing_mm": 0.5},
+        {"spacing_mm": 0.0},
+        {"depths_mm": (200.0, 400.0, 1000.0)},
+        {"camera": Camera.c920().replaced(distortion=[0.1, -0.2, 0.001, -0.001, 0.02])},
+        {"camera": Camera.c920().replaced(distortion=[-0.1, 0.02, 0.001, -0.001, 0.0], cx_px=940.0, cy_px=560.0)},
+    ],
+    ids=["second surface", "small", "touching", "three depths", "pincushion", "barrel off centre"],
+)
+def test_other_requests(changes: dict[str, object]) -> None:
+    spec = DesignSpec.model_validate({"rows": 2, "cols": 2, **changes})
+    layout = design(spec)
+    verify(layout, spec)
+    assert layout.metrics["grid_error"].value < 0.1
+    for depth in spec.depths_mm:
+        assert layout.metrics[f"pixel_efficiency_{depth:g}mm"].value > 0.5
+
+
+def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
+    # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
+    spec = DesignSpec(depths_mm=(30.0,))
+    verify(design(spec), spec)
+
+
+TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "spec", "message"),
+    [
+        (
+            "spacing",
+            DesignSpec(rows=1, cols=2, spacing_mm=120.0),
+            r"cannot be 120 mm apart, they come 41\.\d mm too close",
+        ),
+        (
+            "depth",
+            DesignSpec(depths_mm=(10.0, 500.0)),
+            r"10 mm is nearer than the mirrors, they reach [\d.]+ mm past it",
+        ),
+        (
+            "occlusion",
+            DesignSpec(rows=1, cols=2, surface="second", thickness_mm=200.0),
+            r"sheets of 200 mm reach \d+ mm into the light",
+        ),
+        (
+            "overlap",
+            DesignSpec(rows=1, cols=2, camera=TELE, depths_mm=(100.0, 1e5), spacing_mm=0.0),
+            r"no region at 100, 100000 mm that 5% of the sensor could see lies in all views, it leaves some by 1% of",
+        ),
+    ],
+    ids=["spacing", "depth", "occlusion", "overlap"],
+)
+def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, message: str) -> None:
+    with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:
+        design(spec)
+    assert refusal.value.constraint == constraint
+    assert isinstance(refusal.value, InputError)
+    assert "\n" not in str(refusal.value)
