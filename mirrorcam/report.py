@@ -261,7 +261,7 @@ def index_html(report: Report) -> str:
         as_built=escape(report.as_built),
         views=_picture(report.views),
         truth=_limit_table(report.truth),
-        residuals=_picture(report.residuals, "What the calibrated model leaves unexplained, corner by corner."),
+        residuals=_picture(report.residuals, "What the calibrated model leaves unexplained over the sensor."),
         files=_files(report.files),
     )
 
