@@ -23,10 +23,12 @@ from optics.values import FloatArray, Metric
 # A face this far from where a seat belongs (mm, and cosine of the angle) is not taken for that seat.
 SEAT_SEARCH_MM = 5.0
 SEAT_SEARCH_COSINE = 0.9
+# A seat may lose this much of the mirror it bears to a neighbour's light and pocket, at its edge.
+SEAT_COVER = 0.99
 # Rays stop this far from a surface that they leave or reach: the rounding of the STL's 32-bit numbers is 1e-5 mm.
 SURFACE_MM = 1e-3
-# Two faces make a wall where they are parallel to 30 deg; the edge of a wedge is not a wall.
-WALL_COSINE = np.cos(np.radians(30.0))
+# Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
+WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
 WALL_DOT_MM2 = 0.5
 RAY_STEP_MM = 1.0
@@ -57,7 +59,10 @@ def check_step(path: Path, layout: Layout) -> dict[str, Metric]:
         "seat_offset_um": Metric(value=max((s.offset_um(m) for m, s in seats), default=0.0), unit="um", limit=1.0),
         "seat_angle_deg": Metric(value=max((s.angle_deg(m) for m, s in seats), default=0.0), unit="deg", limit=0.001),
         "seat_cover": Metric(
-            value=min((s.cover(m) for m, s in seats), default=0.0), unit="", limit=1.0 - 1e-6, lower_is_better=False
+            value=min((s.cover(m) for m, s in seats), default=0.0),
+            unit="",
+            limit=SEAT_COVER,
+            lower_is_better=False,
         ),
         "volume_cm3": Metric(value=sum(solid.volume for solid in solids) / 1000.0, unit="cm3"),
     }
@@ -184,7 +189,7 @@ def shade_of_sheets(layout: Layout, hardware: Hardware) -> float:
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold) -> float:
-    """Smallest distance, straight into the material, between two faces that are parallel to 30 deg.
+    """Smallest distance, straight into the material, between two faces that are parallel to 15 deg.
 
     Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing hangs on them.
     """

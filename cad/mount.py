@@ -12,6 +12,9 @@ from cad.seats import back_height_mm, outline_at, seat_distance_mm
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
 
+# Fillers that recede into the slab end this far in it.
+IN_SLAB_MM = 0.5
+
 
 @dataclass(frozen=True)
 class MountFace:
@@ -36,6 +39,18 @@ def mount_axes(layout: Layout) -> FloatArray:
         x_axis = np.array([0.0, 0.0, 1.0]) - away[2] * away
     x_axis /= np.linalg.norm(x_axis)
     return np.array([x_axis, np.cross(away, x_axis), away])
+
+
+def clip(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
+    """The part of a flat convex loop (n, 3) that lies at most so far along a direction: a loop (m, 3), maybe empty."""
+    kept = []
+    for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
+        over_start, over_end = float(start @ direction) - most, float(end @ direction) - most
+        if over_start <= 0.0:
+            kept.append(start)
+        if over_start * over_end < 0.0:
+            kept.append(start + (end - start) * over_start / (over_start - over_end))
+    return np.array(kept).reshape(-1, 3)
 
 
 class FrontSurface:
@@ -64,9 +79,12 @@ class FrontSurface:
                 if len(common):
                     recesses[i] = max(recesses[i], float((self._along(j, common) - self._along(i, common)).max()))
         self._recesses_mm = recesses
-        self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
-        self.fillers = [front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True)]
         self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
+        # What recedes into the slab is left to the slab.
+        receded = (front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True))
+        clipped = (clip(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
+        self.fillers = [front for front in clipped if len(front) >= 3]
+        self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         self.footprint = MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
 
     def _shadows(self, outlines: list[FloatArray]) -> list[Polygon]:

@@ -52,8 +52,9 @@ def plan_rims(
 ) -> list[tuple[Frustum, FloatArray]]:
     """The rims of all mirrors, each with the ground (4, 3) it needs: its foot, widened to the mirror's edge.
 
-    A rim enters no light and stands neither before nor behind another mirror (looked for `reach_mm` far along its
-    normal), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim stands back.
+    A rim enters no light and stands neither before nor behind another mirror or its rim (looked for `reach_mm` far
+    along their normals), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim
+    stands back.
     """
     fit = hardware.mirror_fit_mm
     taken = [
@@ -63,7 +64,10 @@ def plan_rims(
     rims = []
     for index, mirror in enumerate(layout.mirrors):
         others = [volume for other, group in enumerate(taken) if other != index for volume in group]
-        rims += _rims_of(mirror, keep_outs[index][1:], others, hardware)
+        placed = _rims_of(mirror, keep_outs[index][1:], others, hardware)
+        away = reach_mm * mirror.normal_in_rig
+        taken[index] += [Frustum(ground - away, ground + away) for _, ground in placed]
+        rims += placed
     return rims
 
 
@@ -87,7 +91,8 @@ def _rims_of(
         lit = np.any([volume.contains(points).any(axis=2) for volume in own_light], axis=0)
         # Per step the side from which on outwards no light is met.
         first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
-        room = np.append(sides, np.inf)[first_free] <= margin - hardware.wall_mm
+        # Half a step to spare: between two points tried, light may reach a little further.
+        room = np.append(sides, np.inf)[first_free] <= margin - hardware.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
             room &= ~volume.contains(points).any(axis=(1, 2))
         for first, last in _runs(room):

@@ -155,6 +155,6 @@ def test_other_sizes_build_and_pass(
     surface: str,
     thickness_mm: float,
 ) -> None:
-    layout = make_parabola(rows, cols, scale_mm=scale_mm, surface=surface, thickness_mm=thickness_mm, gap_mm=1.5)
+    layout = make_parabola(rows, cols, scale_mm=scale_mm, surface=surface, thickness_mm=thickness_mm, gap_mm=2.0)
     checks = build(layout, tmp_path)
     assert {name for name, check in checks.items() if not check.passed} == set()

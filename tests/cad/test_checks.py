@@ -91,6 +91,7 @@ def test_a_sound_part_passes_every_check(fixture: str, request: pytest.FixtureRe
     assert {name for name, check in checks.items() if check.limit is not None} == LIMITED
     assert failed(checks) == set()
     assert checks["seat_offset_um"].value < 0.01
+    assert checks["seat_cover"].value > 1.0 - 1e-6
     assert checks["rays_cast"].value > 300 * len(layout.mirrors)
 
 
@@ -133,12 +134,12 @@ def test_a_part_without_seats_is_found(built_pair: Built, tmp_path: Path) -> Non
 def test_a_notch_in_a_seat_and_a_second_solid_are_found(built_pair: Built, tmp_path: Path) -> None:
     layout, folder, _ = built_pair
     corner = layout.mirrors[0].outline_in_rig_mm[0]
-    notched = sound_part(folder) - block(corner, 4.0)
+    notched = sound_part(folder) - block(corner, 15.0)
     beside = block(np.array([0.0, -300.0, 0.0]), 5.0)
     checks = check_step(step_of(Part([*notched.solids(), *beside.solids()]), tmp_path), layout)
     assert failed(checks) == {"solids", "seat_cover"}
     assert checks["solids"].value == 2.0
-    assert 0.9 < checks["seat_cover"].value < 0.9999
+    assert 0.8 < checks["seat_cover"].value < 0.99
 
 
 def test_a_hole_in_the_mesh_is_found_and_proves_no_ray_free(built_pair: Built, tmp_path: Path) -> None:
