@@ -130,3 +130,10 @@ def test_noise_below_a_nanometre_leaves_no_trace() -> None:
     centres = parabola_centres(corners.mean(axis=1), 80.0).round(6)
     noise = np.random.default_rng(0).uniform(-2e-10, 2e-10, centres.shape)
     assert mirrors_of(spec, centres, corners) == mirrors_of(spec, centres + noise, corners + noise[0, 0])
+
+
+def test_outlines_are_rounded_and_lie_on_their_planes() -> None:
+    for mirror in faceted_parabola(DesignSpec(rows=2, cols=2)).mirrors:
+        outline = mirror.outline_in_rig_mm
+        assert (outline == outline.round(9)).all()
+        assert np.abs(outline @ mirror.normal_in_rig + mirror.distance_mm).max() < 2e-9

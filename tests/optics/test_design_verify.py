@@ -133,3 +133,12 @@ def test_samples_cover_a_polygon_and_its_border() -> None:
     edge = np.roll(pentagon, -1, axis=0) - pentagon
     inside = [edge[:, 0] * (p - pentagon)[:, 1] - edge[:, 1] * (p - pentagon)[:, 0] for p in points]
     assert np.min(inside) > -1e-12
+
+
+def test_a_mirror_before_another_takes_all_its_light(default_layout: Layout) -> None:
+    # The same place of the image from 0.8 of the distance: every ray meets the nearer mirror first.
+    behind, before = default_layout.mirrors[4], slid(default_layout.mirrors[4], 0.8)
+    ways_in = {found.light_of: found for found in blocked_light((behind, before), 500.0) if found.leg == "in"}
+    assert ways_in[0].sheet_of == 1
+    assert ways_in[0].fraction > 0.8
+    assert 1 not in ways_in
