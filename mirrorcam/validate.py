@@ -54,37 +54,39 @@ class Validation:
         return all(metric.passed for metric in self.metrics.values())
 
 
-def calibrate_set(folder: Path, on_frame: Callable[[int, int], None] | None = None) -> Calibration:
-    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone."""
+def calibrate_set(folder: Path, on_frame: Callable[[int], None] | None = None) -> Calibration:
+    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
+
+    `on_frame` hears how many of its pictures are done.
+    """
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
-    total = len(dataset.frame_names) + len(dataset.base_names)
 
     def images(names: tuple[str, ...]) -> Iterator[Grey]:
         return (read_image(folder / name, grey=True) for name in names)
 
-    return calibrate(
-        images(dataset.frame_names),
-        images(dataset.base_names),
-        layout,
-        board,
-        on_frame=None if on_frame is None else lambda done: on_frame(done, total),
-    )
+    return calibrate(images(dataset.frame_names), images(dataset.base_names), layout, board, on_frame=on_frame)
 
 
-def validate(folder: Path, on_frame: Callable[[int, int], None] | None = None) -> Validation:
-    """Calibrate blind, then compare with the sealed truth. Raises InputError where the set lacks a file."""
-    calibration = calibrate_set(folder, on_frame)
+def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, total: None) -> Validation:
+    """Calibrate blind, then compare with the sealed truth. Raises InputError where the set lacks a file.
+
+    `on_frame` hears how many pictures of how many are done: each is calibrated from, those by mirrors decoded, too.
+    """
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
+    pictures = dataset.frames + dataset.base_frames
+    total = pictures + dataset.frames
+    calibration = calibrate_set(folder, lambda done: on_frame(done, total))
     truth = Layout.load(folder / "truth" / "layout.json")
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
     metrics = mirror_errors(calibration.layout, truth)
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
     decoder = Decoder(calibration.layout)
     errors = []
-    for name, rig_from_board in zip(dataset.frame_names, poses, strict=True):
+    for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(folder / name))
         errors.append(decoded_errors(light_field, truth, board, rig_from_board))
+        on_frame(pictures + done, total)
     found = np.concatenate(errors)
     if not len(found):
         raise InputError(f"{folder}: no corner found in any decoded view")

@@ -13,7 +13,7 @@ from optics.values import Value
 class DesignSpec(Value):
     """A request for a mirror layout; the optimiser answers with a `Layout` or says which constraint cannot hold."""
 
-    camera: Camera = Field(default_factory=Camera.c920)
+    camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
     rows: int = Field(default=3, ge=1, le=12, description="rows of mirrors, one row of views each")
     cols: int = Field(default=3, ge=1, le=12, description="columns of mirrors")
     scale_mm: float = Field(default=80.0, gt=0, description="height of the central mirror above the pupil")

@@ -20,20 +20,20 @@ PICTURES = (".png", ".jpg", ".jpeg")
 
 
 class CalibrateOptions(Value):
-    """Calibrate a mirror camera from pictures of a board: its intrinsics and 3 numbers per mirror, with uncertainties.
-
-    With --layout, the nominal layout says where to look and where to start, and --base are pictures taken without the
-    mirrors. With --direct-view, pictures show a checkerboard directly and in --mirrors N mirrors, and no layout is
-    needed. Writes layout.json (calibrated), metrics.json, report.md and residuals.png.
-    """
+    """Calibrate a mirror camera from pictures of a board: its intrinsics and 3 numbers per mirror, with sigmas."""
 
     images: tyro.conf.Positional[tuple[Path, ...]] = Field(min_length=1, description="pictures, or folders of them")
     board: Path = Field(description="board.toml")
-    layout: Path | None = Field(default=None, description="layout.json of the nominal layout")
+    layout: Path | None = Field(default=None, description="nominal layout.json: where to look and where to start")
     base: tuple[Path, ...] = Field(default=(), description="pictures without mirrors, or folders of them")
-    direct_view: bool = Field(default=False, description="the camera sees the board directly, too")
+    direct_view: bool = Field(
+        default=False, description="the camera sees a checkerboard directly, too, so that no layout is needed"
+    )
     mirrors: int | None = Field(default=None, ge=1, le=4, description="how many mirrors, with --direct-view")
-    out: Path = Field(default=Path("output/calibrated"), description="folder for the results")
+    out: Path = Field(
+        default=Path("output/calibrated"),
+        description="folder for layout.json (calibrated), metrics.json, report.md and residuals.png",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:

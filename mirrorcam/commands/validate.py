@@ -12,13 +12,13 @@ from optics.values import Value
 
 
 class ValidateOptions(Value):
-    """Calibrate and decode a rendered set blind, then open its truth; exits 1 when a figure is past its limit.
-
-    Writes the calibrated layout.json, report.md, residuals.png and metrics.json (name, value, unit, limit).
-    """
+    """Calibrate and decode a rendered set blind, then open its truth; exits 1 when a figure is past its limit."""
 
     set: tyro.conf.Positional[Path] = Field(description="folder of a set made by `mirrorcam render`")
-    out: Path = Field(default=Path("output/validated"), description="folder for the results")
+    out: Path = Field(
+        default=Path("output/validated"),
+        description="folder for layout.json (calibrated), metrics.json, report.md and residuals.png",
+    )
 
 
 def run(options: ValidateOptions) -> int:
@@ -27,7 +27,7 @@ def run(options: ValidateOptions) -> int:
     from mirrorcam.validate import validate
     from optics.files import write_metrics
 
-    with long_work("validate", "finding corners", "pictures") as advance:
+    with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
         validation = validate(options.set, advance)
         write_calibration(validation.calibration, options.out)
         write_metrics(options.out / "metrics.json", validation.metrics)

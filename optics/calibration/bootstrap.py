@@ -60,17 +60,18 @@ def intrinsics(
     )
 
 
-def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray:
+def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray | None:
     """Rigid 4x4 that puts a flat board where it looks like the view, mirrored or not.
 
-    For a mirrored view this is where the *image* of the board stands, with the sign of the board's z axis lost.
+    For a mirrored view this is where the *image* of the board stands, with the sign of the board's z axis lost. None
+    where no pose fits.
     """
     normalized = camera.normalized_from_pixels(view.pixels)
     found, turn, shift = cv2.solvePnP(
         corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     if not found:
-        raise InputError(f"no board pose fits the {len(view)} corners of a view")
+        return None
     turn, shift = cv2.solvePnPRefineLM(corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, turn, shift)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn)[0], np.asarray(shift).ravel()
@@ -79,14 +80,14 @@ def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: F
 
 def rig_from_board(
     camera: Camera, view: Corners, corners_in_board_mm: FloatArray, virtual_centre: FloatArray | None
-) -> FloatArray:
+) -> FloatArray | None:
     """Rigid 4x4 of the board itself from one view: direct (None) or by way of the mirror with that virtual centre.
 
     With F = diag(1, 1, -1), which leaves a flat board as it is, and the mirror's reflection S, the image of the board
-    stands at S R F: a rotation. So R = S (S R F) F.
+    stands at S R F: a rotation. So R = S (S R F) F. None where no pose fits.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
-    if virtual_centre is None:
+    if virtual_centre is None or matrix is None:
         return matrix
     unit = virtual_centre / np.linalg.norm(virtual_centre)
     turned = matrix.copy()
@@ -120,11 +121,16 @@ def best_pose(
     views: Sequence[tuple[Mirror | None, Corners]],
     corners_in_board_mm: FloatArray,
 ) -> FloatArray:
-    """The board pose (4, 4) of one frame, from whichever of its views predicts all of them best."""
+    """The board pose (4, 4) of one frame, from whichever of its views predicts all of them best.
+
+    Raises InputError where none of the views fits any pose.
+    """
     best, best_cost = None, np.inf
     for mirror, view in views:
         centre = None if mirror is None else mirror.virtual_centre_in_rig_mm
         pose = rig_from_board(camera, view, corners_in_board_mm, centre)
+        if pose is None:
+            continue
         errors = []
         for other, seen in views:
             points = corners_in_board_mm[seen.ids] @ pose[:3, :3].T + pose[:3, 3]
@@ -134,5 +140,5 @@ def best_pose(
         if cost < best_cost:
             best, best_cost = pose, cost
     if best is None:
-        raise ValueError("no view of this frame, expected at least one")
+        raise InputError(f"no board pose fits any of the {len(views)} views of a frame")
     return best

@@ -22,6 +22,7 @@ IntArray = NDArray[np.int64]
 
 CHECKERBOARD_WINDOW = 0.4
 MIN_CORNERS = 6
+LEAST_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
 SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
@@ -67,6 +68,15 @@ def refine(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) 
     return refined
 
 
+def spread_out(corners: Corners) -> Corners:
+    """The corners, or none where there are few or all lie near one line, which does not tell where a board stands."""
+    if len(corners) >= MIN_CORNERS:
+        across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
+        if across / np.sqrt(len(corners)) > LEAST_SPREAD * np.median(cell_px(corners.pixels)):
+            return corners
+    return Corners(corners.ids[:0], corners.pixels[:0])
+
+
 def find_charuco(grey: Grey, target: Charuco, *, mirrored: bool) -> Corners:
     """Corners of a ChArUco board, any part of it; `mirrored` where the image shows it through one mirror.
 
@@ -80,7 +90,7 @@ def find_charuco(grey: Grey, target: Charuco, *, mirrored: bool) -> Corners:
     if mirrored:
         seeds[:, 0] = grey.shape[1] - 1 - seeds[:, 0]
     refined = refine(grey, seeds, cell_px(seeds), refinement_window(target))
-    return Corners(np.asarray(ids, dtype=np.int64).ravel(), refined)
+    return spread_out(Corners(np.asarray(ids, dtype=np.int64).ravel(), refined))
 
 
 def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[FloatArray]:

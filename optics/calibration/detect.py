@@ -14,6 +14,7 @@ from optics.calibration.corners import (
     find_checkerboards,
     orderings,
     refinement_window,
+    spread_out,
 )
 from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
@@ -79,11 +80,11 @@ def _crop(grey: Grey, outline: FloatArray) -> tuple[Grey, FloatArray]:
 def _inside(corners: Corners, outline: FloatArray, window: float) -> Corners:
     """The corners whose refinement window stays inside the outline by SLACK_PX."""
     if len(corners) < 2:
-        return Corners(corners.ids[:0], corners.pixels[:0])
+        return corners
     polygon = outline.astype(np.float32)[:, None]
     depth = np.array([cv2.pointPolygonTest(polygon, (float(x), float(y)), True) for x, y in corners.pixels])
     keep = depth > SLACK_PX + np.sqrt(2.0) * window * cell_px(corners.pixels)
-    return Corners(corners.ids[keep], corners.pixels[keep])
+    return spread_out(Corners(corners.ids[keep], corners.pixels[keep]))
 
 
 def _same_way_up(
@@ -92,7 +93,7 @@ def _same_way_up(
     """One numbering per view, such that all views of the frame agree on it under the nominal layout.
 
     Only a plain board that looks the same upside down offers a choice. Turning it over in every view at once changes
-    nothing, so the first view decides.
+    nothing, so the view with most corners decides; where it fits no pose, the frame is left out.
     """
     if all(len(choices) == 1 for _, choices in options):
         return [(index, choices[0]) for index, choices in options]
@@ -100,6 +101,8 @@ def _same_way_up(
     index, choices = max(options, key=lambda option: len(option[1][0]))
     mirror: Mirror = layout.mirrors[index]
     pose = bootstrap.rig_from_board(layout.camera, choices[0], corners_mm, mirror.virtual_centre_in_rig_mm)
+    if pose is None:
+        return []
     points = corners_mm @ pose[:3, :3].T + pose[:3, 3]
 
     def misfit(view: int, corners: Corners) -> float:

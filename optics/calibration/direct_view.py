@@ -27,7 +27,7 @@ from optics.calibration.result import (
 from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
 from optics.camera import Camera
 from optics.layout import Layout
-from optics.mirror import Mirror
+from optics.mirror import Mirror, reflect
 from optics.targets import Checkerboard
 from optics.values import FloatArray, InputError, Metric
 
@@ -73,7 +73,7 @@ def calibrate_with_direct_view(
     corners_mm = target.corners_in_board_mm
     camera = _first_camera(pictures, found, target)
     boards = [
-        [_placed(camera, picture, grid, target) for grid in grids]
+        [board for grid in grids if (board := _placed(camera, picture, grid, target)) is not None]
         for picture, grids in zip(pictures, found, strict=True)
     ]
     centres = _seed_mirrors(boards, mirrors, size_mm=float(np.hypot(*target.size_mm)))
@@ -105,7 +105,8 @@ def _first_camera(pictures: Sequence[Grey], found: list[list[FloatArray]], targe
     )
 
 
-def _placed(camera: Camera, picture: Grey, grid: FloatArray, target: Checkerboard) -> _Board:
+def _placed(camera: Camera, picture: Grey, grid: FloatArray, target: Checkerboard) -> _Board | None:
+    """The board in space, or None where its squares or its corners are not those of the target."""
     corners_mm = target.corners_in_board_mm
 
     def place(mirrored: bool) -> list[tuple[Corners, FloatArray]]:
@@ -113,10 +114,12 @@ def _placed(camera: Camera, picture: Grey, grid: FloatArray, target: Checkerboar
         for ordering in orderings(picture, grid, target, mirrored=mirrored):
             view = Corners(np.arange(len(corners_mm)), ordering)
             matrix = bootstrap.camera_from_flat_board(camera, view, corners_mm)
-            placed.append((view, corners_mm @ matrix[:3, :3].T + matrix[:3, 3]))
+            if matrix is not None:
+                placed.append((view, corners_mm @ matrix[:3, :3].T + matrix[:3, 3]))
         return placed
 
-    return _Board(direct=place(False), image=place(True))
+    direct, image = place(False), place(True)
+    return _Board(direct, image) if direct and image else None
 
 
 def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -> FloatArray:
@@ -180,22 +183,19 @@ def _assign(
         first = min(views)
         reference, reference_points = views[first][0]
         if first != DIRECT:
-            reference_points = _unreflect(reference_points, centres[first])
+            reference_points = reflect(reference_points, centres[first])
+        pose = bootstrap.rig_from_board(camera, reference, corners_mm, None if first == DIRECT else centres[first])
+        if pose is None:
+            continue
         for view, options in views.items():
             # A board that looks the same upside down has two numberings; the one that agrees with the first view is it.
-            placed = [p if view == DIRECT else _unreflect(p, centres[view]) for _, p in options]
+            placed = [p if view == DIRECT else reflect(p, centres[view]) for _, p in options]
             best = min(range(len(options)), key=lambda i: float(np.abs(placed[i] - reference_points).sum()))
             corners = options[best][0]
             parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels))
-        poses.append(
-            bootstrap.rig_from_board(camera, reference, corners_mm, None if first == DIRECT else centres[first])
-        )
+        poses.append(pose)
         frames.append(number)
     return Observations.join(parts), frames, np.array(poses)
-
-
-def _unreflect(points: FloatArray, centre: FloatArray) -> FloatArray:
-    return points - 2.0 * ((points @ centre / (centre @ centre)) - 0.5)[:, None] * centre
 
 
 def _confirmed(
@@ -212,7 +212,7 @@ def _confirmed(
         pose = solution.estimate.rig_from_board[frame]
         points = corners_mm @ pose[:3, :3].T + pose[:3, 3]
         for view in range(DIRECT, mirrors):
-            seen = points if view == DIRECT else _unreflect(points, solution.estimate.virtual_centres_in_rig_mm[view])
+            seen = points if view == DIRECT else reflect(points, solution.estimate.virtual_centres_in_rig_mm[view])
             predicted = solution.estimate.camera.project(seen)
             if not np.isfinite(predicted).all():
                 continue

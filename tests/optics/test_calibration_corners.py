@@ -6,7 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from optics.calibration.corners import cell_px, confirm, find_charuco, find_checkerboards, orderings
+from optics.calibration.corners import (
+    Corners,
+    cell_px,
+    confirm,
+    find_charuco,
+    find_checkerboards,
+    orderings,
+    spread_out,
+)
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -129,6 +137,15 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
     assert rms(partly.pixels - truth[partly.ids]) < 0.3
     flat = np.full_like(picture, 128)
     assert len(confirm(flat, near, PLAIN)) == 0
+
+
+def test_corners_on_one_line_count_for_nothing() -> None:
+    x = np.arange(10.0) * 20
+    row = Corners(np.arange(10), np.column_stack([x, 0.1 * x]))
+    assert len(spread_out(row)) == 0
+    two_rows = Corners(np.arange(20), np.concatenate([row.pixels, row.pixels + np.array([-2.0, 20.0])]))
+    assert len(spread_out(two_rows)) == 20
+    assert len(spread_out(Corners(np.arange(4), two_rows.pixels[[0, 5, 10, 15]]))) == 0
 
 
 def test_cell_is_the_distance_to_the_nearest_neighbour() -> None:
