@@ -113,6 +113,9 @@ def draw_mirrors(layout: Layout, hardware: Hardware) -> Drawing:
     model.add_text(note, height=hardware.mark_mm / 2.0, dxfattribs={"layer": "NOTES"}).set_placement(
         (0.0, -2.0 * hardware.mark_mm)
     )
+    # ezdxf would add these in the order of a set, which differs from process to process.
+    for name in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(name)
     return drawing
 
 

@@ -56,7 +56,7 @@ def write_drawing(path: Path, part: Part, layout: Layout) -> None:
         f"<title>MirrorCam mirror holder, layout {layout.identity}</title>",
         f'<rect width="{width:.2f}" height="{height:.2f}" fill="#ffffff"/>',
     ]
-    styles = {"hidden": ("#b9c0cc", 0.18), "visible": ("#1b222d", 0.45)}
+    styles = {"hidden": ("#b9c0cc", 0.18), "visible": ("#1b222d", 0.32)}
     for name, lines in strokes.items():
         colour, thickness = styles[name]
         data = sorted(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import ezdxf.filemanagement
@@ -55,3 +58,19 @@ def test_the_file_says_its_unit_and_its_side(default_layout: Layout, tmp_path: P
     assert "first-surface 1 mm" in note.dxf.text
     assert note.dxf.layer == "NOTES"
     assert not drawing.audit().errors
+
+
+def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
+    default_layout: Layout, tmp_path: Path
+) -> None:
+    default_layout.save(tmp_path / "layout.json")
+    program = (
+        "import sys; from pathlib import Path; from optics.layout import Layout; from cad.cutting import write_dxf;"
+        "from cad.hardware import HARDWARE;"
+        "write_dxf(Path(sys.argv[2]), Layout.load(Path(sys.argv[1])), HARDWARE)"
+    )
+    files = [tmp_path / f"{seed}.dxf" for seed in (1, 2, 4, 7)]
+    for file in files:
+        command = [sys.executable, "-c", program, str(tmp_path / "layout.json"), str(file)]
+        subprocess.run(command, check=True, env=os.environ | {"PYTHONHASHSEED": file.stem})
+    assert len({file.read_bytes() for file in files}) == 1
