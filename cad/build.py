@@ -30,9 +30,7 @@ def build(layout: Layout, out: Path, hardware: Hardware = HARDWARE) -> dict[str,
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] not in EXTRA:
             raise
-        raise InputError(
-            f'{error.name} is not installed, needed to build parts: pip install "mirrorcam[cad]"'
-        ) from None
+        raise InputError(f'{error.name} is not installed, needed to build parts: pip install -e ".[cad]"') from None
     check_gaps(layout, hardware)
     part = make_holder(body, hardware)
     try:

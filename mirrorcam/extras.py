@@ -9,10 +9,10 @@ from optics.values import InputError
 MODULES = {"cad": ("build123d", "trimesh", "manifold3d", "ezdxf"), "render": ("mitsuba", "drjit")}
 
 
-def require(extra: str) -> None:
-    """Raise InputError, naming the command that installs it, where a module of an extra is missing."""
-    missing = [module for module in MODULES[extra] if find_spec(module) is None]
-    if missing:
-        raise InputError(
-            f'{", ".join(missing)} not installed, needed for this command: pip install "mirrorcam[{extra}]"'
-        )
+def require(*extras: str) -> None:
+    """Raise InputError, naming the command that installs them, where modules of extras are missing."""
+    missing = {extra: [module for module in MODULES[extra] if find_spec(module) is None] for extra in extras}
+    lacking = [extra for extra, modules in missing.items() if modules]
+    if lacking:
+        modules = ", ".join(module for extra in lacking for module in missing[extra])
+        raise InputError(f'{modules} not installed, needed for this command: pip install -e ".[{",".join(lacking)}]"')

@@ -189,8 +189,7 @@ def run_all(recipe: Recipe, root: Path, command: str) -> bool:
 
     Raises InputError where an extra is missing, before any work is done.
     """
-    for extra in ("cad", "render"):
-        require(extra)
+    require("cad", "render")
     for stage in stages(recipe, root):
         finish(stage, root)
     design = Layout.load(root / "design" / "layout.json").metrics

@@ -123,7 +123,7 @@ def test_a_missing_extra_is_named_with_its_command(
     for name in [name for name in sys.modules if name.startswith("cad.") and name != "cad.build"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "build123d", None)
-    with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install "mirrorcam\[cad\]"$'):
+    with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install -e "\.\[cad\]"$'):
         cad.build.build(layout, tmp_path)
     # What is missing for another reason is a bug, and is not blamed on the installation.
     monkeypatch.setitem(sys.modules, "build123d", type(sys)("build123d"))

@@ -101,6 +101,6 @@ def test_a_second_run_says_what_it_reuses(
 
 def test_a_missing_extra_stops_the_run_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mirrorcam.extras.find_spec", lambda module: None if module == "mitsuba" else object())
-    with pytest.raises(InputError, match=r'mitsuba not installed.*pip install "mirrorcam\[render\]"'):
+    with pytest.raises(InputError, match=r'mitsuba not installed.*pip install -e "\.\[render\]"'):
         run_all(full_recipe(0), tmp_path / "out", "mirrorcam run")
     assert not (tmp_path / "out").exists()
