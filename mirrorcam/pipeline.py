@@ -124,7 +124,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="the mirror holder",
             reads=(nominal,),
             sources=("optics", "cad"),
-            tools=(*SOLVERS, "build123d", "cadquery-ocp-novtk", "trimesh", "ezdxf", "matplotlib"),
+            tools=(*SOLVERS, "build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "matplotlib"),
         ),
         Stage(
             "set",
