@@ -62,7 +62,7 @@ def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[s
 
     monkeypatch.setattr(pipeline, "stages", fake)
     monkeypatch.setattr(pipeline, "write_page", lambda root, **about: (root / "index.html").touch())
-    monkeypatch.setattr(pipeline, "require", lambda extra: None)
+    monkeypatch.setattr(pipeline, "require", lambda *extras: None)
     return truth
 
 
