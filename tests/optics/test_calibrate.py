@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,8 +117,8 @@ def test_errors_are_what_the_layout_says_they_may_be(small_set: Set, calibrated:
         assert 0 < abs(found.distance_mm - true.distance_mm) < 5 * distance
 
 
-def test_a_calibrated_layout_survives_its_file(calibrated: Calibration, tmp_path: pytest.TempPathFactory) -> None:
-    path = tmp_path / "layout.json"  # type: ignore[operator]
+def test_a_calibrated_layout_survives_its_file(calibrated: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "layout.json"
     calibrated.layout.save(path)
     assert Layout.load(path) == calibrated.layout
     uncertainty = calibrated.layout.uncertainty

@@ -12,7 +12,7 @@ from optics.design.errors import InfeasibleDesign
 from optics.design.metrics import evaluate
 from optics.design.optimise import design
 from optics.design.seeds import faceted_parabola
-from optics.design.verify import verify
+from optics.design.verify import blocked_light, verify
 from optics.layout import Layout
 from optics.spec import DesignSpec
 from optics.values import InputError
@@ -134,7 +134,9 @@ def test_other_requests(changes: dict[str, object]) -> None:
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
     # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
-    verify(design(spec), spec)
+    layout = design(spec)
+    verify(layout, spec)
+    assert blocked_light(layout.mirrors, 30.0) == []
 
 
 TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
