@@ -13,6 +13,7 @@ from cad.hardware import Hardware
 from cad.seats import Frustum, back_height_mm, outline_at
 from optics.layout import Layout
 from optics.mirror import Mirror
+from optics.transforms import transform
 from optics.values import FloatArray
 
 # Room is tried at points this far apart; what is found free is shortened by as much at both ends.
@@ -33,7 +34,7 @@ class Edge:
         """Points (..., 3) in rig from mm along the edge, out from it, and over the reflecting plane."""
         flat = self.start + along[..., None] * self.direction + across[..., None] * self.outward
         local = np.concatenate([flat, level[..., None]], axis=-1)
-        return local @ self.mirror.rig_from_plane[:3, :3].T + self.mirror.rig_from_plane[:3, 3]
+        return transform(self.mirror.rig_from_plane, local)
 
 
 def edges_of(mirror: Mirror) -> list[Edge]:

@@ -16,6 +16,7 @@ from shapely.geometry.polygon import orient
 from cad.hardware import Hardware
 from optics.layout import Layout
 from optics.mirror import Mirror
+from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
 # Light is drawn from just in front of the reflecting plane, so that its end never lies in the plane of a seat.
@@ -96,7 +97,7 @@ def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, beve
         polygon = polygon.buffer(margin_mm, join_style="bevel" if bevelled else "mitre", mitre_limit=2.0)
     corners = np.array(orient(polygon).exterior.coords)[:-1]
     local = np.column_stack([corners, np.full(len(corners), height_mm)])
-    return local @ mirror.rig_from_plane[:3, :3].T + mirror.rig_from_plane[:3, 3]
+    return transform(mirror.rig_from_plane, local)
 
 
 def sheet(mirror: Mirror) -> Frustum:

@@ -21,6 +21,7 @@ from optics.layout import Layout
 from optics.light_field.decode import Decoder
 from optics.light_field.light_field import LightField
 from optics.targets import Charuco, Checkerboard, load_board
+from optics.transforms import transform
 from optics.values import FloatArray, InputError, Matrix4, Metric, Value
 from render_scenes.dataset import Dataset
 
@@ -134,7 +135,7 @@ def decoded_errors(
     """
     centres = truth.virtual_centres_in_rig_mm.reshape(truth.rows, truth.cols, 3)
     true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
-    points = board.corners_in_board_mm @ rig_from_board[:3, :3].T + rig_from_board[:3, 3]
+    points = transform(rig_from_board, board.corners_in_board_mm)
     in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
     errors = [np.empty((0, 2))]
     for t in range(light_field.rows):

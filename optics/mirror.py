@@ -21,6 +21,12 @@ def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray
     return points_in_rig - 2.0 * (along - 0.5) * virtual_centre
 
 
+def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Points (..., 3) where viewing rays (normalized coordinates (..., 2)) meet the plane of a virtual centre (3,)."""
+    rays = np.concatenate([normalized, np.ones((*np.shape(normalized)[:-1], 1))], axis=-1)
+    return rays * (0.5 * (virtual_centre @ virtual_centre) / (rays @ virtual_centre))[..., None]
+
+
 class Mirror(Value):
     """One flat mirror of a layout, in the rig frame (origin at the pupil of the base camera).
 
@@ -86,8 +92,7 @@ class Mirror(Value):
 
     def cut(self, normalized: FloatArray) -> FloatArray:
         """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""
-        rays = np.concatenate([normalized, np.ones((*np.shape(normalized)[:-1], 1))], axis=-1)
-        return rays * (-self.distance_mm / (rays @ self.normal_in_rig))[..., None]
+        return cut(normalized, self.virtual_centre_in_rig_mm)
 
     @cached_property
     def outline_normalized(self) -> FloatArray:

@@ -14,15 +14,11 @@ from numpy.typing import NDArray
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
+from optics.transforms import transform
 from optics.values import FloatArray
 
 BoolArray = NDArray[np.bool_]
 VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
-
-
-def points_in_rig(points_in_board: FloatArray, rig_from_board: FloatArray) -> FloatArray:
-    """Points (n, 3) moved by a rigid 4x4, mm."""
-    return points_in_board @ rig_from_board[:3, :3].T + rig_from_board[:3, 3]
 
 
 def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
@@ -76,7 +72,7 @@ class Oracle:
         Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, with the printed
         side toward the virtual camera and no other mirror in the way. Pixels of a corner that has no image are NaN.
         """
-        points = points_in_rig(self.target.corners_in_board_mm, rig_from_board)
+        points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = np.empty((len(self.layout.mirrors), len(points), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
@@ -91,7 +87,7 @@ class Oracle:
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""
-        points = points_in_rig(self.target.corners_in_board_mm, rig_from_board)
+        points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = self.layout.camera.project(points)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
 

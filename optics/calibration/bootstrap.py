@@ -11,6 +11,7 @@ import numpy as np
 from optics.calibration.corners import Corners
 from optics.camera import Camera
 from optics.mirror import Mirror, reflect
+from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
 
@@ -83,12 +84,18 @@ def rig_from_board(
 ) -> FloatArray | None:
     """Rigid 4x4 of the board itself from one view: direct (None) or by way of the mirror with that virtual centre.
 
-    With F = diag(1, 1, -1), which leaves a flat board as it is, and the mirror's reflection S, the image of the board
-    stands at S R F: a rotation. So R = S (S R F) F. None where no pose fits.
+    None where no pose fits.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
-    if virtual_centre is None or matrix is None:
-        return matrix
+    return matrix if virtual_centre is None or matrix is None else before_mirror(matrix, virtual_centre)
+
+
+def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Rigid 4x4 of a flat board from that of its image in the mirror with a virtual centre.
+
+    With F = diag(1, 1, -1), which leaves a flat board as it is, and the mirror's reflection S, the image of the board
+    stands at S R F: a rotation. So R = S (S R F) F.
+    """
     unit = virtual_centre / np.linalg.norm(virtual_centre)
     turned = matrix.copy()
     turned[:3, :3] = (np.eye(3) - 2.0 * np.outer(unit, unit)) @ matrix[:3, :3] @ np.diag([1.0, 1.0, -1.0])
@@ -133,7 +140,7 @@ def best_pose(
             continue
         errors = []
         for other, seen in views:
-            points = corners_in_board_mm[seen.ids] @ pose[:3, :3].T + pose[:3, 3]
+            points = transform(pose, corners_in_board_mm[seen.ids])
             predicted = camera.project(points if other is None else other.reflect(points))
             errors.append(np.linalg.norm(predicted - seen.pixels, axis=1))
         cost = float(np.median(np.nan_to_num(np.concatenate(errors), nan=1e9)))

@@ -20,6 +20,7 @@ from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
+from optics.transforms import transform
 from optics.values import FloatArray
 
 SLACK_PX = 6.0  # how far a built mirror's edge may stand from the nominal outline
@@ -103,7 +104,7 @@ def _same_way_up(
     pose = bootstrap.rig_from_board(layout.camera, choices[0], corners_mm, mirror.virtual_centre_in_rig_mm)
     if pose is None:
         return []
-    points = corners_mm @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, corners_mm)
 
     def misfit(view: int, corners: Corners) -> float:
         return float(np.nansum(np.abs(layout.project(points[corners.ids], view) - corners.pixels)))

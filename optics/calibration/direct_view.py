@@ -27,8 +27,9 @@ from optics.calibration.result import (
 from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
 from optics.camera import Camera
 from optics.layout import Layout
-from optics.mirror import Mirror, reflect
+from optics.mirror import Mirror, cut, reflect
 from optics.targets import Checkerboard
+from optics.transforms import transform
 from optics.values import FloatArray, InputError, Metric
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
@@ -37,11 +38,20 @@ SAME_PLANE = 0.1  # of the distance of the virtual centre
 
 
 @dataclass(frozen=True)
-class _Board:
-    """One found board: where it stands (n, 3) for each numbering as a direct view, and as an image in a mirror."""
+class _Placed:
+    """A numbering of a found board, the rigid 4x4 that puts it where it looks so, and its points (n, 3) there."""
 
-    direct: list[tuple[Corners, FloatArray]]
-    image: list[tuple[Corners, FloatArray]]
+    corners: Corners
+    matrix: FloatArray
+    points: FloatArray
+
+
+@dataclass(frozen=True)
+class _Board:
+    """One found board, for each numbering as a direct view, and as an image in a mirror."""
+
+    direct: list[_Placed]
+    image: list[_Placed]
 
 
 def calibrate_with_direct_view(
@@ -77,7 +87,7 @@ def calibrate_with_direct_view(
         for picture, grids in zip(pictures, found, strict=True)
     ]
     centres = _seed_mirrors(boards, mirrors, size_mm=float(np.hypot(*target.size_mm)))
-    observations, frames, poses = _assign(boards, centres, corners_mm, camera)
+    observations, frames, poses = _assign(boards, centres)
     drawn, free_board = Board.rigid(corners_mm), Board.free(corners_mm)
     try:
         rigid = free_globals(intrinsics=INTRINSICS, mirrors=mirrors)
@@ -109,13 +119,13 @@ def _placed(camera: Camera, picture: Grey, grid: FloatArray, target: Checkerboar
     """The board in space, or None where its squares or its corners are not those of the target."""
     corners_mm = target.corners_in_board_mm
 
-    def place(mirrored: bool) -> list[tuple[Corners, FloatArray]]:
+    def place(mirrored: bool) -> list[_Placed]:
         placed = []
         for ordering in orderings(picture, grid, target, mirrored=mirrored):
             view = Corners(np.arange(len(corners_mm)), ordering)
             matrix = bootstrap.camera_from_flat_board(camera, view, corners_mm)
             if matrix is not None:
-                placed.append((view, corners_mm @ matrix[:3, :3].T + matrix[:3, 3]))
+                placed.append(_Placed(view, matrix, transform(matrix, corners_mm)))
         return placed
 
     direct, image = place(False), place(True)
@@ -134,10 +144,10 @@ def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -
             for b in in_picture:
                 if a is b:
                     continue
-                for _, points in a.direct:
-                    for _, image in b.image:
-                        centre, misfit = bootstrap.virtual_centre_between(points, image)
-                        in_front = not bootstrap.behind(points, centre)
+                for direct in a.direct:
+                    for image in b.image:
+                        centre, misfit = bootstrap.virtual_centre_between(direct.points, image.points)
+                        in_front = not bootstrap.behind(direct.points, centre)
                         if misfit < PAIR_MISFIT * size_mm and in_front:
                             proposals.append((number, centre, misfit))
     chosen: list[FloatArray] = []
@@ -159,9 +169,7 @@ def _same_plane(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.linalg.norm(a - b) < SAME_PLANE * np.linalg.norm(a))
 
 
-def _assign(
-    boards: list[list[_Board]], centres: FloatArray, corners_mm: FloatArray, camera: Camera
-) -> tuple[Observations, list[int], FloatArray]:
+def _assign(boards: list[list[_Board]], centres: FloatArray) -> tuple[Observations, list[int], FloatArray]:
     """Which board is which view. A board behind no plane is the direct view, behind one plane the image in it.
 
     Boards behind several planes were reflected more than once and are left out. Returns observations with frames
@@ -171,9 +179,9 @@ def _assign(
     frames: list[int] = []
     poses: list[FloatArray] = []
     for number, in_picture in enumerate(boards):
-        views: dict[int, list[tuple[Corners, FloatArray]]] = {}
+        views: dict[int, list[_Placed]] = {}
         for board in in_picture:
-            hidden_by = [m for m, centre in enumerate(centres) if bootstrap.behind(board.direct[0][1], centre)]
+            hidden_by = [m for m, centre in enumerate(centres) if bootstrap.behind(board.direct[0].points, centre)]
             if len(hidden_by) == 0:
                 views.setdefault(DIRECT, board.direct)
             elif len(hidden_by) == 1:
@@ -181,19 +189,15 @@ def _assign(
         if not views:
             continue
         first = min(views)
-        reference, reference_points = views[first][0]
-        if first != DIRECT:
-            reference_points = reflect(reference_points, centres[first])
-        pose = bootstrap.rig_from_board(camera, reference, corners_mm, None if first == DIRECT else centres[first])
-        if pose is None:
-            continue
+        reference = views[first][0]
+        reference_points = reference.points if first == DIRECT else reflect(reference.points, centres[first])
         for view, options in views.items():
             # A board that looks the same upside down has two numberings; the one that agrees with the first view is it.
-            placed = [p if view == DIRECT else reflect(p, centres[view]) for _, p in options]
-            best = min(range(len(options)), key=lambda i: float(np.abs(placed[i] - reference_points).sum()))
-            corners = options[best][0]
+            places = [p.points if view == DIRECT else reflect(p.points, centres[view]) for p in options]
+            best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
+            corners = options[best].corners
             parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels))
-        poses.append(pose)
+        poses.append(reference.matrix if first == DIRECT else bootstrap.before_mirror(reference.matrix, centres[first]))
         frames.append(number)
     return Observations.join(parts), frames, np.array(poses)
 
@@ -210,7 +214,7 @@ def _confirmed(
     parts = []
     for frame, number in enumerate(frames):
         pose = solution.estimate.rig_from_board[frame]
-        points = corners_mm @ pose[:3, :3].T + pose[:3, 3]
+        points = transform(pose, corners_mm)
         for view in range(DIRECT, mirrors):
             seen = points if view == DIRECT else reflect(points, solution.estimate.virtual_centres_in_rig_mm[view])
             predicted = solution.estimate.camera.project(seen)
@@ -240,7 +244,8 @@ def _result(
         value=np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))), unit="mm"
     )
     metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift[:, 2] ** 2)), unit="mm")
-    covariance = mirror_covariance(solution)
+    known = uncertainty(solution)
+    covariance = mirror_covariance(known)
     for a in range(mirrors):
         for b in range(a + 1, mirrors):
             rows = [*range(3 * a, 3 * a + 3), *range(3 * b, 3 * b + 3)]
@@ -276,7 +281,7 @@ def _result(
         view_from_rig=np.eye(3),
         metrics=metrics,
         provenance={"source": "pictures of a checkerboard seen directly and in the mirrors"},
-        uncertainty=uncertainty(solution),
+        uncertainty=known,
     )
     return Calibration(
         layout=layout,
@@ -295,6 +300,4 @@ def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolAr
     pixels = observations.pixels[inliers & (observations.view == mirror)]
     normalized = estimate.camera.normalized_from_pixels(pixels)
     hull = normalized[ConvexHull(normalized).vertices]
-    rays = np.column_stack([hull, np.ones(len(hull))])
-    outline = rays * (centre @ centre / 2.0 / (rays @ centre))[:, None]
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline)
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre))

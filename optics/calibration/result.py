@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.residuals import N_INTRINSICS
 from optics.calibration.solve import Solution
 from optics.camera import INTRINSIC_NAMES
 from optics.layout import Layout, Uncertainty
@@ -45,11 +44,10 @@ def uncertainty(solution: Solution) -> Uncertainty:
     return Uncertainty(parameters=tuple(names[place] for place in places), covariance=(covariance + covariance.T) / 2.0)
 
 
-def mirror_covariance(solution: Solution) -> FloatArray:
+def mirror_covariance(known: Uncertainty) -> FloatArray:
     """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
-    end = N_INTRINSICS + solution.estimate.virtual_centres_in_rig_mm.size
-    rows = (solution.free >= N_INTRINSICS) & (solution.free < end)
-    return solution.covariance[np.ix_(rows, rows)]
+    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ")]
+    return known.covariance[np.ix_(rows, rows)]
 
 
 def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -72,8 +70,7 @@ def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
     """Standard deviations of each mirror's normal (rad) and distance (mm), from the layout's own uncertainty."""
     if layout.uncertainty is None:
         raise ValueError("the layout carries no uncertainty, expected a calibrated one")
-    rows = [place for place, name in enumerate(layout.uncertainty.parameters) if name.startswith("mirror ")]
-    covariance = layout.uncertainty.covariance[np.ix_(rows, rows)]
+    covariance = mirror_covariance(layout.uncertainty)
     tilts, distances = normal_and_distance_sigmas(layout.virtual_centres_in_rig_mm, covariance)
     return list(zip(tilts.tolist(), distances.tolist(), strict=True))
 
@@ -110,7 +107,7 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         metrics[f"{name}_rms_x_px"] = Metric(value=per_axis[0], unit="px")
         metrics[f"{name}_rms_y_px"] = Metric(value=per_axis[1], unit="px")
     tilt, distance = normal_and_distance_sigmas(
-        solution.estimate.virtual_centres_in_rig_mm, mirror_covariance(solution)
+        solution.estimate.virtual_centres_in_rig_mm, mirror_covariance(uncertainty(solution))
     )
     for m, (tilt_rad, distance_mm) in enumerate(zip(tilt, distance, strict=True)):
         metrics[f"mirror_{m}_normal_sigma_deg"] = Metric(value=np.degrees(tilt_rad), unit="deg")

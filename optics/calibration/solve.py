@@ -16,12 +16,12 @@ from optics.values import FloatArray
 BoolArray = NDArray[np.bool_]
 
 
-class UndeterminedError(Exception):
-    """The observations do not determine what was asked for."""
-
-
 HUBER_SCALE = 1.345
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
+
+
+class UndeterminedError(Exception):
+    """The observations do not determine what was asked for."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def minimise(
     *,
     root_weights: FloatArray | None = None,
     max_iterations: int = 50,
-) -> tuple[Estimate, _Normal, int]:
+) -> tuple[Estimate, int]:
     """Weighted least squares from `start` to where a step no longer lowers the cost by 1e-12 of it.
 
     Raises UndeterminedError where the start makes no sense.
@@ -129,12 +129,12 @@ def minimise(
                 break
             damping = max(10.0 * damping, 1e-9)
             if damping > 1e9:
-                return estimate, normal, iteration
+                return estimate, iteration
         gain = cost - trial_cost
         estimate, cost, damping = trial, trial_cost, max(damping / 10.0, 1e-15)
         if gain <= 1e-12 * cost or cost == 0.0:
             break
-    return estimate, _normal_equations(estimate, observations, board, free, root), iteration
+    return estimate, iteration
 
 
 def _cost(r: FloatArray, root_weights: FloatArray) -> float:
@@ -173,7 +173,7 @@ def fit(
     while True:
         dropped = _outliers(r, observations.view, inliers, sigma)
         inliers &= ~dropped
-        estimate, normal, steps = minimise(estimate, observations, board, free, root_weights=inliers.astype(np.float64))
+        estimate, steps = minimise(estimate, observations, board, free, root_weights=inliers.astype(np.float64))
         iterations += steps
         r = residuals(estimate, observations, board)
         unknowns = free.size + 6 * len(estimate.rig_from_board)
@@ -184,7 +184,7 @@ def fit(
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
     try:
-        _, _, reduced = normal.step(0.0)
+        _, _, reduced = _normal_equations(estimate, observations, board, free, inliers.astype(np.float64)).step(0.0)
         covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise UndeterminedError(f"{int(inliers.sum())} corners leave a direction of the problem open") from None
@@ -218,6 +218,6 @@ def start_robustly(
         previous = sigma
         norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
         root = np.sqrt(1.0 / np.maximum(norm, 1.0))
-        estimate, _, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=3)
+        estimate, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=3)
         iterations += steps
     return estimate, iterations

@@ -11,7 +11,7 @@ from optics.design.errors import InfeasibleDesign
 from optics.design.metrics import smallest_gap_mm
 from optics.files import one_line
 from optics.layout import Layout
-from optics.mirror import Mirror
+from optics.mirror import Mirror, cut
 from optics.spec import DesignSpec
 from optics.values import FloatArray, InputError
 
@@ -91,12 +91,10 @@ def mirrors_of(spec: DesignSpec, centres_mm: FloatArray, corners: FloatArray) ->
     """
     mirrors = []
     for centre, quad in zip(centres_mm.round(CENTRE_DECIMALS_MM), corners.round(NORMALIZED_DECIMALS), strict=True):
-        rays = np.column_stack([quad, np.ones(len(quad))])
-        outline = rays * (0.5 * (centre @ centre) / (rays @ centre))[:, None]
         mirrors.append(
             Mirror(
                 virtual_centre_in_rig_mm=centre + 0.0,
-                outline_in_rig_mm=outline.round(OUTLINE_DECIMALS_MM) + 0.0,
+                outline_in_rig_mm=cut(quad, centre).round(OUTLINE_DECIMALS_MM) + 0.0,
                 surface=spec.surface,
                 thickness_mm=spec.thickness_mm,
                 refractive_index=spec.refractive_index,

@@ -11,6 +11,7 @@ import pytest
 
 from mirrorcam.cli import main
 from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors, validate
+from optics.calibration.result import mirror_covariance
 from optics.layout import Layout
 from optics.targets import default_board
 from render_scenes.dataset import Tolerances
@@ -66,8 +67,7 @@ def test_errors_agree_with_the_claimed_uncertainty(default_set: Path, validation
     truth = Layout.load(default_set / "truth" / "layout.json")
     layout = validation.calibration.layout
     assert layout.uncertainty is not None
-    rows = [row for row, name in enumerate(layout.uncertainty.parameters) if name.startswith("mirror ")]
-    covariance = layout.uncertainty.covariance[np.ix_(rows, rows)]
+    covariance = mirror_covariance(layout.uncertainty)
     error = (layout.virtual_centres_in_rig_mm - truth.virtual_centres_in_rig_mm).ravel()
     nees = float(error @ np.linalg.solve(covariance, error)) / error.size
     # 27 degrees of freedom: noise alone keeps this within 0.4 to 1.9 in 99 % of draws. Corners are not quite Gaussian

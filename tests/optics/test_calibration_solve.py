@@ -106,7 +106,7 @@ def test_derivatives_agree_with_finite_differences(modes: int) -> None:
 
 def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: Scene) -> None:
     start = _disturbed(scene.truth, 1, tilt_deg=2.0, offset_mm=2.0, focal_px=20.0)
-    found, _, iterations = minimise(start, scene.clean, scene.board, ALL)
+    found, iterations = minimise(start, scene.clean, scene.board, ALL)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-6)
     np.testing.assert_allclose(found.camera.intrinsics, scene.truth.camera.intrinsics, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(found.rig_from_board, scene.truth.rig_from_board, atol=1e-6)
@@ -119,7 +119,7 @@ def test_same_minimum_as_scipy(scene: Scene) -> None:
     seen = replace(seen, frame=np.unique(seen.frame, return_inverse=True)[1])
     frames = 5
     truth = replace(scene.truth, rig_from_board=scene.truth.rig_from_board[[0, 1, 2, 12, 13]])
-    ours, _, _ = minimise(truth, seen, scene.board, ALL)
+    ours, _ = minimise(truth, seen, scene.board, ALL)
 
     def at(x: FloatArray) -> Estimate:
         return truth.moved(x[: ALL.size], x[ALL.size :].reshape(frames, 6))
@@ -169,7 +169,7 @@ def test_a_bent_misprinted_board_is_found_with_its_modes() -> None:
     scene = _make_scene(modes=5)
     start = replace(scene.truth, shape=np.zeros(5))
     free = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=MIRRORS, modes=5)
-    found, _, _ = minimise(start, scene.clean, scene.board, free)
+    found, _ = minimise(start, scene.clean, scene.board, free)
     np.testing.assert_allclose(found.shape, scene.truth.shape, atol=1e-6)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-5)
 

@@ -9,9 +9,10 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard, default_board
+from optics.transforms import transform
 from optics.values import FloatArray, InputError
 from render_scenes.poses import ROOM_MM, common_bounds, fields, plan_base_frames, plan_frames
-from render_scenes.truth import Oracle, points_in_rig
+from render_scenes.truth import Oracle
 
 
 def random() -> np.random.Generator:
@@ -49,7 +50,7 @@ def test_coverage_is_the_part_of_cells_with_a_corner(default_layout: Layout) -> 
 def test_boards_are_held_at_several_depths_and_tilts(default_layout: Layout, poses: FloatArray) -> None:
     board = default_board()
     middle = np.array([[*board.size_mm, 0.0]]) / 2.0
-    depths = np.array([(points_in_rig(middle, pose) @ default_layout.view_from_rig[2])[0] for pose in poses])
+    depths = np.array([(transform(pose, middle) @ default_layout.view_from_rig[2])[0] for pose in poses])
     assert depths.min() < 310.0
     assert depths.max() > 500.0
     assert np.diff(np.sort(1.0 / depths)).max() < 2.5 * np.ptp(1.0 / depths) / 19
@@ -68,7 +69,7 @@ def test_no_board_touches_a_mirror_and_all_show_their_print(default_layout: Layo
     outline = np.array([[x, y, 0.0] for x in (0.0, board.size_mm[0]) for y in (0.0, board.size_mm[1])])
     nearest_mirror = max((m.outline_in_rig_mm @ default_layout.view_from_rig[2]).max() for m in default_layout.mirrors)
     for pose in poses:
-        depths = points_in_rig(outline, pose) @ default_layout.view_from_rig[2]
+        depths = transform(pose, outline) @ default_layout.view_from_rig[2]
         assert depths.min() > nearest_mirror + ROOM_MM
         for centre in default_layout.virtual_centres_in_rig_mm:
             assert (centre - pose[:3, 3]) @ pose[:3, 2] < 0

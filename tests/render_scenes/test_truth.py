@@ -10,8 +10,9 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Checkerboard
+from optics.transforms import transform
 from optics.values import FloatArray
-from render_scenes.truth import VISIBLE_MARGIN_PX, Oracle, points_in_rig
+from render_scenes.truth import VISIBLE_MARGIN_PX, Oracle
 
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
 
@@ -27,7 +28,7 @@ def facing(layout: Layout, target: Checkerboard, depth_mm: float) -> FloatArray:
 def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
     pose = facing(distorted_layout, BOARD, 400.0)
     px, _ = Oracle(distorted_layout, BOARD).by_mirrors(pose)
-    points = points_in_rig(BOARD.corners_in_board_mm, pose)
+    points = transform(pose, BOARD.corners_in_board_mm)
     assert px.shape == (9, 19 * 13, 2)
     for index in range(9):
         np.testing.assert_array_equal(px[index], distorted_layout.project(points, index))
