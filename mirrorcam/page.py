@@ -84,7 +84,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             root,
             "validation/residuals.png",
             "validation/residuals.png",
-            "Residual of each corner as an arrow over the sensor, beside their distribution",
+            "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
         ),
         part_files=tuple(
             File(f"cad/{name}", purpose)
