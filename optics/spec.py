@@ -20,7 +20,10 @@ class DesignSpec(Value):
     depths_mm: tuple[float, ...] = Field(
         default=(300.0, 500.0), min_length=1, description="scene depths (along +y from the pupil) where views overlap"
     )
-    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between neighbouring mirrors")
+    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between the sheets of any two mirrors")
+    sides: int = Field(default=4, ge=4, le=6, description="corners of each mirror, and so of each sub-image")
+    min_edge_mm: float = Field(default=3.0, ge=0, description="shortest edge of a mirror that can be cut")
+    min_area_mm2: float = Field(default=20.0, ge=0, description="smallest area of a mirror that can be cut and glued")
     tradeoff: float = Field(
         default=0.3, ge=0, le=1, description="0 asks for pixel efficiency alone, 1 for a perfect grid of views alone"
     )
