@@ -10,7 +10,7 @@ from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from shapely import Polygon
+from shapely import Polygon, STRtree
 
 from optics.camera import Camera
 from optics.files import read_model, write_text
@@ -40,6 +40,9 @@ class Layout(Value):
 
     Nominal (designed), as-built (perturbed) and calibrated layouts are this same type. All lengths are mm in the rig
     frame: origin at the entrance pupil, +x image right, +y image down, +z along the optical axis.
+
+    `metrics` are the figures of a layout, `verdict` those that a design must keep, with their limits, as measured by
+    `optics.design.verify`. Both are of these very mirrors: a layout whose mirrors moved has neither until measured.
     """
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")
@@ -51,6 +54,7 @@ class Layout(Value):
     view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)
     spec: DesignSpec | None = None
     metrics: dict[str, Metric] = Field(default_factory=dict)
+    verdict: dict[str, Metric] = Field(default_factory=dict)
     provenance: dict[str, str] = Field(default_factory=dict)
     uncertainty: Uncertainty | None = None
 
@@ -61,11 +65,11 @@ class Layout(Value):
         turn = self.view_from_rig
         if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
             raise ValueError("view_from_rig is not a rotation")
-        polygons = [Polygon(mirror.outline_normalized) for mirror in self.mirrors]
-        for i, first in enumerate(polygons):
-            for j in range(i + 1, len(polygons)):
-                if first.intersection(polygons[j]).area > 1e-12:
-                    raise ValueError(f"outlines of mirrors {i} and {j} overlap in the image, expected a gap")
+        polygons = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in self.mirrors])
+        touching = STRtree(polygons).query(polygons, predicate="intersects").T
+        for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
+            if polygons[i].intersection(polygons[j]).area > 1e-12:
+                raise ValueError(f"outlines of mirrors {i} and {j} overlap in the image, expected a gap")
         return self
 
     @cached_property
@@ -83,8 +87,8 @@ class Layout(Value):
 
     @cached_property
     def virtual_centres_in_rig_mm(self) -> FloatArray:
-        """Virtual camera centres (rows*cols, 3)."""
-        return np.array([mirror.virtual_centre_in_rig_mm for mirror in self.mirrors])
+        """Virtual camera centres (rows*cols, 3); of second-surface mirrors, those of the apparent ones."""
+        return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors])
 
     @cached_property
     def virtual_centres_in_view_mm(self) -> FloatArray:
@@ -99,13 +103,13 @@ class Layout(Value):
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
         """Pixels (..., 2) at which points (..., 3) appear by way of one mirror, whether or not the outline shows them.
 
-        First-surface model: the reflected point is projected by the base camera.
+        First-surface model: the point, reflected at the apparent mirror, is projected by the base camera.
         """
-        return self.camera.project(self.mirrors[mirror_index].reflect(points_in_rig))
+        return self.camera.project(self.mirrors[mirror_index].apparent.reflect(points_in_rig))
 
     def outline_px(self, mirror_index: int, points_per_edge: int = 16) -> FloatArray:
         """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them."""
-        corners = self.mirrors[mirror_index].outline_normalized
+        corners = self.mirrors[mirror_index].apparent.outline_normalized
         along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
         edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
         return self.camera.pixels_from_normalized(edges.reshape(-1, 2))

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
+from optics.slab import inner_tangent, outer_tangent, rise_mm
 from optics.values import FloatArray, Points3, Value, Vector3
 
 ON_PLANE_TOLERANCE_MM = 1e-6
@@ -31,7 +32,8 @@ class Mirror(Value):
     """One flat mirror of a layout, in the rig frame (origin at the pupil of the base camera).
 
     The plane is the *reflecting* surface: the front of a first-surface mirror, the coated back of a second-surface one.
-    The outline is where that surface is cut, a convex polygon of at least three corners on the plane.
+    The outline is where that surface is cut, a convex polygon of at least three corners on the plane. The camera sees a
+    second-surface mirror through its sheet, about as it would see the first-surface mirror `apparent`.
     """
 
     virtual_centre_in_rig_mm: Vector3
@@ -44,6 +46,9 @@ class Mirror(Value):
     def _check(self) -> Self:
         if self.distance_mm < 1e-3:
             raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
+        if self.surface == "second" and self.distance_mm <= self.thickness_mm:
+            past_mm = self.thickness_mm - self.distance_mm
+            raise ValueError(f"second-surface sheet reaches {past_mm:.3g} mm past the pupil, expected it before it")
         outline = self.outline_in_rig_mm
         if len(outline) < 3:
             raise ValueError(f"outline has {len(outline)} corners, expected at least 3")
@@ -70,6 +75,76 @@ class Mirror(Value):
         """The mirror through a point (3,) in mm with a normal (3,) of any length and sign."""
         normal = normal_in_rig / np.linalg.norm(normal_in_rig)
         return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point_in_rig) * normal, **fields)
+
+    @classmethod
+    def second_surface(
+        cls,
+        apparent_centre_in_rig_mm: FloatArray,
+        apparent_outline_in_rig_mm: FloatArray,
+        *,
+        thickness_mm: float,
+        refractive_index: float,
+    ) -> Self:
+        """The mirror coated behind whose `apparent` mirror has this virtual centre (3,) and this outline (n, 3)."""
+        distance_mm = float(np.linalg.norm(apparent_centre_in_rig_mm)) / 2.0
+        normal = -apparent_centre_in_rig_mm / (2.0 * distance_mm)
+        across = apparent_outline_in_rig_mm.mean(axis=0) + distance_mm * normal
+        tangent = np.array(np.linalg.norm(across) / distance_mm)
+        rise = float(rise_mm(tangent, thickness_mm, refractive_index))
+        return cls(
+            virtual_centre_in_rig_mm=apparent_centre_in_rig_mm * (1.0 + rise / distance_mm),
+            outline_in_rig_mm=apparent_outline_in_rig_mm - rise * normal,
+            surface="second",
+            thickness_mm=thickness_mm,
+            refractive_index=refractive_index,
+        )
+
+    @cached_property
+    def _chief(self) -> tuple[FloatArray, float]:
+        """Where the middle of the outline lies from the foot of the pupil (3,) in mm, and the chief ray's tangent."""
+        across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
+        across_mm = float(np.linalg.norm(across))
+        if self.surface == "first":
+            return across, across_mm / self.distance_mm
+        air_mm = self.distance_mm - self.thickness_mm
+        return across, outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index)
+
+    @cached_property
+    def apparent(self) -> Mirror:
+        """The first-surface mirror that this one looks like at its chief ray, through the middle of the outline.
+
+        Of a first-surface mirror, itself. Else the plane and the outline moved towards the pupil by t (1 - tan' / tan),
+        where incoming and outgoing chief ray, made longer, meet; rays of another incidence stray a little from it.
+        """
+        if self.surface == "first":
+            return self
+        rise = float(rise_mm(np.array(self._chief[1]), self.thickness_mm, self.refractive_index))
+        return Mirror(
+            virtual_centre_in_rig_mm=self.virtual_centre_in_rig_mm * (1.0 - rise / self.distance_mm),
+            outline_in_rig_mm=self.outline_in_rig_mm + rise * self.normal_in_rig,
+            thickness_mm=self.thickness_mm,
+        )
+
+    @cached_property
+    def usable_normalized(self) -> FloatArray:
+        """The part (n, 2) of the outline that shows the scene, as the camera sees it; (0, 2) where there is none.
+
+        All of a first-surface mirror. Light enters the front of a second-surface one t tan' before the point of the
+        coating that it meets and leaves as far behind it, and both must lie within the front, which is cut alike.
+        """
+        if self.surface == "first":
+            return self.outline_normalized
+        across, tangent = self._chief
+        inside = float(inner_tangent(np.array(tangent), self.refractive_index))
+        across_mm = float(np.linalg.norm(across))
+        shift = self.thickness_mm * inside * across / across_mm if across_mm > 0 else across
+        flat = shift @ self.rig_from_plane[:3, :2]
+        shown = Polygon(self.outline_in_plane_mm + flat).intersection(Polygon(self.outline_in_plane_mm - flat))
+        if shown.area <= 0.0:
+            return np.zeros((0, 2))
+        seen = self.apparent.rig_from_plane
+        points = np.array(shown.exterior.coords)[:-1] @ seen[:3, :2].T + seen[:3, 3]
+        return points[:, :2] / points[:, 2:]
 
     @cached_property
     def distance_mm(self) -> float:

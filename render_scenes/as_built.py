@@ -65,6 +65,7 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
                 camera=_draw_camera(layout.camera, tolerances, random),
                 mirrors=tuple(_draw_mirror(mirror, tolerances, random) for mirror in layout.mirrors),
                 metrics={},
+                verdict={},
                 provenance={"drawn_from": layout.identity},
                 uncertainty=None,
             )

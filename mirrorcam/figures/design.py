@@ -16,7 +16,8 @@ from matplotlib.patches import Patch
 from matplotlib.patches import Polygon as PolygonPatch
 from shapely import Polygon, union_all
 
-from optics.design.metrics import common_region, fitted_grid, grid_error, pixel_efficiency, seen_px
+from optics.design.metrics import fitted_grid, grid_error
+from optics.design.overlap import common_region, pixel_efficiency, seen_px
 from optics.files import atomic
 from optics.layout import Layout
 from optics.values import FloatArray

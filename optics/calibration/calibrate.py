@@ -240,6 +240,7 @@ def _calibrated(solution: Solution, layout: Layout, metrics: dict[str, Metric]) 
         camera=solution.estimate.camera,
         mirrors=mirrors,
         metrics=metrics,
+        verdict={},
         provenance={"nominal": layout.identity},
         uncertainty=uncertainty(solution),
     )

@@ -1,109 +1,32 @@
-"""What a layout is worth, measured by polygon clipping. Shares no code with the constraints of the optimiser."""
+"""What a layout is worth. Shares no code with the constraints of the optimiser."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.optimize import nnls
-from shapely import Polygon, intersection_all, union_all
+from shapely import union_all
 
-from optics.camera import Camera
+from optics.design.gaps import area_mm2, edges_mm
+from optics.design.gaps import hull_distance as hull_distance
+from optics.design.gaps import sheet_in_rig_mm as sheet_in_rig_mm
+from optics.design.gaps import smallest_gap_mm as smallest_gap_mm
+from optics.design.light import slab_stray_mm
+from optics.design.overlap import Views, vertices, views_of
+from optics.design.overlap import common_region as common_region
+from optics.design.overlap import pixel_efficiency as pixel_efficiency
+from optics.design.overlap import sensor_polygon as sensor_polygon
 from optics.layout import Layout
-from optics.mirror import Mirror
 from optics.values import FloatArray, InputError, Metric
 
-POINTS_PER_EDGE = 32
+HALF = 0.5
+"""Views overlap where pixel efficiency is at least this part of what it is at the working depth where it is best."""
 
+FARTHEST_MM = 1e5
+"""A depth range that reaches 100 m is not followed any further: to a webcam that is as good as infinitely far."""
 
-def _subdivided(polygon: FloatArray, per_edge: int = POINTS_PER_EDGE) -> FloatArray:
-    along = np.linspace(0.0, 1.0, per_edge, endpoint=False)[None, :, None]
-    following = np.roll(polygon, -1, axis=0)
-    return (polygon[:, None] * (1.0 - along) + following[:, None] * along).reshape(-1, 2)
-
-
-def _vertices(polygon: Polygon) -> FloatArray:
-    return np.array(polygon.exterior.coords)[:-1]
-
-
-def sensor_polygon(camera: Camera) -> Polygon:
-    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
-    w, h = camera.width_px - 0.5, camera.height_px - 0.5
-    border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
-    if camera.distortion.any():
-        border = _subdivided(border)
-    normalized = camera.normalized_from_pixels(border)
-    if not np.isfinite(normalized).all():
-        raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
-    return Polygon(normalized)
-
-
-def sub_images(layout: Layout) -> list[Polygon]:
-    """Each mirror's outline in normalized coordinates, as far as the sensor sees it."""
-    sensor = sensor_polygon(layout.camera)
-    return [sensor.intersection(Polygon(mirror.outline_normalized)) for mirror in layout.mirrors]
-
-
-def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those that head for the scene."""
-    heights = polygon @ slope[:2] + slope[2] - 1e-6
-    kept: list[FloatArray] = []
-    for k in range(len(polygon)):
-        here, following = heights[k - 1], heights[k]
-        if (here > 0) != (following > 0):
-            kept.append(polygon[k - 1] + (polygon[k] - polygon[k - 1]) * here / (here - following))
-        if following > 0:
-            kept.append(polygon[k])
-    return np.array(kept).reshape(-1, 2)
-
-
-def footprint(mirror: Mirror, sub_image: Polygon, depth_mm: float) -> Polygon:
-    """What one view sees of the plane y_rig = depth_mm: a polygon in (x_rig, z_rig), mm."""
-    if sub_image.is_empty:
-        return Polygon()
-    forward = _clip_forward(_vertices(sub_image), mirror.reflection[1])
-    if len(forward) < 3:
-        return Polygon()
-    rays = np.column_stack([forward, np.ones(len(forward))])
-    leaving = mirror.cut(forward)
-    directions = rays @ mirror.reflection
-    steps = (depth_mm - leaving[:, 1]) / directions[:, 1]
-    return Polygon((leaving + steps[:, None] * directions)[:, [0, 2]])
-
-
-def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-    """The region of the plane y_rig = depth_mm that all views see, and what each view sees; polygons in (x, z), mm.
-
-    The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
-    """
-    reach_mm = max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in layout.mirrors)
-    if depth_mm <= reach_mm:
-        raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {reach_mm:.1f} mm")
-    footprints = [
-        footprint(mirror, sub_image, depth_mm)
-        for mirror, sub_image in zip(layout.mirrors, sub_images(layout), strict=True)
-    ]
-    region = intersection_all(footprints)
-    return (region if isinstance(region, Polygon) else Polygon()), footprints
-
-
-def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
-    """The outline (n, 2) of a region of the plane y_rig = depth_mm, in (x, z), as it lies on the distorted sensor."""
-    vertices = _vertices(region)
-    if layout.camera.distortion.any():
-        vertices = _subdivided(vertices)
-    points = np.column_stack([vertices[:, 0], np.full(len(vertices), depth_mm), vertices[:, 1]])
-    return layout.project(points, mirror_index)
-
-
-def pixel_efficiency(layout: Layout, depth_mm: float) -> float:
-    """Sensor pixels, over all sub-images, that see the region common to all views at y_rig = depth_mm / all pixels."""
-    region, _ = common_region(layout, depth_mm)
-    if region.is_empty:
-        return 0.0
-    areas = [Polygon(seen_px(layout, region, depth_mm, k)).area for k in range(len(layout.mirrors))]
-    return float(sum(areas)) / (layout.camera.width_px * layout.camera.height_px)
+DEPTH_STEP = 1.15
+SMALL_SHIFT_PX = 0.25
 
 
 def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
@@ -140,62 +63,158 @@ def grid_error(layout: Layout) -> float:
     return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
 
 
-def sheet_in_rig_mm(mirror: Mirror) -> FloatArray:
-    """Corners (2n, 3) of the mirror's sheet: the reflecting face, then the other one."""
-    side = -1.0 if mirror.surface == "first" else 1.0
-    face = mirror.outline_in_rig_mm
-    return np.concatenate([face, face + side * mirror.thickness_mm * mirror.normal_in_rig])
+def _crossing(inside: Callable[[float], bool], within: float, without: float) -> float:
+    """Where `inside` changes between a depth within and one without, to a relative 1e-4."""
+    while abs(within - without) > 1e-4 * within:
+        middle = (within + without) / 2.0
+        within, without = (middle, without) if inside(middle) else (within, middle)
+    return within
 
 
-def hull_distance(first: FloatArray, second: FloatArray) -> float:
-    """Distance between the convex hulls of two point sets (n, 3) and (m, 3); 0 where they meet.
+def depth_range_mm(views: Views, depths_mm: Sequence[float]) -> tuple[float, float] | None:
+    """Nearest and farthest depth y_rig, mm, between which the views overlap; None where none do at any of `depths_mm`.
 
-    Lawson and Hanson's least-distance programming: with D all pairwise differences, the w >= 0 that minimises
-    |D w|^2 + (1 - sum w)^2 points at the point of hull(D) nearest to the origin, and leaves d^2 / (1 + d^2).
+    The full width at half maximum, as a depth of field is measured: depths around the working depth where pixel
+    efficiency is best, without a break, at which it is at least half of what it is there. Relative to the best, it says
+    how quickly the overlap is lost and not, once more, how good it is. Sampled 15 % apart, then bisected; the farthest
+    is at most `FARTHEST_MM`, which then stands for infinity.
     """
-    differences = (first[:, None] - second[None, :]).reshape(-1, 3).T
-    size = float(np.abs(differences).max())
-    system = np.vstack([differences / size, np.ones(differences.shape[1])])
-    weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
-    return float(np.linalg.norm(differences @ weights) / weights.sum())
+
+    def efficiency(depth_mm: float) -> float:
+        return views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
+
+    nearest_mm = farthest_mm = max(depths_mm, key=efficiency)
+    best = efficiency(nearest_mm)
+    if best <= 0.0:
+        return None
+
+    def inside(depth_mm: float) -> bool:
+        return efficiency(depth_mm) >= HALF * best
+
+    while farthest_mm < FARTHEST_MM:
+        further_mm = min(farthest_mm * DEPTH_STEP, FARTHEST_MM)
+        if not inside(further_mm):
+            farthest_mm = _crossing(inside, farthest_mm, further_mm)
+            break
+        farthest_mm = further_mm
+    least_mm = views.reach_mm * (1.0 + 1e-6)
+    while nearest_mm > least_mm:
+        nearer_mm = max(nearest_mm / DEPTH_STEP, least_mm)
+        if not inside(nearer_mm):
+            nearest_mm = _crossing(inside, nearest_mm, nearer_mm)
+            break
+        nearest_mm = nearer_mm
+    return nearest_mm, farthest_mm
 
 
-def smallest_gap_mm(layout: Layout) -> float:
-    """Smallest distance between the sheets of any two mirrors, mm; 0 where two meet."""
-    sheets = [sheet_in_rig_mm(mirror) for mirror in layout.mirrors]
-    return min((hull_distance(a, b) for a, b in combinations(sheets, 2)), default=float("inf"))
+def _overlap(views: Views, depth_mm: float) -> dict[str, Metric]:
+    region, footprints = views.common_region(depth_mm)
+    union = union_all(footprints).area
+    share, iou = views.pixel_efficiency(region, depth_mm), region.area / union if union else 0.0
+    return {
+        f"pixel_efficiency_{depth_mm:g}mm": Metric(value=share, unit="of the sensor", lower_is_better=False),
+        f"overlap_iou_{depth_mm:g}mm": Metric(value=iou, unit="of the union", lower_is_better=False),
+    }
 
 
-def _field_of_view_deg(layout: Layout, depth_mm: float) -> tuple[float, float]:
-    """Angles that the common region at a depth spans at the mean virtual centre, across and upwards, degrees."""
-    region, _ = common_region(layout, depth_mm)
-    if region.is_empty:
-        return 0.0, 0.0
-    x, y, z = layout.virtual_centres_in_rig_mm.mean(axis=0)
-    angles = np.degrees(np.arctan2(_vertices(region) - [x, z], depth_mm - y))
-    across, upwards = np.ptp(angles, axis=0)
-    return float(across), float(upwards)
+def _field_of_view(views: Views, depth_mm: float) -> dict[str, Metric]:
+    """Angles that the common region at a depth spans at the mean virtual centre, across and upwards."""
+    region, _ = views.common_region(depth_mm)
+    angles = np.zeros(2)
+    if not region.is_empty:
+        x, y, z = views.layout.virtual_centres_in_rig_mm.mean(axis=0)
+        angles = np.ptp(np.degrees(np.arctan2(vertices(region) - [x, z], depth_mm - y)), axis=0)
+    return {
+        f"fov_{axis}_deg": Metric(value=float(angle), unit="deg", lower_is_better=False)
+        for axis, angle in zip("xy", angles, strict=True)
+    }
+
+
+def _depth_range(views: Views, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Absent where the views share nothing at any working depth."""
+    found = depth_range_mm(views, depths_mm)
+    if found is None:
+        return {}
+    nearest_mm, farthest_mm = found
+    return {
+        "depth_nearest_mm": Metric(value=nearest_mm, unit="mm"),
+        "depth_farthest_mm": Metric(
+            value=farthest_mm, unit="mm" if farthest_mm < FARTHEST_MM else "mm or more", lower_is_better=False
+        ),
+    }
+
+
+def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Disparity and depth resolution at each depth, seen from the central view at the resolution of the sensor.
+
+    A view step b shifts what lies at the distance D from the central view by f b / D px against what is infinitely far
+    (docs/conventions.md, with the reference plane at infinity); two depths differ by the difference of their values.
+    A shift of p px between the outermost views, B apart, is a change of depth of p D^2 / (f B); of the two axes, that
+    which tells depths better.
+    """
+    _, spacings = fitted_grid(layout)
+    steps_mm = np.abs(spacings)
+    counts = np.array([layout.cols, layout.rows])
+    focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
+    behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
+    best = float((focal_px * steps_mm * (counts - 1)).max())
+    figures = {}
+    for depth_mm in depths_mm:
+        distance_mm = depth_mm - behind_mm
+        for axis, count, shift_px in zip("st", counts, focal_px * steps_mm / distance_mm, strict=True):
+            if count > 1:
+                figures[f"disparity_{axis}_{depth_mm:g}mm"] = Metric(
+                    value=float(shift_px), unit="px per view", lower_is_better=False
+                )
+        if best > 0.0:
+            for name, shift in (("", 1.0), ("_fine", SMALL_SHIFT_PX)):
+                figures[f"depth_resolution{name}_{depth_mm:g}mm"] = Metric(
+                    value=shift * distance_mm**2 / best, unit=f"mm for {shift:g} px"
+                )
+    return figures
+
+
+def _sizes(layout: Layout) -> dict[str, Metric]:
+    edges = np.concatenate([edges_mm(mirror) for mirror in layout.mirrors])
+    areas = [area_mm2(mirror) for mirror in layout.mirrors]
+    sizes = {
+        "shortest_edge_mm": Metric(value=float(edges.min()), unit="mm", lower_is_better=False),
+        "longest_edge_mm": Metric(value=float(edges.max()), unit="mm"),
+        "smallest_area_mm2": Metric(value=min(areas), unit="mm²", lower_is_better=False),
+        "largest_area_mm2": Metric(value=max(areas), unit="mm²"),
+    }
+    if len(layout.mirrors) > 1:
+        sizes["smallest_gap_mm"] = Metric(value=smallest_gap_mm(layout), unit="mm", lower_is_better=False)
+    return sizes
+
+
+def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """How far light through second-surface sheets strays from the plain mirrors that stand for them; else nothing."""
+    if all(mirror.surface == "first" for mirror in layout.mirrors):
+        return {}
+    stray_mm = max(slab_stray_mm(mirror) for mirror in layout.mirrors)
+    nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_rig_mm[:, 1].max())
+    focal_px = max(layout.camera.fx_px, layout.camera.fy_px)
+    return {
+        "slab_stray_mm": Metric(value=stray_mm, unit="mm"),
+        "slab_stray_px": Metric(value=focal_px * stray_mm / nearest_mm, unit="px"),
+    }
 
 
 def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """The figures of a layout at depths y_rig, mm; the field of view is that of the common region at the farthest."""
+    """The figures of a layout at depths y_rig, mm; the field of view is that of the common region at the farthest.
+
+    Raises InputError for a depth nearer than the mirrors, and where the views lie in one place.
+    """
+    views = views_of(layout)
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
     for depth_mm in depths_mm:
-        region, footprints = common_region(layout, depth_mm)
-        union = union_all(footprints).area
-        metrics[f"pixel_efficiency_{depth_mm:g}mm"] = Metric(
-            value=pixel_efficiency(layout, depth_mm), unit="of the sensor", lower_is_better=False
-        )
-        metrics[f"overlap_iou_{depth_mm:g}mm"] = Metric(
-            value=region.area / union if union else 0.0, unit="of the union", lower_is_better=False
-        )
-    across, upwards = _field_of_view_deg(layout, max(depths_mm))
+        metrics |= _overlap(views, depth_mm)
+    metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
-    baselines = np.abs(spacings) * [layout.cols - 1, layout.rows - 1]
-    metrics["fov_x_deg"] = Metric(value=across, unit="deg", lower_is_better=False)
-    metrics["fov_y_deg"] = Metric(value=upwards, unit="deg", lower_is_better=False)
-    metrics["baseline_x_mm"] = Metric(value=float(baselines[0]), unit="mm", lower_is_better=False)
-    metrics["baseline_y_mm"] = Metric(value=float(baselines[1]), unit="mm", lower_is_better=False)
-    if len(layout.mirrors) > 1:
-        metrics["smallest_gap_mm"] = Metric(value=smallest_gap_mm(layout), unit="mm", lower_is_better=False)
-    return metrics
+    for axis, spacing, count in zip("xy", np.abs(spacings), (layout.cols, layout.rows), strict=True):
+        metrics[f"baseline_{axis}_mm"] = Metric(value=float(spacing * (count - 1)), unit="mm", lower_is_better=False)
+    metrics |= _depth_range(views, depths_mm)
+    metrics |= _disparities(layout, depths_mm)
+    metrics |= _sizes(layout)
+    return metrics | _slab(layout, depths_mm)

@@ -9,11 +9,12 @@ import casadi as ca
 import numpy as np
 
 from optics.design.errors import InfeasibleDesign
+from optics.design.light import blocked_light
 from optics.design.metrics import evaluate, hull_distance, sheet_in_rig_mm
 from optics.design.problem import LEAST_EFFICIENCY, Start, neighbours, problem_of, start_of
 from optics.design.program import ELASTIC, Outcome, Solver
 from optics.design.seeds import layout_of, mirrors_of
-from optics.design.verify import blocked_light, verify
+from optics.design.verify import require_passed, verify
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
@@ -108,5 +109,6 @@ def design(spec: DesignSpec) -> Layout:
         mirrors, values = _optimum(spec, start, pairs, values)
     made_by = {"made_by": "optics.design.optimise.design", "solver": f"IPOPT of CasADi {version('casadi')}"}
     layout = layout_of(spec, mirrors, made_by)
-    verify(layout, spec)
-    return layout.replaced(metrics=evaluate(layout, spec.depths_mm))
+    verdict = verify(layout, spec)
+    require_passed(verdict)
+    return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)

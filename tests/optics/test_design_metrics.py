@@ -8,15 +8,9 @@ from numpy.testing import assert_allclose
 from shapely import Polygon, contains_xy
 
 from optics.camera import Camera
-from optics.design.metrics import (
-    common_region,
-    evaluate,
-    fitted_grid,
-    grid_error,
-    hull_distance,
-    pixel_efficiency,
-    smallest_gap_mm,
-)
+from optics.design.gaps import hull_distance, sheet_in_rig_mm, smallest_gap_mm
+from optics.design.metrics import evaluate, fitted_grid, grid_error
+from optics.design.overlap import common_region, pixel_efficiency
 from optics.design.seeds import faceted_parabola, mirrors_of
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -192,8 +186,9 @@ def test_smallest_gap_counts_the_thickness_of_sheets() -> None:
     gap_mm = 2.0 * 19.0 / 380.0 * float(flat.mirrors[0].outline_in_rig_mm[:, 2].min())
     assert smallest_gap_mm(flat) == pytest.approx(gap_mm)
     assert smallest_gap_mm(with_thickness(flat, 4.0)) == pytest.approx(gap_mm)
-    parabola = faceted_parabola(DesignSpec(rows=1, cols=2, surface="second", spacing_mm=3.0))
-    assert smallest_gap_mm(with_thickness(parabola, 4.0)) < smallest_gap_mm(parabola) - 0.5
+    parabola = faceted_parabola(DesignSpec(rows=1, cols=2, spacing_mm=3.0))
+    in_front = [mirror.replaced(surface="second") for mirror in with_thickness(parabola, 4.0).mirrors]
+    assert hull_distance(*(sheet_in_rig_mm(mirror) for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
 
 
 def with_thickness(layout: Layout, thickness_mm: float) -> Layout:

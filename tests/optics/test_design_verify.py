@@ -1,14 +1,18 @@
-"""The second opinion: it passes a good layout and refuses each kind of broken one."""
+"""The second opinion: it passes a good layout and refuses each kind of broken one, by the name of what is broken."""
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from optics.camera import Camera
 from optics.design.errors import InfeasibleDesign
-from optics.design.metrics import sheet_in_rig_mm
-from optics.design.verify import blocked_light, half_spaces, length_inside_mm, sampled, seen_gap_mm, verify
+from optics.design.gaps import half_spaces, sheet_in_rig_mm
+from optics.design.light import blocked_light, length_inside_mm, sampled
+from optics.design.verify import require_passed, verify
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
@@ -37,74 +41,155 @@ def slid(mirror: Mirror, along: float) -> Mirror:
     )
 
 
-def test_the_default_layout_stands(default_layout: Layout) -> None:
-    verify(default_layout, spec_of(default_layout))
-    assert blocked_light(default_layout.mirrors, 500.0) == []
-    assert seen_gap_mm(default_layout) >= 1.0
+def coated_behind(layout: Layout, thickness_mm: float) -> Layout:
+    """Second-surface mirrors that look where the (first-surface) mirrors of a layout are."""
+    slabs = [
+        Mirror.second_surface(
+            m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
+        )
+        for m in layout.mirrors
+    ]
+    return layout.replaced(mirrors=tuple(slabs))
+
+
+def failures(layout: Layout, spec: DesignSpec) -> set[str]:
+    return {name for name, metric in verify(layout, spec).items() if not metric.passed}
+
+
+def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> None:
+    verdict = verify(default_layout, spec_of(default_layout))
+    require_passed(verdict)
+    assert all(metric.passed and metric.limit is not None for metric in verdict.values())
+    assert set(verdict) == {
+        "unlike_spec",
+        "outside_sensor_px",
+        "shortest_edge_mm",
+        "smallest_area_mm2",
+        "smallest_gap_mm",
+        "beyond_depth_mm",
+        "common_area_300mm",
+        "common_area_500mm",
+        "blocked_light",
+    }
+    assert verdict["smallest_gap_mm"].value == pytest.approx(1.0, abs=1e-3)
+    assert verdict["smallest_gap_mm"].limit == pytest.approx(1.0 - 1e-4)
 
 
 def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> None:
     # It keeps its place in the image, so only the beams that leave its neighbour meet it.
     broken = with_mirror(default_layout, 1, slid(default_layout.mirrors[1], 0.85))
-    with pytest.raises(
-        InfeasibleDesign, match=r"occlusion constraint: mirror 1 stands in .*% of the light from mirror 4"
-    ):
-        verify(broken, spec_of(default_layout).replaced(spacing_mm=0.0))
+    assert "blocked_light" in failures(broken, spec_of(default_layout).replaced(spacing_mm=0.0))
     blocked = blocked_light(broken.mirrors, 500.0)
     assert {(found.light_of, found.sheet_of, found.leg) for found in blocked} >= {(4, 1, "out")}
 
 
 def test_a_thick_sheet_before_its_mirror_blocks_light(default_layout: Layout) -> None:
-    thick = [mirror.replaced(surface="second", thickness_mm=8.0) for mirror in default_layout.mirrors]
-    with pytest.raises(InfeasibleDesign, match="occlusion constraint"):
-        verify(default_layout.replaced(mirrors=tuple(thick)), spec_of(default_layout).replaced(spacing_mm=0.0))
+    spec = spec_of(default_layout).replaced(spacing_mm=0.0, surface="second", thickness_mm=8.0)
+    assert "blocked_light" in failures(coated_behind(default_layout, 8.0), spec)
 
 
-def test_a_sheet_that_reaches_the_pupil_is_refused(default_layout: Layout) -> None:
-    distance_mm = default_layout.mirrors[8].distance_mm
-    thick = default_layout.mirrors[8].replaced(surface="second", thickness_mm=distance_mm + 2.5)
-    with pytest.raises(InfeasibleDesign, match=r"the sheet of mirror 8 reaches 2.5 mm past the pupil"):
-        verify(with_mirror(default_layout, 8, thick), spec_of(default_layout).replaced(spacing_mm=0.0))
+def test_mirrors_too_close_fail(default_layout: Layout) -> None:
+    assert failures(default_layout, spec_of(default_layout).replaced(spacing_mm=1.5)) == {"smallest_gap_mm"}
 
 
-def test_mirrors_too_close_are_refused(default_layout: Layout) -> None:
-    with pytest.raises(InfeasibleDesign, match=r"spacing constraint: two mirrors are 1 mm apart, 0\.5 mm too close"):
-        verify(default_layout, spec_of(default_layout).replaced(spacing_mm=1.5))
+def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
+    outlines = [mirror.outline_in_rig_mm for mirror in default_layout.mirrors]
+    shortest = min(float(np.linalg.norm(o - np.roll(o, 1, axis=0), axis=1).min()) for o in outlines)
+    asked = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
+    assert failures(default_layout, asked) == {"shortest_edge_mm"}
+    assert failures(default_layout, asked.replaced(min_edge_mm=shortest - 0.01)) == set()
+    assert failures(default_layout, asked.replaced(min_edge_mm=0.0, min_area_mm2=400.0)) == {"smallest_area_mm2"}
 
 
-def test_mirrors_apart_in_space_but_not_in_the_image_are_refused(default_layout: Layout) -> None:
-    # The upper mirror moves away and grows down to the very edge of the lower one, as the camera sees it.
-    far = slid(default_layout.mirrors[1], 1.2)
-    lower = default_layout.mirrors[4].outline_normalized
-    corners = far.outline_normalized.copy()
-    corners[:2] = [[-0.1, lower[:, 1].max() + 1e-4], [0.1, lower[:, 1].max() + 1e-4]]
-    broken = with_mirror(default_layout, 1, recut(far, corners))
-    with pytest.raises(InfeasibleDesign, match="as the camera sees them"):
-        verify(broken, spec_of(default_layout).replaced(spacing_mm=0.5))
-
-
-def test_a_sub_image_off_the_sensor_is_refused(default_layout: Layout) -> None:
+def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: Layout) -> None:
     corners = default_layout.mirrors[3].outline_normalized.copy()
     corners[[0, 3], 0] -= 10.0 / default_layout.camera.fx_px
     broken = with_mirror(default_layout, 3, recut(default_layout.mirrors[3], corners))
-    with pytest.raises(
-        InfeasibleDesign, match=r"sensor constraint: the sub-image of mirror 3 leaves the sensor by 10 px"
-    ):
-        verify(broken, spec_of(default_layout))
+    assert "outside_sensor_px" in failures(broken, spec_of(default_layout))
+    assert verify(broken, spec_of(default_layout))["outside_sensor_px"].value == pytest.approx(10.0, abs=0.1)
 
 
-def test_views_without_a_common_region_are_refused(default_layout: Layout) -> None:
+def test_a_sub_image_beyond_the_lens_model_fails(default_layout: Layout) -> None:
+    # The lens folds outside the sensor; a mirror that reaches past that has no pixel there at all.
+    camera = default_layout.camera.replaced(distortion=[-0.2, 0.0, 0.0, 0.0, 0.0])
+    corners = default_layout.mirrors[3].outline_normalized.copy()
+    corners[[0, 3], 0] = -1.1 * camera.valid_radius
+    alone = Layout(rows=1, cols=1, camera=camera, mirrors=(recut(default_layout.mirrors[3], corners),))
+    verdict = verify(alone, spec_of(default_layout).replaced(camera=camera))
+    assert "smallest_gap_mm" not in verdict
+    assert verdict["outside_sensor_px"].value == pytest.approx(np.hypot(1920, 1080))
+
+
+def test_views_without_a_common_region_fail(default_layout: Layout) -> None:
     corner = default_layout.mirrors[0].outline_normalized
     tiny = recut(default_layout.mirrors[0], corner[3] + 0.02 * (corner - corner[3]))
-    with pytest.raises(InfeasibleDesign, match="overlap constraint: no point at 300 mm is seen by all views"):
-        verify(with_mirror(default_layout, 0, tiny), spec_of(default_layout))
+    broken = with_mirror(default_layout, 0, tiny)
+    spec = spec_of(default_layout).replaced(min_edge_mm=0.0, min_area_mm2=0.0)
+    assert failures(broken, spec) >= {"common_area_300mm"}
+    assert verify(broken, spec)["common_area_300mm"].value == 0.0
 
 
-def test_a_depth_among_the_mirrors_is_refused(default_layout: Layout) -> None:
-    with pytest.raises(
-        InfeasibleDesign, match=r"depth constraint: 40 mm is nearer than the mirrors, they reach 6\.\d+ mm"
-    ):
-        verify(default_layout, spec_of(default_layout).replaced(depths_mm=(40.0, 500.0)))
+def test_a_depth_among_the_mirrors_fails(default_layout: Layout) -> None:
+    reach_mm = max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in default_layout.mirrors)
+    verdict = verify(default_layout, spec_of(default_layout).replaced(depths_mm=(40.0, 500.0)))
+    assert {name for name, metric in verdict.items() if not metric.passed} == {"beyond_depth_mm", "common_area_40mm"}
+    assert verdict["beyond_depth_mm"].value == pytest.approx(reach_mm - 40.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "count"),
+    [
+        ({"surface": "second"}, 9),
+        ({"thickness_mm": 2.0}, 9),
+        ({"refractive_index": 1.5}, 9),
+        ({"rows": 4}, 1),
+        ({"cols": 4, "rows": 2}, 2),
+        ({"camera": Camera.c920().replaced(fx_px=1300.0)}, 1),
+        ({"sides": 6}, 0),
+    ],
+)
+def test_what_is_not_as_asked_is_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
+    spec = spec_of(default_layout).replaced(**changes)
+    assert verify(default_layout, spec)["unlike_spec"].value == count
+
+
+def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None:
+    corners = default_layout.mirrors[4].outline_normalized
+    middle = (corners[:1] + corners[-1:]) / 2.0
+    pentagon = recut(default_layout.mirrors[4], np.concatenate([corners, middle]))
+    broken = with_mirror(default_layout, 4, pentagon)
+    assert failures(broken, spec_of(default_layout)) == {"unlike_spec"}
+    assert failures(broken, spec_of(default_layout).replaced(sides=5)) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "constraint", "message"),
+    [
+        ("outside_sensor_px", 10.04, "sensor", "a sub-image leaves the sensor by 10 px"),
+        ("smallest_gap_mm", 0.5, "spacing", "two mirrors are 0.5 mm apart, 0.5 mm too close"),
+        ("beyond_depth_mm", 6.78, "depth", "the mirrors reach 6.78 mm past the nearest depth"),
+        ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are seen by all views at 300 mm"),
+        ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
+        ("shortest_edge_mm", 2.0, "edge", "a mirror has an edge of 2 mm, 1 mm too short"),
+        ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too few"),
+        ("unlike_spec", 3.0, "spec", "3 of camera, counts and mirrors are not those asked for"),
+    ],
+)
+def test_a_failed_figure_becomes_a_refusal_in_words(
+    default_layout: Layout, name: str, value: float, constraint: str, message: str
+) -> None:
+    verdict = verify(default_layout, spec_of(default_layout))
+    failed = verdict | {name: verdict[name].replaced(value=value)}
+    with pytest.raises(InfeasibleDesign, match=re.escape(f"{constraint} constraint: {message}") + "$") as refusal:
+        require_passed(failed)
+    assert refusal.value.constraint == constraint
+
+
+def test_every_figure_of_a_verdict_has_its_words(default_layout: Layout) -> None:
+    for name, metric in verify(default_layout, spec_of(default_layout)).items():
+        limit = metric.limit or 0.0
+        with pytest.raises(InfeasibleDesign):
+            require_passed({name: metric.replaced(value=limit + 1.0 if metric.lower_is_better else limit - 1.0)})
 
 
 def test_half_spaces_hold_the_sheet(default_layout: Layout) -> None:
