@@ -80,7 +80,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         build(Layout.load(nominal), folder)
 
     def render(folder: Path, advance: Advance) -> None:
-        from render_scenes.dataset import Tolerances
+        from optics.tolerances import Tolerances
         from render_scenes.render_set import render_set
 
         render_set(

@@ -4,46 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-import numpy as np
 from pydantic import Field
 
 from optics.files import read_model, write_text
 from optics.targets import Target
-from optics.values import FloatArray, Shaped, Value
+from optics.tolerances import Tolerances
+from optics.values import Value
 
 MANIFEST = "dataset.json"
-
-
-class Tolerances(Value):
-    """How far a built camera strays from its design: standard deviations, and the lens that a data sheet leaves out.
-
-    The defaults are a hand-assembled mirror camera with a good webcam.
-    """
-
-    tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror about each of two axes in its plane")
-    offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal")
-    focal_percent: float = Field(default=1.0, ge=0, description="focal length")
-    centre_px: float = Field(default=8.0, ge=0, description="principal point, along each axis")
-    distortion_mean: Annotated[FloatArray, Shaped((5,))] = Field(
-        default=(0.05, -0.1, 0.0, 0.0, 0.0), validate_default=True, description="k1 k2 p1 p2 k3 of the usual lens"
-    )
-    distortion_sigma: Annotated[FloatArray, Shaped((5,))] = Field(
-        default=(0.02, 0.03, 5e-4, 5e-4, 0.0), validate_default=True, description="spread of k1 k2 p1 p2 k3"
-    )
-
-    @classmethod
-    def none(cls) -> Self:
-        """A camera built exactly as designed."""
-        return cls(
-            tilt_deg=0.0,
-            offset_mm=0.0,
-            focal_percent=0.0,
-            centre_px=0.0,
-            distortion_mean=np.zeros(5),
-            distortion_sigma=np.zeros(5),
-        )
 
 
 class SensorModel(Value):

@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.as_built import draw_as_built
 from optics.files import atomic, write_image, write_json
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard, save_board
+from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
-from render_scenes.as_built import draw_as_built
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, Tolerances, sha256
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
 from render_scenes.llvm import use_variant
 from render_scenes.photograph import photograph
 from render_scenes.poses import Plan, plan_base_frames, plan_frames

@@ -33,7 +33,7 @@ def run(options: RenderOptions) -> int:
     """Render the set."""
     from optics.layout import Layout
     from optics.targets import default_board, load_board
-    from render_scenes.dataset import Tolerances
+    from optics.tolerances import Tolerances
 
     layout = Layout.load(options.layout)
     target = default_board() if options.board is None else load_board(options.board)

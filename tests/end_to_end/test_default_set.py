@@ -14,7 +14,7 @@ from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors,
 from optics.calibration.result import mirror_covariance
 from optics.layout import Layout
 from optics.targets import default_board
-from render_scenes.dataset import Tolerances
+from optics.tolerances import Tolerances
 from render_scenes.render_set import render_set
 
 

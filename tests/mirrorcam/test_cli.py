@@ -20,8 +20,8 @@ from mirrorcam.progress import figure_text, long_work
 from optics.files import read_image, write_image
 from optics.layout import Layout
 from optics.targets import Checkerboard, default_board, save_board
+from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import Tolerances
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 

@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from optics.targets import default_board
+from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, Tolerances, sha256
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
 
 
 def manifest() -> Dataset:
@@ -80,13 +80,6 @@ def test_it_is_complete_with_every_frame() -> None:
     most = dict.fromkeys(dataset.frame_names, "0")
     assert not dataset.replaced(files=most).complete
     assert dataset.replaced(files=most | {"base/0000.png": "0"}).complete
-
-
-def test_no_tolerance_is_a_camera_as_designed() -> None:
-    none = Tolerances.none()
-    assert none.tilt_deg == none.offset_mm == none.focal_percent == none.centre_px == 0.0
-    np.testing.assert_array_equal(none.distortion_mean, 0.0)
-    np.testing.assert_array_equal(none.distortion_sigma, 0.0)
 
 
 def test_the_manifest_needs_no_renderer() -> None:

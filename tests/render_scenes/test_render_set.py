@@ -12,8 +12,9 @@ import pytest
 from optics.files import read_image
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard, load_board
+from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, SensorModel, Tolerances, sha256
+from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, SensorModel, sha256
 from render_scenes.render_set import render_set
 from render_scenes.truth import Oracle
 

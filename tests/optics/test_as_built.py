@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from optics.as_built import draw_as_built
 from optics.layout import Layout
+from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.as_built import draw_as_built
-from render_scenes.dataset import Tolerances
 
 
 def test_without_tolerances_it_is_the_design(default_layout: Layout) -> None:
@@ -61,7 +61,7 @@ def test_outlines_move_with_their_mirrors(default_layout: Layout) -> None:
         (Tolerances(tilt_deg=25.0), "tilt_deg 25.0"),
         (Tolerances(offset_mm=200.0), "offset_mm 200.0"),
         (Tolerances(focal_percent=1e9), "focal_percent"),
-        (Tolerances(distortion_mean=np.array([-0.6, 0.0, 0.0, 0.0, 0.0])), "distortion_mean"),
+        (Tolerances(distortion_mean=(-0.6, 0.0, 0.0, 0.0, 0.0)), "distortion_mean"),
     ],
 )
 def test_what_cannot_be_built_is_refused_in_one_line(
