@@ -26,7 +26,7 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam import interruption
-from mirrorcam.commands import cad, calibrate, decode, design, render, run, validate
+from mirrorcam.commands import cad, calibrate, decode, design, render, run, sweep, validate
 from optics.camera import Camera
 from optics.values import InputError
 
@@ -35,6 +35,7 @@ DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 RUNNERS: dict[type, Callable[[Any], int]] = {
     run.RunOptions: run.run,
     design.DesignOptions: design.run,
+    sweep.SweepOptions: sweep.run,
     cad.CadOptions: cad.run,
     render.RenderOptions: render.run,
     calibrate.CalibrateOptions: calibrate.run,
@@ -50,6 +51,7 @@ class Command:
     command: OmitSubcommandPrefixes[
         Annotated[run.RunOptions, subcommand("run")]
         | Annotated[design.DesignOptions, subcommand("design")]
+        | Annotated[sweep.SweepOptions, subcommand("sweep")]
         | Annotated[cad.CadOptions, subcommand("cad")]
         | Annotated[render.RenderOptions, subcommand("render")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]

@@ -6,7 +6,12 @@ from importlib.util import find_spec
 
 from optics.values import InputError
 
-MODULES = {"cad": ("build123d", "trimesh", "manifold3d", "ezdxf"), "render": ("mitsuba", "drjit")}
+MODULES = {
+    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf"),
+    "render": ("mitsuba", "drjit"),
+    "cluster": ("dask", "distributed"),
+    "parquet": ("pyarrow",),
+}
 
 
 def require(*extras: str) -> None:

@@ -15,14 +15,18 @@ ROOT = Path(__file__).parents[1]
 ROOMS = {"optics", "cad", "render_scenes", "mirrorcam"}
 OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Of our own rooms and of libraries: what a room may import beside the standard library and itself. Those of `cad` and
-# `render_scenes` come with the extras of these names; everything else is in the base installation.
+# `render_scenes` come with the extras of these names, distributed and pyarrow with `cluster` and `parquet`; everything
+# else is in the base installation.
 MAY_IMPORT = {
     "optics": OPTICS,
     "cad": OPTICS | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf"},
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR"},
-    "mirrorcam": ROOMS | OPTICS | {"matplotlib", "rich", "tyro"},
+    "mirrorcam": ROOMS | OPTICS | {"matplotlib", "rich", "tyro", "distributed", "pyarrow"},
 }
-LATE_FOR_THE_COMMAND = ("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely")
+LATE_FOR_THE_COMMAND = (
+    *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
+    *("dask", "distributed", "pyarrow"),
+)
 
 
 def imported(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str]]:

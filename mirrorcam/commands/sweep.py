@@ -1,0 +1,150 @@
+"""`mirrorcam sweep`: from many things that could be asked for to a table and figures of what they trade."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import tyro
+from pydantic import Field, model_validator
+
+from mirrorcam.extras import require
+from mirrorcam.progress import count_text, long_work, say
+from optics.design.sweep import grid
+from optics.spec import DesignSpec
+from optics.values import InputError, Value
+
+if TYPE_CHECKING:
+    from mirrorcam.sweep import Runner
+    from optics.design.sweep import Outcome
+
+
+def count_from_text(text: str) -> tuple[int, int]:
+    """Rows and columns, of a text like 3x5."""
+    found = re.fullmatch(r"(\d+)x(\d+)", text)
+    if found is None:
+        raise InputError(f"--counts {text!r}: expected rows x columns, like 3x5")
+    return int(found[1]), int(found[2])
+
+
+def depths_from_text(text: str) -> tuple[float, ...]:
+    """Depths, of a text like 300,500."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--depth-sets-mm {text!r}: expected depths with commas between them, like 300,500") from None
+
+
+class CommonSpec(DesignSpec):
+    """What all designs of a sweep have in common: of a spec, what the sweep does not vary."""
+
+    rows: tyro.conf.Suppress[int] = 3
+    cols: tyro.conf.Suppress[int] = 3
+    scale_mm: tyro.conf.Suppress[float] = 80.0
+    depths_mm: tyro.conf.Suppress[tuple[float, ...]] = (300.0, 500.0)
+    tradeoff: tyro.conf.Suppress[float] = 0.3
+
+
+class SweepOptions(Value):
+    """Optimise layouts for all combinations of counts, depths, scales and tradeoffs; show what they trade."""
+
+    counts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[ROWSxCOLS ...]")] = Field(
+        default=("2x2", "3x3", "3x5"), description="rows x columns of mirrors"
+    )
+    scales_mm: tuple[float, ...] = Field(
+        default=(60.0, 80.0, 120.0), description="heights of the central mirror above the pupil"
+    )
+    tradeoffs: tuple[float, ...] = Field(
+        default=(0.1, 0.3, 0.5), description="from 0 (pixel efficiency alone) to 1 (a perfect grid of views alone)"
+    )
+    depth_sets_mm: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[MM,MM... ...]")] = Field(
+        default=("300,500",), description="scene depths where views overlap, those of one design with commas"
+    )
+    common: Annotated[CommonSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=CommonSpec)
+    table: Literal["csv", "parquet", "json"] = Field(default="csv", description="format of the table")
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
+        default=None, ge=1, description="designs at a time on this machine"
+    )
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
+        default=None, description="Dask scheduler to work on instead, like tcp://host:8786"
+    )
+    out: Path = Field(
+        default=Path("output/sweep"),
+        description="folder for the table, pareto.png, results/ and layouts/; an interrupted sweep is continued",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("--workers is for this machine, expected it without --scheduler")
+        self.specs()
+        return self
+
+    def specs(self) -> tuple[DesignSpec, ...]:
+        """The specs of all designs, in the order of the table."""
+        return grid(
+            self.common,
+            counts=[count_from_text(text) for text in self.counts],
+            depth_sets_mm=[depths_from_text(text) for text in self.depth_sets_mm],
+            scales_mm=self.scales_mm,
+            tradeoffs=self.tradeoffs,
+        )
+
+
+def _runner(options: SweepOptions) -> tuple[Runner, str]:
+    """Who does the work, and how people call it."""
+    from mirrorcam.sweep_cluster import run_cluster
+    from mirrorcam.sweep_local import cores, run_local
+
+    if options.scheduler is not None:
+        return partial(run_cluster, address=options.scheduler), f"the workers of {options.scheduler}"
+    workers = options.workers or cores()
+    return partial(run_local, workers=workers), count_text(workers, "worker")
+
+
+def summary(outcomes: list[Outcome]) -> list[str]:
+    """What became of the designs, in lines: how many of each status, which constraints cannot hold, what failed."""
+    statuses = Counter(outcome.status for outcome in outcomes)
+    lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
+    bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")
+    if bound:
+        lines.append("infeasible for " + ", ".join(f"{constraint} ({n})" for constraint, n in bound.most_common()))
+    for outcome in outcomes:
+        if outcome.status == "failed":
+            spec = outcome.spec
+            depths = ",".join(f"{depth:g}" for depth in spec.depths_mm)
+            name = f"{spec.rows}x{spec.cols} scale {spec.scale_mm:g} depths {depths} tradeoff {spec.tradeoff:g}"
+            lines.append(f"{name} failed: {outcome.finding}")
+    return lines
+
+
+def run(options: SweepOptions) -> int:
+    """Sweep, write the table and the figures, and sum up; 1 where a design failed."""
+    if options.table == "parquet":
+        require("parquet")
+    if options.scheduler is not None:
+        require("cluster")
+    from mirrorcam.figures.sweep import pareto
+    from mirrorcam.sweep import sweep, table_of, write_table
+    from optics.design.metrics import sensor_polygon
+
+    sensor_polygon(options.common.camera)
+    specs = options.specs()
+    runner, who = _runner(options)
+    with long_work("sweep", f"{count_text(len(specs), 'design')}, {who}", "designs") as advance:
+        outcomes = sweep(specs, options.out, runner, advance)
+    table, figure = options.out / f"sweep.{options.table}", options.out / "pareto.png"
+    write_table(table, table_of(outcomes))
+    written = [table]
+    if any(outcome.status == "solved" for outcome in outcomes):
+        pareto(outcomes, figure)
+        written.append(figure)
+    else:
+        figure.unlink(missing_ok=True)
+    for line in summary(outcomes):
+        say("sweep", line)
+    say("sweep", f"{' and '.join(str(path) for path in written)} written")
+    return 1 if any(outcome.status == "failed" for outcome in outcomes) else 0

@@ -1,0 +1,182 @@
+"""Designs on all cores of this machine: processes of one thread each, of which any may die without harm to the rest."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+
+from mirrorcam.sweep_work import Answer, Work, answer
+from optics.design.sweep import structure
+from optics.spec import DesignSpec
+
+ATTEMPTS = 3
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+
+
+@dataclass(frozen=True)
+class Died:
+    """The end of every worker that tried a design."""
+
+    reason: str
+
+
+@dataclass
+class _Worker:
+    process: BaseProcess
+    connection: Connection
+    task: int
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def _serve(connection: Connection, work: Work) -> None:
+    """Answer specs until the other end closes; with a traceback where the work, which fails by no spec, is broken."""
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        try:
+            done: Answer | str = work(task)
+        except Exception:
+            done = traceback.format_exc()
+        connection.send(done)
+
+
+@contextmanager
+def _for_children() -> Iterator[None]:
+    """What is started within the block computes in one thread, and never sees Ctrl-C: that is for its parent."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+
+
+def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
+    """Numbers of specs in groups of one structure, in which what was built for one serves the next.
+
+    Arrays of many mirrors come first, so that no core is left alone with one at the end.
+    """
+    groups: dict[tuple[int, int, int, int, str], list[int]] = {}
+    for number, spec in enumerate(specs):
+        groups.setdefault(structure(spec), []).append(number)
+    return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
+
+
+class _Queue:
+    """Who does what next: a worker stays with its group; one without takes a whole group, then half of another's."""
+
+    def __init__(self, groups: Sequence[Sequence[int]]) -> None:
+        self._waiting = [list(group) for group in groups]
+        self._own: dict[int, list[int]] = {}
+
+    def next(self, place: int) -> int | None:
+        own = self._own.setdefault(place, [])
+        if not own and self._waiting:
+            own += self._waiting.pop(0)
+        if not own:
+            most = max(self._own.values(), key=len)
+            left = len(most) // 2
+            own += most[left:]
+            del most[left:]
+        return own.pop(0) if own else None
+
+    def again(self, place: int, task: int) -> None:
+        self._own[place].insert(0, task)
+
+
+def run_local(
+    specs: Sequence[DesignSpec], workers: int, work: Work = answer
+) -> Generator[tuple[int, Answer | Died], None, None]:
+    """Number and answer of each spec, as they come, from at most `workers` processes.
+
+    A worker that dies loses what it was doing, and only that: another takes its place and tries it again, until
+    ATTEMPTS have died of it. Ends all workers when closed. Raises RuntimeError where a worker cannot work at all.
+    """
+    context = get_context("spawn")
+    queue = _Queue(in_order(specs))
+    deaths = [0] * len(specs)
+    busy: dict[int, _Worker] = {}
+
+    def hire(place: int) -> None:
+        task = queue.next(place)
+        if task is None:
+            return
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, work), daemon=True)
+        with _for_children():
+            process.start()
+        theirs.close()
+        busy[place] = _Worker(process, ours, task)
+        _give(busy[place], specs[task])
+
+    try:
+        for place in range(min(workers, len(specs))):
+            hire(place)
+        while busy:
+            ready = wait([worker.connection for worker in busy.values()])
+            for place, worker in [(p, w) for p, w in busy.items() if w.connection in ready]:
+                try:
+                    got = worker.connection.recv()
+                except (EOFError, OSError):
+                    del busy[place]
+                    deaths[worker.task] += 1
+                    reason = _buried(worker)
+                    if deaths[worker.task] < ATTEMPTS:
+                        queue.again(place, worker.task)
+                    else:
+                        yield worker.task, Died(f"{ATTEMPTS} workers died of it, the last {reason}")
+                    hire(place)
+                    continue
+                if isinstance(got, str):
+                    raise RuntimeError(f"a worker cannot work: {got}")
+                done, following = worker.task, queue.next(place)
+                if following is None:
+                    del busy[place]
+                    worker.connection.close()
+                    worker.process.join()
+                else:
+                    worker.task = following
+                    _give(worker, specs[following])
+                yield done, got
+    finally:
+        for worker in busy.values():
+            worker.process.kill()
+            _buried(worker)
+
+
+def _give(worker: _Worker, spec: DesignSpec) -> None:
+    try:
+        worker.connection.send(spec.model_dump_json())
+    except OSError:
+        return  # it has died; whoever waits for its answer finds that out
+
+
+def _buried(worker: _Worker) -> str:
+    """How a worker ended."""
+    worker.connection.close()
+    worker.process.join()
+    code = worker.process.exitcode
+    return f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
