@@ -5,8 +5,9 @@ Standard error stays free for the one line that says what was wrong.
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 
@@ -83,8 +84,27 @@ def limit_text(metric: Metric) -> str:
     return f"{'≤' if metric.lower_is_better else '≥'} {figure_text(metric.limit)}"
 
 
-def print_metrics(columns: Mapping[str, Mapping[str, Metric]]) -> None:
-    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are."""
+def label_text(name: str) -> str:
+    """A figure's name as people read it: without the unit, which has its own column, and with its depth as one."""
+    named = re.sub(r"_(mm|mm2|px|deg)$", "", re.sub(r"_([0-9.e+-]+)mm$", r" at \1 mm", name))
+    return named.replace("_", " ")
+
+
+def _cell(metric: Metric | None, unit: str) -> str:
+    """A value, with its unit only where that is not the row's."""
+    if metric is None:
+        return ""
+    return figure_text(metric.value) if metric.unit == unit else f"{figure_text(metric.value)} {metric.unit}"
+
+
+def print_metrics(
+    columns: Mapping[str, Mapping[str, Metric]], groups: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
+
+    `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
+    of no group come last. Whether a figure passes is said of the last column.
+    """
     names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
     every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
     limited = any(metric.limit is not None for metric in every.values())
@@ -96,12 +116,22 @@ def print_metrics(columns: Mapping[str, Mapping[str, Metric]]) -> None:
     if limited:
         table.add_column("limit")
         table.add_column("")
-    for name in names:
-        found = [metrics.get(name) for metrics in columns.values()]
-        row = [name.replace("_", " "), *("" if metric is None else figure_text(metric.value) for metric in found)]
-        row.append(every[name].unit)
+
+    def add(name: str, indent: str) -> None:
+        unit = every[name].unit
+        row = [indent + label_text(name), *(_cell(metrics.get(name), unit) for metrics in columns.values()), unit]
         if limited:
             row.append(limit_text(every[name]))
             row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
         table.add_row(*row)
+
+    for title, beginnings in (groups or {}).items():
+        members = [name for name in names if name.startswith(tuple(beginnings))]
+        if members:
+            table.add_row(Text(title, style="bold"))
+        for name in members:
+            names.remove(name)
+            add(name, "  ")
+    for name in names:
+        add(name, "")
     console().print(table)

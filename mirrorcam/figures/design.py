@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patches import Polygon as PolygonPatch
+from matplotlib.patheffects import withStroke
 from shapely import Polygon, union_all
 
 from optics.design.metrics import fitted_grid, grid_error
@@ -30,21 +31,24 @@ SIDE_IN, HEAD_IN, SENSOR_IN, ROW_IN = 8.0, 1.0, 5.35, 3.9
 MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
 
 
-def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
+def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None:
     """Write a PNG of two layouts side by side: sensor, mirrors from the side and the front, overlap at each depth.
 
     The depths are those of the optimised layout's spec (or of the parabola's). Panels of one kind share their scale.
-    Raises ValueError where neither layout has a spec.
+    Where there is no parabola, the optimised layout stands alone. Raises ValueError where neither has a spec.
     """
-    spec = optimised.spec or parabola.spec
+    spec = optimised.spec or (parabola.spec if parabola else None)
     if spec is None:
         raise ValueError("before_after needs a layout with a spec, found none to take depths from")
+    sides = [("Faceted parabola", parabola)] if parabola else []
+    sides.append(("Optimised" if parabola else "Optimised (no parabola fits)", optimised))
     depths_mm = sorted(spec.depths_mm)
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
     height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
-    figure = Figure(figsize=(2.0 * SIDE_IN, height_in))
+    figure = Figure(figsize=(len(sides) * SIDE_IN, height_in))
     same_scale: list[list[Axes]] = []
-    for left_in, name, layout in ((0.0, "Faceted parabola", parabola), (SIDE_IN, "Optimised", optimised)):
+    for number, (name, layout) in enumerate(sides):
+        left_in = number * SIDE_IN
         middle, top_in = (left_in + SIDE_IN / 2.0) / figure.get_figwidth(), height_in - HEAD_IN
         figure.text(middle, 1.0 - 0.35 / height_in, name, ha="center", va="center", fontsize=17, fontweight="bold")
         shares = _figures(layout, depths_mm)
@@ -54,8 +58,8 @@ def before_after(parabola: Layout, optimised: Layout, path: Path) -> None:
         _side(from_side, layout)
         _front(from_front, layout)
         same_scale.append([from_side, from_front])
-        for number, row in enumerate(overlap_rows):
-            panels = _row(figure, left_in, top_in - SENSOR_IN - ROW_IN * (1 + number), ROW_IN, (1.0,) * len(row))
+        for below, row in enumerate(overlap_rows, start=1):
+            panels = _row(figure, left_in, top_in - SENSOR_IN - ROW_IN * below, ROW_IN, (1.0,) * len(row))
             for axes, depth_mm in zip(panels, row, strict=True):
                 _overlap(axes, layout, depth_mm)
             same_scale[-1].extend(panels)
@@ -132,7 +136,8 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
             _outline(axes, seen, facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linewidth=1.3, linestyle=line)
     for k in range(len(layout.mirrors)):
         middle = layout.outline_px(k).mean(axis=0)
-        axes.annotate(f"{k}", middle, ha="center", va="center", fontsize=11, color=CAMERA)
+        name = axes.annotate(f"{k}", middle, ha="center", va="center", fontsize=11, color=CAMERA)
+        name.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5))
     handles = [Patch(facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, label="sub-image")]
     for depth_mm, line in zip(depths_mm, cycle(LINE_STYLES)):
@@ -143,14 +148,15 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
 
 def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
     """Virtual centres, the ideal grid they should be on, and what parts them, along two axes of the rig."""
+    smaller = min(1.0, 4.0 / max(layout.rows, layout.cols))
     grid = (fitted_grid(layout)[0] @ layout.view_from_rig)[..., [first, second]]
     for line in (*grid, *np.swapaxes(grid, 0, 1)):
         axes.plot(*line.T, color=GRID, linewidth=0.9, zorder=2)
     centres = layout.virtual_centres_in_rig_mm[:, [first, second]]
     for centre, node in zip(centres, grid.reshape(-1, 2), strict=True):
         axes.plot(*np.array([centre, node]).T, color=VIEW, linewidth=1.6, zorder=3)
-    axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6, zorder=4)
-    axes.plot(*centres.T, "o", color=VIEW, markersize=5, zorder=5)
+    axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6 * smaller, zorder=4)
+    axes.plot(*centres.T, "o", color=VIEW, markersize=5 * smaller, zorder=5)
 
 
 def _side(axes: Axes, layout: Layout) -> None:
@@ -159,8 +165,9 @@ def _side(axes: Axes, layout: Layout) -> None:
     for k, mirror in enumerate(layout.mirrors):
         outline = mirror.outline_in_rig_mm
         if k % layout.cols == layout.central_index % layout.cols:
-            chief = mirror.cut(mirror.outline_normalized.mean(axis=0))
-            leaving = chief - mirror.virtual_centre_in_rig_mm
+            seen = mirror.apparent
+            chief = seen.cut(seen.outline_normalized.mean(axis=0))
+            leaving = chief - seen.virtual_centre_in_rig_mm
             end = chief + leaving * ((end_mm - chief[1]) / leaving[1])
             axes.plot(*np.array([np.zeros(3), chief, end])[:, [1, 2]].T, color=RAY, linewidth=1.2, zorder=1)
         _outline(axes, outline[:, [1, 2]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
@@ -189,9 +196,10 @@ def _front(axes: Axes, layout: Layout) -> None:
 def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
     """What each view sees of the plane at a depth, and what all see."""
     region, footprints = common_region(layout, depth_mm)
+    opacity, linewidth = min(0.07, 0.7 / len(footprints)), max(0.9 - len(footprints) / 80.0, 0.3)
     for seen in footprints:
         if not seen.is_empty:
-            _outline(axes, _vertices(seen), facecolor=_fill(MIRROR, 0.07), edgecolor=MIRROR, linewidth=0.9)
+            _outline(axes, _vertices(seen), facecolor=_fill(MIRROR, opacity), edgecolor=MIRROR, linewidth=linewidth)
     if not region.is_empty:
         _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
     axes.margins(0.04)

@@ -59,7 +59,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     """
     mirrors = layout.mirrors
     verdict = {
-        "unlike_spec": Metric(value=_unlike_spec(layout, spec), unit="of the parts", limit=0.0),
+        "unlike_spec": Metric(value=_unlike_spec(layout, spec), unit="parts", limit=0.0),
         "outside_sensor_px": Metric(value=_outside_sensor_px(layout), unit="px", limit=SENSOR_TOLERANCE_PX),
     }
     least = {
@@ -80,7 +80,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
             value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
         )
     stopped = max((found.fraction for found in blocked_light(mirrors, max(spec.depths_mm))), default=0.0)
-    verdict["blocked_light"] = Metric(value=stopped, unit="of a mirror's light", limit=0.0)
+    verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
     return verdict
 
 

@@ -90,3 +90,22 @@ def test_layouts_without_a_spec_say_so(default_layout: Layout, tmp_path: Path) -
     bare = default_layout.replaced(spec=None)
     with pytest.raises(ValueError, match="found none to take depths from"):
         before_after(bare, bare, tmp_path / "figure.png")
+
+
+def test_an_optimum_without_a_parabola_stands_alone(picture: Path, default_layout: Layout, tmp_path: Path) -> None:
+    before_after(None, default_layout, tmp_path / "alone.png")
+    both, alone = read_image(picture), read_image(tmp_path / "alone.png")
+    assert alone.shape[0] == both.shape[0]
+    assert alone.shape[1] == both.shape[1] // 2
+    assert greenish(alone) == pytest.approx(greenish(both[:, both.shape[1] // 2 :]), rel=0.1)
+
+
+def test_many_views_do_not_hide_what_they_share(tmp_path: Path) -> None:
+    spec = DesignSpec(rows=6, cols=6, spacing_mm=0.3, depths_mm=(2000.0,))
+    parabola = faceted_parabola(spec).replaced(spec=spec)
+    before_after(None, parabola, tmp_path / "many.png")
+    image = read_image(tmp_path / "many.png").astype(int)
+    # Where all views lie on each other the blue stays light: only lines are as dark as the colour of mirrors.
+    below = image[-int(3.9 * 110) :]
+    dark = np.abs(below - [0x44, 0x77, 0xAA]).max(axis=-1) < 25
+    assert 0.001 < dark.mean() < 0.05

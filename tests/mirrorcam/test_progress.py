@@ -71,3 +71,39 @@ def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
 )
 def test_figures_as_people_read_them(value: float, text: str) -> None:
     assert progress.figure_text(value) == text
+
+
+def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
+    near = Metric(value=1e5, unit="mm or more")
+    progress.print_metrics(
+        {
+            "parabola": {"depth_farthest_mm": near},
+            "optimised": {
+                "other": Metric(value=1.0, unit="1"),
+                "depth_farthest_mm": Metric(value=900.0, unit="mm"),
+                "pixel_efficiency_300mm": Metric(value=0.5, unit="1"),
+            },
+        },
+        {"depth": ("depth_",), "empty": ("nothing",), "share": ("pixel_",)},
+    )
+    assert [line.rstrip() for line in log.getvalue().splitlines()[1:]] == [
+        "depth",
+        "  depth farthest              100000 mm or more        900  mm",
+        "share",
+        "  pixel efficiency at 300 mm                           0.5  1",
+        "other                                                    1  1",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("grid_error", "grid error"),
+        ("fov_x_deg", "fov x"),
+        ("smallest_area_mm2", "smallest area"),
+        ("overlap_iou_1e+06mm", "overlap iou at 1e+06 mm"),
+        ("common_area_300.5mm", "common area at 300.5 mm"),
+    ],
+)
+def test_names_as_people_read_them(name: str, text: str) -> None:
+    assert progress.label_text(name) == text

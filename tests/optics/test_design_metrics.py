@@ -5,33 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 from shapely import Polygon, contains_xy
 
 from optics.camera import Camera
 from optics.design.gaps import hull_distance, sheet_in_rig_mm, smallest_gap_mm
-from optics.design.metrics import evaluate, fitted_grid, grid_error
+from optics.design.metrics import FARTHEST_MM, evaluate, fitted_grid, grid_error
 from optics.design.overlap import common_region, pixel_efficiency
 from optics.design.seeds import faceted_parabola, mirrors_of
 from optics.layout import Layout
-from optics.mirror import Mirror
+from optics.mirror import Mirror, reflect
 from optics.spec import DesignSpec
 from optics.values import FloatArray, InputError
 
 DEPTH_MM = 300.0
 
 
-def mirror_seeing(rectangle: tuple[float, float, float, float], height_mm: float) -> Mirror:
-    """A 45-degree mirror at a height that sees just x0..x1, z0..z1 of the plane y = 300 mm: its image is upright."""
+def mirror_seeing(rectangle: tuple[float, float, float, float], height_mm: float, across_mm: float = 0.0) -> Mirror:
+    """A mirror with the virtual centre (across, -height, height) that sees just x0..x1, z0..z1 of the plane y = 300 mm.
+
+    In the middle, where across is 0, it stands at 45 degrees and its image is upright.
+    """
     x0, x1, z0, z1 = rectangle
-    centre = np.array([0.0, -height_mm, height_mm])
+    centre = np.array([across_mm, -height_mm, height_mm])
     scene = np.array([[x0, DEPTH_MM, z0], [x1, DEPTH_MM, z0], [x1, DEPTH_MM, z1], [x0, DEPTH_MM, z1]])
-    image = Mirror.from_plane(
-        centre / 2,
-        centre,
-        outline_in_rig_mm=np.zeros((3, 3))
-        + centre / 2
-        + np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [-1.0, 0.0, 0.0]]),
-    ).reflect(scene)
+    image = reflect(scene, centre)
     normalized = image[:, :2] / image[:, 2:]
     rays = np.column_stack([normalized, np.ones(4)])
     outline = rays * (0.5 * centre @ centre / (rays @ centre))[:, None]
@@ -204,3 +202,126 @@ def test_a_depth_nearer_than_the_mirrors_is_refused() -> None:
     layout = faceted_parabola(DesignSpec())
     with pytest.raises(InputError, match=r"depth 20 mm is nearer than the mirrors, which reach 47\.\d mm"):
         evaluate(layout, [20.0])
+
+
+def two_views(spacing_mm: float, half_tangent: float) -> Layout:
+    """Views 40 mm up, `spacing_mm` apart, that see the same square of the plane y = 300 mm, 380 mm before them."""
+    half_mm = 380.0 * half_tangent
+    square = (-half_mm, half_mm, 80.0 - half_mm, 80.0 + half_mm)
+    mirrors = tuple(mirror_seeing(square, 80.0, side * spacing_mm / 2.0) for side in (-1.0, 1.0))
+    return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
+
+
+def test_depth_range_of_two_views_that_meet() -> None:
+    # Fields of upright views are rectangles at every depth: what they share, and how many pixels see it, are a matter
+    # of intervals.
+    heights, (low, high, half) = (70.0, 100.0), (80.0, 100.0, 30.0)
+    mirrors = tuple(mirror_seeing((-half, half, low, high), height) for height in reversed(heights))
+    layout = Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=mirrors)
+
+    def share(depth_mm: float) -> float:
+        fields = [(h, (depth_mm + h) / (DEPTH_MM + h)) for h in heights]
+        across = 2.0 * min(half * wider for _, wider in fields)
+        upwards = min(h + (high - h) * w for h, w in fields) - max(h + (low - h) * w for h, w in fields)
+        return max(upwards, 0.0) * across * sum(1.0 / (depth_mm + h) ** 2 for h in heights)
+
+    nearest, farthest = (
+        brentq(lambda depth_mm: share(depth_mm) - share(DEPTH_MM) / 2.0, *between, xtol=1e-6)
+        for between in ((120.0, 299.0), (301.0, 2000.0))
+    )
+    metrics = evaluate(layout, [DEPTH_MM])
+    assert metrics["depth_nearest_mm"].value == pytest.approx(nearest, rel=2e-4)
+    assert metrics["depth_farthest_mm"].value == pytest.approx(farthest, rel=2e-4)
+    assert 150.0 < nearest < 280.0 < 350.0 < farthest < 1000.0
+    assert metrics["depth_farthest_mm"].unit == "mm"
+
+
+def test_depth_range_is_around_the_best_working_depth() -> None:
+    alone, beside = (evaluate(two_views(60.0, 0.05), depths) for depths in ([DEPTH_MM], [DEPTH_MM, 250.0]))
+    for name in ("depth_nearest_mm", "depth_farthest_mm"):
+        assert beside[name] == alone[name]
+
+
+def test_a_depth_range_without_end_says_so() -> None:
+    # The fields drift apart by b (1 - D / 380) and are 2 a D wide, a / b > 1 / 380: at infinity half is common still.
+    metrics = evaluate(two_views(60.0, 0.18), [DEPTH_MM])
+    assert (metrics["depth_farthest_mm"].value, metrics["depth_farthest_mm"].unit) == (FARTHEST_MM, "mm or more")
+    assert metrics["depth_nearest_mm"].value < 150.0
+
+
+def test_a_depth_range_ends_at_the_mirrors() -> None:
+    layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
+    reach_mm = float(layout.mirrors[0].outline_in_rig_mm[:, 1].max())
+    assert evaluate(layout, [DEPTH_MM])["depth_nearest_mm"].value == pytest.approx(reach_mm, rel=1e-5)
+
+
+def test_views_that_share_nothing_have_no_depth_range() -> None:
+    upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
+    metrics = evaluate(Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper)), [DEPTH_MM])
+    assert not [name for name in metrics if name.startswith("depth_nearest") or name.startswith("depth_farthest")]
+
+
+def test_disparity_and_depth_resolution_of_a_grid() -> None:
+    metrics = evaluate(grid_layout(np.zeros((4, 3))), [DEPTH_MM, 500.0])
+    f = 1360.38
+    assert metrics["disparity_s_300mm"].value == pytest.approx(f * 40.0 / 380.0)
+    assert metrics["disparity_t_500mm"].value == pytest.approx(f * 30.0 / 580.0)
+    assert metrics["depth_resolution_300mm"].value == pytest.approx(380.0**2 / (f * 40.0))
+    assert metrics["depth_resolution_fine_500mm"].value == pytest.approx(0.25 * 580.0**2 / (f * 40.0))
+
+
+def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
+    # Against what is infinitely far (here: 10^7 mm), in views that look the same way, as the project defines it.
+    layout = grid_layout(np.zeros((4, 3)))
+    metrics = evaluate(layout, [DEPTH_MM])
+    left, right = layout.virtual_centres_in_view_mm[1]
+    shifts = []
+    for depth_mm in (DEPTH_MM, 1e7):
+        point = np.array([7.0, -90.0, depth_mm])
+        pixels = [1360.38 * (point - c)[:2] / (point - c)[2] for c in (left, right)]
+        shifts.append(pixels[0][0] - pixels[1][0])
+    assert metrics["disparity_s_300mm"].value == pytest.approx(shifts[0] - shifts[1], rel=1e-4)
+    # One pixel more of it over the whole baseline is one depth resolution nearer, to first order.
+    nearer = evaluate(layout, [DEPTH_MM - metrics["depth_resolution_fine_300mm"].value])
+    gained = (
+        next(m.value for n, m in nearer.items() if n.startswith("disparity_s")) - metrics["disparity_s_300mm"].value
+    )
+    assert gained == pytest.approx(0.25, rel=0.01)
+
+
+def test_a_single_view_tells_no_depth() -> None:
+    layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
+    assert not [name for name in evaluate(layout, [DEPTH_MM]) if "disparity" in name or "resolution" in name]
+
+
+def test_sizes_of_mirrors() -> None:
+    corners = np.array([[-5.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 12.0, 12.0], [-5.0, 12.0, 12.0]])
+    mirror = Mirror(virtual_centre_in_rig_mm=[0.0, -80.0, 80.0], outline_in_rig_mm=corners + np.array([0, 0, 80.0]))
+    metrics = evaluate(Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror,)), [DEPTH_MM])
+    found = [metrics[name].value for name in ("shortest_edge_mm", "longest_edge_mm", "smallest_area_mm2")]
+    assert found == pytest.approx([10.0, 12.0 * np.sqrt(2), 120.0 * np.sqrt(2)])
+    assert metrics["largest_area_mm2"].value == metrics["smallest_area_mm2"].value
+
+
+def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
+    plain = faceted_parabola(DesignSpec(rows=2, cols=2, spacing_mm=3.0))
+
+    def behind(thickness_mm: float) -> Layout:
+        slabs = [
+            Mirror.second_surface(
+                m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
+            )
+            for m in plain.mirrors
+        ]
+        return plain.replaced(mirrors=tuple(slabs))
+
+    before, thin, thick = (evaluate(layout, [DEPTH_MM]) for layout in (plain, behind(0.01), behind(3.0)))
+    assert "slab_stray_mm" not in before
+    for name in ("grid_error", "baseline_x_mm", "baseline_y_mm", "disparity_s_300mm"):
+        assert thick[name].value == pytest.approx(before[name].value, rel=1e-9), name
+    assert thin["pixel_efficiency_300mm"].value == pytest.approx(before["pixel_efficiency_300mm"].value, abs=2e-3)
+    # The rim of a slab shows nothing, and its light strays.
+    assert thick["pixel_efficiency_300mm"].value < before["pixel_efficiency_300mm"].value - 0.02
+    assert 0.05 < thick["slab_stray_mm"].value < 1.0
+    distance_mm = DEPTH_MM - float(plain.virtual_centres_in_rig_mm[:, 1].max())
+    assert thick["slab_stray_px"].value == pytest.approx(1360.38 * thick["slab_stray_mm"].value / distance_mm)

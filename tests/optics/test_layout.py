@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from optics.as_built import draw_as_built
 from optics.layout import FOLD_90_VIEW_FROM_RIG, Layout, Uncertainty
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
+from optics.tolerances import Tolerances
 from optics.values import InputError, Metric
 
 
@@ -31,6 +33,7 @@ def full(layout: Layout) -> Layout:
     return layout.replaced(
         kind="calibrated",
         metrics={"rms": Metric(value=0.05, unit="px", limit=0.1)},
+        verdict={"smallest_gap_mm": Metric(value=1.2, unit="mm", limit=1.0, lower_is_better=False)},
         provenance={"made by": "a test"},
         uncertainty=Uncertainty(parameters=("fx_px", "mirror 0 x_mm"), covariance=[[0.1, 0.01], [0.01, 1 / 3]]),
     )
@@ -238,3 +241,25 @@ def test_a_file_that_breaks_off_or_is_missing_is_refused(tmp_path: Path, parabol
 def test_requests_that_mean_nothing_are_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         DesignSpec(**fields)
+
+
+def test_second_surface_mirrors_are_seen_where_they_look(parabola_layout: Layout) -> None:
+    slabs = tuple(
+        Mirror.second_surface(m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49)
+        for m in parabola_layout.mirrors
+    )
+    behind = parabola_layout.replaced(mirrors=slabs)
+    assert np.allclose(behind.virtual_centres_in_rig_mm, parabola_layout.virtual_centres_in_rig_mm, atol=1e-9)
+    assert np.allclose(behind.virtual_centres_in_view_mm, parabola_layout.virtual_centres_in_view_mm, atol=1e-9)
+    assert np.allclose(behind.outline_px(4), parabola_layout.outline_px(4), atol=1e-6)
+    points = np.array([[10.0, 400.0, 70.0], [-20.0, 600.0, 110.0]])
+    assert np.allclose(behind.project(points, 0), parabola_layout.project(points, 0), atol=1e-6)
+    assert behind.identity != parabola_layout.identity
+
+
+def test_a_layout_drawn_around_another_has_no_verdict(parabola_layout: Layout) -> None:
+    judged = full(parabola_layout.replaced(uncertainty=None))
+    assert judged.verdict
+    drawn = draw_as_built(judged, Tolerances(), np.random.default_rng(1))
+    assert drawn.verdict == {}
+    assert drawn.metrics == {}
