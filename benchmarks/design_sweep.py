@@ -1,27 +1,30 @@
-"""How many of 70 varied specs the optimiser solves: `python benchmarks/design_sweep.py [--out FILE] [--only 3x5 ...]`.
+"""How many of 70 varied specs the optimiser solves: `python benchmarks/design_sweep.py [--out FOLDER] [--only 3x5 ..]`.
 
 Counts from 1x2 to 7x7, scales of 40 to 200 mm, one to three depths, gaps of 0 to 3 mm, every tradeoff, four cameras,
 both reflecting surfaces and mirrors of four to six sides: each level of each about equally often, in a fixed mixture.
-Writes one JSON line per spec as it ends (spec, status, constraint, finding, metrics, seconds) and prints how many were
-solved, found infeasible (by constraint) or failed, with the times per count.
+Goes through the code of `mirrorcam sweep`, prints how many were solved, found infeasible (by constraint) or failed with
+the times per count, and leaves in FOLDER what a sweep leaves and design_sweep.jsonl: a line per spec as it ends.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
-import os
 import random
 import statistics
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+from mirrorcam.figures.sweep import pareto
+from mirrorcam.sweep import outcome_of, sweep, table_of, write_table
+from mirrorcam.sweep_local import Died, cores, run_local
+from mirrorcam.sweep_work import Answer
 from optics.camera import Camera
+from optics.design.sweep import Outcome
 from optics.spec import DesignSpec
 
 Level = TypeVar("Level")
@@ -103,60 +106,60 @@ def specs() -> list[DesignSpec]:
     return mixture + [DesignSpec(rows=rows, cols=cols) for rows, cols in DEFAULT_COUNTS]
 
 
-def solved(number: int, spec: DesignSpec) -> dict[str, Any]:
-    """One line of the result: what became of a spec, and how long it took."""
-    from optics.design.errors import InfeasibleDesign
-    from optics.design.optimise import design
-
-    line: dict[str, Any] = {"number": number, "status": "solved", "constraint": "", "finding": ""}
-    started = time.perf_counter()
-    try:
-        metrics = design(spec).metrics
-        line["metrics"] = {name: metric.value for name, metric in metrics.items()}
-    except InfeasibleDesign as refusal:
-        line |= {"status": "infeasible", "constraint": refusal.constraint, "finding": refusal.finding}
-    except Exception as error:
-        line |= {"status": "failed", "finding": f"{type(error).__name__}: {error}"}
-    line["seconds"] = round(time.perf_counter() - started, 2)
-    line["spec"] = spec.model_dump(mode="json", exclude={"camera"}) | {"camera": spec.camera.name}
-    return line
+def line_of(number: int, outcome: Outcome, seconds: float) -> dict[str, Any]:
+    """What became of a spec, as one line of the file."""
+    spec = outcome.spec.model_dump(mode="json", exclude={"camera"}) | {"camera": outcome.spec.camera.name}
+    found = {"status": outcome.status, "constraint": outcome.constraint, "finding": outcome.finding}
+    figures = {name: metric.value for name, metric in outcome.metrics.items()}
+    return {"number": number, "seconds": round(seconds, 3)} | found | {"spec": spec, "metrics": figures}
 
 
-def main(out: Path, only: Sequence[str], workers: int) -> None:
-    chosen = [
-        (number, spec)
-        for number, spec in enumerate(specs())
-        if not only or f"{spec.rows}x{spec.cols}" in only or str(number) in only
-    ]
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[variable] = "1"
-    lines = []
-    context = multiprocessing.get_context("spawn")
-    with out.open("w", encoding="utf-8") as stream, ProcessPoolExecutor(workers, mp_context=context) as pool:
-        for future in as_completed([pool.submit(solved, number, spec) for number, spec in chosen]):
-            line = future.result()
-            lines.append(line)
-            stream.write(json.dumps(line) + "\n")
-            stream.flush()
-            spec = line["spec"]
-            found = f"{line['constraint']} {line['finding']}".strip()
-            count = f"{spec['rows']}x{spec['cols']}"
-            print(f"{line['number']:3} {count} {line['status']:10} {line['seconds']:7.2f} s  {found}", flush=True)
-    statuses = Counter(line["status"] for line in lines)
+def print_sums(outcomes: Sequence[Outcome], times: dict[tuple[int, int], list[float]]) -> None:
+    statuses = Counter(outcome.status for outcome in outcomes)
     print("  ".join(f"{status} {statuses[status]}" for status in ("solved", "infeasible", "failed")))
-    constraints = Counter(line["constraint"] for line in lines if line["constraint"])
-    print("infeasible by constraint: " + (", ".join(f"{c} {n}" for c, n in constraints.most_common()) or "none"))
-    times = defaultdict(list)
-    for line in lines:
-        times[line["spec"]["rows"], line["spec"]["cols"]].append(line["seconds"])
+    bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")
+    print("infeasible by constraint: " + (", ".join(f"{name} {n}" for name, n in bound.most_common()) or "none"))
+    if feasible := len(outcomes) - statuses["infeasible"]:
+        print(f"solved of those not found infeasible: {statuses['solved'] / feasible:.1%}")
     for (rows, cols), each in sorted(times.items(), key=lambda item: (item[0][0] * item[0][1], item[0])):
         print(f"{rows}x{cols}: median {statistics.median(each):6.2f} s  longest {max(each):6.2f} s")
 
 
+def main(folder: Path, only: Sequence[str], workers: int) -> None:
+    listed = specs()
+    chosen = [
+        spec
+        for number, spec in enumerate(listed)
+        if not only or f"{spec.rows}x{spec.cols}" in only or str(number) in only
+    ]
+    times: dict[tuple[int, int], list[float]] = defaultdict(list)
+
+    def noted(missing: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
+        for place, got in run_local(missing, workers):
+            spec = missing[place]
+            number, outcome = listed.index(spec), outcome_of(spec, got)
+            seconds = got.seconds if isinstance(got, Answer) else 0.0
+            times[spec.rows, spec.cols].append(seconds)
+            with (folder / "design_sweep.jsonl").open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(line_of(number, outcome, seconds)) + "\n")
+            found = f"{outcome.constraint} {outcome.finding}".strip()
+            print(f"{number:3} {spec.rows}x{spec.cols} {outcome.status:10} {seconds:7.2f} s  {found}", flush=True)
+            yield place, got
+
+    started = time.perf_counter()
+    outcomes = sweep(chosen, folder, noted)
+    print(f"{len(outcomes)} specs, {workers} workers, {time.perf_counter() - started:.1f} s")
+    print_sums(outcomes, times)
+    write_table(folder / "sweep.csv", table_of(outcomes))
+    if any(outcome.status == "solved" for outcome in outcomes):
+        pareto(outcomes, folder / "pareto.png")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("design_sweep.jsonl"), help="a JSON line per spec")
+    parser.add_argument("--out", type=Path, help="a folder to keep, where an interrupted run is continued")
     parser.add_argument("--only", nargs="*", default=[], help="counts (3x5) or numbers of specs")
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--workers", type=int, default=min(2, cores()))
     arguments = parser.parse_args()
-    main(arguments.out, arguments.only, arguments.workers)
+    with TemporaryDirectory() as temporary:
+        main(arguments.out or Path(temporary), arguments.only, arguments.workers)

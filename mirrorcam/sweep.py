@@ -61,7 +61,7 @@ class Results:
         Raises InputError where a worker runs another version of something that decides about designs.
         """
         if isinstance(got, Died):
-            got = Answer(record_text(Outcome(spec=spec, status="failed", finding=got.reason)))
+            got = Answer(record_text(outcome_of(spec, got)))
         record = Record.model_validate_json(got.record)
         other = sorted(name for name, ours in made_with().items() if record.made_with.get(name) != ours)
         if other:
@@ -75,6 +75,13 @@ class Results:
             layout.unlink(missing_ok=True)
         write_text(self._record(spec), got.record)
         return record.outcome
+
+
+def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
+    """What became of a spec, from what its workers left."""
+    if isinstance(got, Died):
+        return Outcome(spec=spec, status="failed", finding=got.reason)
+    return Record.model_validate_json(got.record).outcome
 
 
 def _key(spec: DesignSpec) -> str:
