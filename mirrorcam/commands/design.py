@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import tyro
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mirrorcam.progress import long_work, print_metrics, say
 from optics.spec import DesignSpec
+from optics.tolerances import Tolerances
 from optics.values import InputError, Value
 
 GROUPS = {
@@ -24,9 +25,21 @@ class DesignOptions(Value):
     """Optimise a layout of mirrors and compare it with the faceted parabola."""
 
     spec: Annotated[DesignSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=DesignSpec)
+    tolerance: bool = Field(
+        default=False,
+        description="draw devices as built with the tolerances below, too: tolerance.json and tolerance.png in the "
+        "folder say what to expect of them",
+    )
+    tolerances: Annotated[Tolerances, tyro.conf.OmitArgPrefixes] = Field(default_factory=Tolerances.hobby)
     out: Path = Field(
         default=Path("output/design"), description="folder for layout.json, parabola.json and before_after.png"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.tolerance and self.tolerances != Tolerances.hobby():
+            raise ValueError("tolerances are given, expected --tolerance with them")
+        return self
 
 
 def write_design(spec: DesignSpec, out: Path) -> str:
@@ -72,4 +85,13 @@ def run(options: DesignOptions) -> int:
     if missing:
         say("design", f"no faceted parabola to compare with: {missing}")
     say("design", f"{options.out / 'layout.json'} and {options.out / 'before_after.png'} written")
+    for name in ("tolerance.json", "tolerance.png"):
+        (options.out / name).unlink(missing_ok=True)  # of an earlier layout
+    if options.tolerance:
+        from mirrorcam.tolerance import print_tolerance, write_tolerance
+
+        with long_work("tolerance", "devices as built"):
+            study = write_tolerance(columns["optimised"], options.tolerances, options.out)
+        print_tolerance(study)
+        say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import harmonic_mean
@@ -27,6 +28,20 @@ CAUSES: dict[str, tuple[str, ...]] = {
     "camera offset": ("camera_offset_mm",),
     "camera turn": ("camera_turn_deg",),
     "camera itself": ("focal_percent", "centre_px", "distortion_mean", "distortion_sigma"),
+}
+
+UNITS = {
+    "grid_error": "grid spacings",
+    "baseline_x_mm": "mm",
+    "baseline_y_mm": "mm",
+    "pixel_efficiency": "of the sensor",
+    "overlap_iou": "of the union",
+    "fov_x_deg": "deg",
+    "fov_y_deg": "deg",
+    "off_sensor": "of the sub-images",
+    "uncalibrated_error": "px",
+    "misregistration": "px",
+    "usable_window": "of the window",
 }
 
 
@@ -74,6 +89,7 @@ class _Probe:
     points: FloatArray  # (q, 3) in the holder's frame
     weights: FloatArray  # (q,), sum 1
     pixels: FloatArray  # (m, q, 2) by way of the design
+    landings: FloatArray  # (m, q, 2) where the design takes those pixels to lie on the plane: the points, rounded
     px_per_mm: float  # of the median sub-image, on the plane at this depth
 
 
@@ -82,10 +98,11 @@ def study(
 ) -> Study:
     """Draw devices at each accuracy and with each cause alone, always the same ones but for their size.
 
-    Raises InputError where views share nothing at a depth, or where what is drawn could not be built.
+    Raises InputError where views share nothing at a depth, or where what is drawn could not be built: also at the
+    coarsest accuracy, twice the tolerances.
     """
     reference_mm = harmonic_mean(depths_mm)
-    for depth_mm in depths_mm:
+    for depth_mm in (*depths_mm, reference_mm):
         if views_of(layout).common_region(depth_mm)[0].is_empty:
             raise InputError(f"the views share nothing at {depth_mm:g} mm, expected a layout whose views overlap")
     design = _drawn(layout, Tolerances.none(), 1, seed)
@@ -95,61 +112,32 @@ def study(
     def figures(views: BuiltViews) -> dict[str, FloatArray]:
         return _figures(views, design, probes, reference_mm, window)
 
-    def drawn_figures(strayed: Tolerances) -> tuple[dict[str, FloatArray], float]:
-        views = _drawn(layout, strayed, devices, seed)
-        return figures(views), float(views.hidden().mean())
-
     nominal = {name: float(values[0]) for name, values in figures(design).items()}
-    alone = {cause: tolerances.only(*names) for cause, names in CAUSES.items()}
-    alone = {cause: strayed for cause, strayed in alone.items() if strayed != Tolerances.none()}
-    at_accuracy = {accuracy: drawn_figures(tolerances.times(accuracy)) for accuracy in ACCURACIES}
-    squares = {
-        cause: {
-            name: float(np.mean((values - nominal[name]) ** 2)) for name, values in drawn_figures(strayed)[0].items()
-        }
-        for cause, strayed in alone.items()
-    }
-    return Study(
-        tolerances=tolerances,
-        devices=devices,
-        spreads={
-            accuracy: {name: _spread(name, nominal[name], values) for name, values in drawn.items()}
-            for accuracy, (drawn, _) in at_accuracy.items()
-        },
-        hidden={accuracy: hidden for accuracy, (_, hidden) in at_accuracy.items()},
-        shares=_shares(squares),
-    )
+    spreads, hidden, squares = {}, {}, {}
+    for accuracy in ACCURACIES:
+        views = _drawn(layout, tolerances, devices, seed, accuracy)
+        spreads[accuracy] = {name: _spread(name, nominal[name], values) for name, values in figures(views).items()}
+        hidden[accuracy] = float(views.hidden().mean())
+    for cause, names in CAUSES.items():
+        alone = tolerances.only(*names)
+        if alone != Tolerances.none():
+            drawn = figures(_drawn(layout, alone, devices, seed))
+            squares[cause] = {name: float(np.mean((drawn[name] - nominal[name]) ** 2)) for name in nominal}
+    return Study(tolerances, devices, spreads, hidden, _shares(squares))
 
 
-def unit_of(figure: str) -> str:
-    """The unit of a figure of a study, by its name."""
-    stem = figure.rpartition("_")[0] if figure.endswith("mm") and figure[-3].isdigit() else figure
-    return {
-        "grid_error": "grid spacings",
-        "pixel_efficiency": "of the sensor",
-        "overlap_iou": "of the union",
-        "fov_x_deg": "deg",
-        "fov_y_deg": "deg",
-        "baseline_x_mm": "mm",
-        "baseline_y_mm": "mm",
-        "off_sensor": "of the sub-images",
-        "uncalibrated_error": "px",
-        "misregistration": "px",
-        "usable_window": "of the window",
-    }[stem]
-
-
-def _drawn(layout: Layout, tolerances: Tolerances, devices: int, seed: int) -> BuiltViews:
-    strays = draw_strays(tolerances, len(layout.mirrors), devices, np.random.default_rng(seed))
+def _drawn(layout: Layout, tolerances: Tolerances, devices: int, seed: int, accuracy: float = 1.0) -> BuiltViews:
+    random = np.random.default_rng(seed)
     try:
-        return built_views(layout, strays)
+        return built_views(layout, draw_strays(tolerances.times(accuracy), len(layout.mirrors), devices, random))
     except InputError as error:
-        raise InputError(f"tolerances {workmanship(tolerances)}: {error}") from None
+        times = "" if accuracy == 1.0 else f", {accuracy:g} times that"
+        raise InputError(f"tolerances {workmanship(tolerances)}{times}: {error}") from None
 
 
 def _spread(name: str, nominal: float, values: FloatArray) -> Spread:
     low, median, high = (float(v) for v in np.percentile(values, [LOW, 50.0, HIGH]))
-    return Spread(nominal, low, median, high, unit_of(name))
+    return Spread(nominal, low, median, high, UNITS[re.sub(r"_[0-9.e+]+mm$", "", name)])
 
 
 def _shares(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -170,12 +158,14 @@ def _probe(design: BuiltViews, depth_mm: float) -> _Probe:
     inside = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
     across = (inside @ triangles).reshape(-1, 2)
     points = np.stack([across[:, 0], np.full(len(across), depth_mm), across[:, 1]], axis=1)
-    mirrors = np.arange(design.sub_images.shape[1])
+    mirrors = np.arange(design.sub_images.shape[1])[:, None]
+    pixels = design.pixels(points, np.array(0), mirrors)
     return _Probe(
         depth_mm=depth_mm,
         points=points,
         weights=np.repeat(areas / areas.sum() / 3.0, 3),
-        pixels=design.pixels(points, np.array(0), mirrors[:, None]),
+        pixels=pixels,
+        landings=_landings(design, pixels, depth_mm),
         px_per_mm=float(np.median(np.sqrt(design.seen_px(regions, depth_mm)[0] / areas.sum()))),
     )
 
@@ -253,9 +243,14 @@ def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: _Probe) -> t
     devices, mirrors = np.arange(len(views.pupils))[:, None, None], np.arange(views.centres.shape[1])[:, None]
     pixels = views.pixels(probe.points, devices, mirrors)
     error = _rms(pixels - probe.pixels, probe.weights)
-    normalized = design.cameras[0].normalized_from_pixels(pixels)
-    taken = design.landing(normalized, np.array(0), mirrors, probe.depth_mm) - probe.points[:, [0, 2]]
+    taken = _landings(design, pixels, probe.depth_mm) - probe.landings
     return error, probe.px_per_mm * _rms(taken - np.nanmean(taken, axis=1, keepdims=True), probe.weights)
+
+
+def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
+    """Where the design takes pixels (..., m, q, 2) of its sub-images to lie on the plane y = depth, in (x, z)."""
+    normalized = design.cameras[0].normalized_from_pixels(pixels)
+    return design.landing(normalized, np.array(0), np.arange(design.centres.shape[1])[:, None], depth_mm)
 
 
 def _rms(errors: FloatArray, weights: FloatArray) -> FloatArray:
