@@ -19,8 +19,8 @@ WORKMANSHIP = ("tilt_deg", "offset_mm", "sheet_thickness_mm", "camera_offset_mm"
 class Tolerances(Value):
     """How far a built camera strays from its design: standard deviations, and the lens that a data sheet leaves out."""
 
-    # The defaults are a hand-assembled mirror camera with a good webcam, seen from that webcam: where the holder carries
-    # it does not show in its pictures, so that the camera's place has no tolerance unless one is given.
+    # The defaults are a hand-assembled mirror camera with a good webcam, seen from that webcam: where the holder
+    # carries it does not show in its pictures, so that the camera's place has no tolerance unless one is given.
     tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror about each of two axes in its plane")
     offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal")
     sheet_thickness_mm: float = Field(
