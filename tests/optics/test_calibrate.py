@@ -18,7 +18,7 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.spec import DesignSpec
 from optics.targets import Charuco, Checkerboard
-from optics.values import FloatArray, InputError
+from optics.values import FloatArray, InputError, Metric
 from tests.optics.conftest import faceted_parabola
 from tests.optics.synthetic import posed, render
 
@@ -74,7 +74,8 @@ def small_set() -> Set:
         frames.append(render(truth.camera, truth, BOARD, mirrored_pose(number), noise_grey=1.0, seed=number))
         bare = posed(BOARD, np.array([0.0, 0.0, 200.0 + 15 * number]), np.array(turn), direct=True)
         base.append(render(truth.camera, None, BOARD, bare, noise_grey=1.0, seed=100 + number))
-    return Set(nominal, truth, frames, base)
+    judged = nominal.replaced(verdict={"blocked_light": Metric(value=0.0, unit="of the light", limit=0.0)})
+    return Set(judged, truth, frames, base)
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +88,11 @@ def corners(small_set: Set) -> tuple[list[Observations], list[Observations]]:
 @pytest.fixture(scope="module")
 def calibrated(small_set: Set) -> Calibration:
     return calibrate(small_set.frames, small_set.base, small_set.nominal, BOARD)
+
+
+def test_a_calibrated_layout_does_not_keep_the_verdict_on_its_design(small_set: Set, calibrated: Calibration) -> None:
+    assert small_set.nominal.verdict
+    assert calibrated.layout.verdict == {}
 
 
 def angles_deg(a: Layout, b: Layout) -> FloatArray:

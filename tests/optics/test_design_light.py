@@ -97,7 +97,9 @@ def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout:
         virtual_centre_in_rig_mm=centre.virtual_centre_in_rig_mm @ flip,
         outline_in_rig_mm=centre.outline_in_rig_mm @ flip,
     )
-    assert all(found.light_of != 0 for found in blocked_light((away, *default_layout.mirrors[:3]), 500.0))
+    # Lines of its light made longer backwards, to the depth of the scene, would meet this one.
+    beyond = centre.moved(np.eye(3), np.array([0.0, 60.0, 0.0]))
+    assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.light_of == 0)
 
 
 def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:

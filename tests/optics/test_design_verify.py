@@ -12,11 +12,12 @@ from optics.camera import Camera
 from optics.design.errors import InfeasibleDesign
 from optics.design.gaps import half_spaces, sheet_in_rig_mm
 from optics.design.light import blocked_light, length_inside_mm, sampled
+from optics.design.optimise import design
 from optics.design.verify import require_passed, verify
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
-from optics.values import FloatArray
+from optics.values import FloatArray, Metric
 
 
 def spec_of(layout: Layout) -> DesignSpec:
@@ -183,6 +184,15 @@ def test_a_failed_figure_becomes_a_refusal_in_words(
     with pytest.raises(InfeasibleDesign, match=re.escape(f"{constraint} constraint: {message}") + "$") as refusal:
         require_passed(failed)
     assert refusal.value.constraint == constraint
+
+
+def test_a_design_that_misses_a_limit_is_never_given_out(
+    default_layout: Layout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missed = {"blocked_light": Metric(value=0.1, unit="of the light", limit=0.0)}
+    monkeypatch.setattr("optics.design.optimise.verify", lambda layout, spec: missed)
+    with pytest.raises(InfeasibleDesign, match=r"a mirror stands in 10\.00% of the light of another"):
+        design(DesignSpec(rows=1, cols=2))
 
 
 def test_every_figure_of_a_verdict_has_its_words(default_layout: Layout) -> None:
