@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from optics.as_built import draw_as_built
+from cad.seats import seat_distance_mm
+from optics.as_built import draw_as_built, draw_strays
 from optics.layout import Layout
 from optics.tolerances import Tolerances
 from optics.values import InputError
@@ -70,3 +74,64 @@ def test_what_cannot_be_built_is_refused_in_one_line(
     with pytest.raises(InputError, match=named) as error:
         draw_as_built(default_layout, tolerances, np.random.default_rng(0))
     assert "\n" not in str(error.value)
+
+
+def test_numbers_are_drawn_in_the_order_of_the_sets_that_exist() -> None:
+    """Camera (focal length, centre, lens), then tilts and shift mirror by mirror; the rest has a stream of its own."""
+    tolerances = Tolerances(sheet_thickness_mm=0.1, camera_offset_mm=0.4, camera_turn_deg=0.6)
+    strays = draw_strays(tolerances, 2, 1, np.random.default_rng(3))
+    one_by_one = np.random.default_rng(3)
+    assert strays.focal[0] == 0.01 * one_by_one.standard_normal()
+    np.testing.assert_array_equal(strays.centre_px[0], 8.0 * one_by_one.standard_normal(2))
+    lens = np.array(tolerances.distortion_sigma) * one_by_one.standard_normal(5)
+    np.testing.assert_array_equal(strays.lens[0], np.array(tolerances.distortion_mean) + lens)
+    for mirror in range(2):
+        np.testing.assert_array_equal(strays.tilts[0, mirror], np.deg2rad(0.3) * one_by_one.standard_normal(2))
+        assert strays.shifts_mm[0, mirror] == 0.3 * one_by_one.standard_normal()
+    placed = np.concatenate([strays.sheets_mm / 0.1, strays.camera_shifts_mm[0] / 0.4])
+    assert not np.isin(placed, np.random.default_rng(3).standard_normal(40)).any()
+
+
+def test_the_first_devices_do_not_depend_on_how_many_follow() -> None:
+    few, many = (draw_strays(Tolerances.hobby(), 4, count, np.random.default_rng(0)) for count in (3, 50))
+    for name, values in vars(few).items():
+        np.testing.assert_array_equal(values, getattr(many, name)[:3])
+
+
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_the_back_of_a_sheet_stays_on_its_seat(default_layout: Layout, surface: Literal["first", "second"]) -> None:
+    designed = default_layout.replaced(mirrors=tuple(m.replaced(surface=surface) for m in default_layout.mirrors))
+    tolerances = Tolerances.none().replaced(sheet_thickness_mm=0.1)
+    built = draw_as_built(designed, tolerances, np.random.default_rng(4))
+    thicker_mm = built.mirrors[0].thickness_mm - 1.0
+    assert 0.01 < abs(thicker_mm) < 0.4
+    for mirror, before in zip(built.mirrors, designed.mirrors, strict=True):
+        assert mirror.thickness_mm - before.thickness_mm == pytest.approx(thicker_mm)  # all are cut from one sheet
+        assert seat_distance_mm(mirror) == pytest.approx(seat_distance_mm(before), abs=1e-9)
+        nearer_mm = before.distance_mm - mirror.distance_mm
+        assert nearer_mm == pytest.approx(thicker_mm if surface == "first" else 0.0, abs=1e-9)
+
+
+def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_layout: Layout) -> None:
+    tolerances = Tolerances.none().replaced(camera_offset_mm=2.0)
+    pupil = draw_strays(tolerances, 9, 1, np.random.default_rng(5)).camera_shifts_mm[0]
+    assert np.linalg.norm(pupil) > 0.5
+    built = draw_as_built(default_layout, tolerances, np.random.default_rng(5))
+    np.testing.assert_array_equal(built.view_from_rig, default_layout.view_from_rig)
+    for mirror, before in zip(built.mirrors, default_layout.mirrors, strict=True):
+        np.testing.assert_allclose(mirror.outline_in_rig_mm, before.outline_in_rig_mm - pupil, atol=1e-9)
+        # As seen from the pupil, its image in the mirror moves by what the pupil moves along the normal, twice.
+        normal = before.normal_in_rig
+        expected = before.virtual_centre_in_rig_mm - 2.0 * (normal @ pupil) * normal
+        np.testing.assert_allclose(mirror.virtual_centre_in_rig_mm, expected, atol=1e-9)
+
+
+def test_a_turned_camera_sees_everything_turned(default_layout: Layout) -> None:
+    tolerances = Tolerances.none().replaced(camera_turn_deg=1.0)
+    vector = draw_strays(tolerances, 9, 1, np.random.default_rng(6)).camera_turns[0]
+    turn = Rotation.from_rotvec(vector).as_matrix()
+    built = draw_as_built(default_layout, tolerances, np.random.default_rng(6))
+    expected = default_layout.virtual_centres_in_rig_mm @ turn
+    np.testing.assert_allclose(built.virtual_centres_in_rig_mm, expected, atol=1e-9)
+    # The views look where the holder does, so that the grid of views is the same.
+    np.testing.assert_allclose(built.virtual_centres_in_view_mm, default_layout.virtual_centres_in_view_mm, atol=1e-9)
