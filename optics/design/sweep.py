@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from optics.layout import Layout
 
 Status = Literal["solved", "infeasible", "failed"]
+GAVE_UP = "every"
+"""The constraint that the optimiser names where it found no layout and cannot say why: that shows nothing."""
+
 Cell = str | int | float | list[float] | None
 
 
@@ -80,8 +83,8 @@ def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
     try:
         layout = design(spec)
     except InfeasibleDesign as refusal:
-        found = {"constraint": refusal.constraint, "finding": refusal.finding}
-        return Outcome(spec=spec, status="infeasible", **found), None
+        status: Status = "failed" if refusal.constraint == GAVE_UP else "infeasible"
+        return Outcome(spec=spec, status=status, constraint=refusal.constraint, finding=refusal.finding), None
     except Exception as error:
         finding = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(spec=spec, status="failed", finding=finding), None

@@ -36,9 +36,9 @@ def made_up(rows: int, cols: int, number: int, farthest_mm: float = 900.0) -> Ou
 COUNTS = [(rows, cols) for rows in range(1, 8) for cols in range(1, 8) if rows * cols > 1]
 
 
-@pytest.fixture(scope="module", params=[4, 480], ids=["few", "many"])
+@pytest.fixture(scope="module", params=[4, 192], ids=["few", "many"])
 def picture(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Outcome], Path]:
-    each, counts = (2, COUNTS[:2]) if request.param == 4 else (10, COUNTS)
+    each, counts = (2, COUNTS[:2]) if request.param == 4 else (4, COUNTS)
     outcomes = [made_up(*count, number) for count in counts for number in range(each)]
     path = tmp_path_factory.mktemp("figure") / "pareto.png"
     pareto(outcomes, path)

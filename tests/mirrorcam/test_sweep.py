@@ -249,7 +249,10 @@ def alive(group: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize("kill", [False, True], ids=["Ctrl-C", "killed"])
+@pytest.mark.parametrize(
+    "kill",
+    [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
+)
 def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     results = tmp_path / "out" / "results"
     process = sweeping(tmp_path)
@@ -403,6 +406,7 @@ def test_a_missing_extra_is_named_before_any_work(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mirrorcam.extras.find_spec", lambda module: None)
+    stand_in(monkeypatch, Counting())
     assert cli.main(["sweep", *arguments.split()]) == 2
     assert f'pip install -e ".[{extra}]"' in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []

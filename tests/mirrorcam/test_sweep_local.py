@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from functools import partial
 from pathlib import Path
 
@@ -51,6 +52,12 @@ def leaving(spec_json: str) -> Answer:
 
 def broken(spec_json: str) -> Answer:
     raise ModuleNotFoundError("No module named 'casadi'")
+
+
+def stuck(spec_json: str) -> Answer:
+    if scale_of(spec_json) != "40":
+        time.sleep(300)
+    return Answer("40")
 
 
 def environment(spec_json: str) -> Answer:
@@ -113,6 +120,14 @@ def test_whoever_stops_listening_leaves_no_worker_behind(tmp_path: Path) -> None
     assert multiprocessing.active_children() != []
     answers.close()
     assert multiprocessing.active_children() == []
+
+
+def test_nobody_waits_for_a_design_that_is_no_longer_wanted() -> None:
+    answers = run_local(SPECS, 2, stuck)
+    assert next(answers) == (0, Answer("40"))
+    before = time.monotonic()
+    answers.close()
+    assert time.monotonic() - before < 30
 
 
 def test_specs_of_one_structure_follow_each_other_and_the_largest_arrays_come_first() -> None:

@@ -81,6 +81,7 @@ def test_a_solved_spec_brings_its_layout() -> None:
     ("error", "status", "constraint", "finding"),
     [
         (InfeasibleDesign("spacing", "2 mm too close"), "infeasible", "spacing", "2 mm too close"),
+        (InfeasibleDesign("every", "IPOPT gave up"), "failed", "every", "IPOPT gave up"),
         (RuntimeError("evaluation\nfailed"), "failed", "", "RuntimeError: evaluation failed"),
         (InputError("camera: folds"), "failed", "", "InputError: camera: folds"),
     ],
