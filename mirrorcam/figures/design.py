@@ -93,10 +93,13 @@ def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
 
 
 def _share_limits(column: Sequence[Axes]) -> None:
+    """The same limits for panels of one kind; y runs down, as in views."""
     for get, put in ((Axes.get_xlim, Axes.set_xlim), (Axes.get_ylim, Axes.set_ylim)):
         limits = np.array([get(axes) for axes in column])
         for axes in column:
             put(axes, limits[:, 0].min(), limits[:, 1].max())
+    for axes in column:
+        axes.invert_yaxis()
 
 
 def _outline(axes: Axes, points: FloatArray, **style: Any) -> None:
@@ -147,12 +150,12 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
 
 
 def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
-    """Virtual centres, the ideal grid they should be on, and what parts them, along two axes of the rig."""
+    """Virtual centres, the ideal grid they should be on, and what parts them, along two axes of the view."""
     smaller = min(1.0, 4.0 / max(layout.rows, layout.cols))
-    grid = (fitted_grid(layout)[0] @ layout.view_from_rig)[..., [first, second]]
+    grid = fitted_grid(layout)[0][..., [first, second]]
     for line in (*grid, *np.swapaxes(grid, 0, 1)):
         axes.plot(*line.T, color=GRID, linewidth=0.9, zorder=2)
-    centres = layout.virtual_centres_in_rig_mm[:, [first, second]]
+    centres = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, [first, second]]
     for centre, node in zip(centres, grid.reshape(-1, 2), strict=True):
         axes.plot(*np.array([centre, node]).T, color=VIEW, linewidth=1.6, zorder=3)
     axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6 * smaller, zorder=4)
@@ -161,36 +164,38 @@ def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> Non
 
 def _side(axes: Axes, layout: Layout) -> None:
     """Mirrors, camera and virtual cameras from the side: the scene lies to the right."""
-    end_mm = 1.6 * max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in layout.mirrors)
+    turn = layout.view_from_rig.T
+    depths = np.concatenate([mirror.outline_in_rig_mm @ turn for mirror in layout.mirrors])[:, 2]
+    end_mm = depths.max() + 0.5 * np.ptp(depths)
     for k, mirror in enumerate(layout.mirrors):
-        outline = mirror.outline_in_rig_mm
+        outline = mirror.outline_in_rig_mm @ turn
         if k % layout.cols == layout.central_index % layout.cols:
             seen = mirror.apparent
-            chief = seen.cut(seen.outline_normalized.mean(axis=0))
-            leaving = chief - seen.virtual_centre_in_rig_mm
-            end = chief + leaving * ((end_mm - chief[1]) / leaving[1])
-            axes.plot(*np.array([np.zeros(3), chief, end])[:, [1, 2]].T, color=RAY, linewidth=1.2, zorder=1)
-        _outline(axes, outline[:, [1, 2]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
-    _virtual_cameras(axes, layout, 1, 2)
+            chief = layout.view_from_rig @ seen.cut(seen.outline_normalized.mean(axis=0))
+            leaving = chief - layout.view_from_rig @ seen.virtual_centre_in_rig_mm
+            end = chief + leaving * ((end_mm - chief[2]) / leaving[2])
+            axes.plot(*np.array([np.zeros(3), chief, end])[:, [2, 1]].T, color=RAY, linewidth=1.2, zorder=1)
+        _outline(axes, outline[:, [2, 1]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
+    _virtual_cameras(axes, layout, 2, 1)
     axes.plot(0.0, 0.0, "^", color=CAMERA, markersize=10)
     axes.annotate("camera", (0.0, 0.0), (9, 0), textcoords="offset points", va="center", fontsize=9, color=CAMERA)
     axes.margins(0.06)
     handles = [Line2D([], [], color=MIRROR, label="mirror"), Line2D([], [], color=RAY, label="chief ray")]
-    _finish(axes, "From the side", "y mm (towards the scene)", "z mm (up)", handles)
+    _finish(axes, "From the side", "z mm (towards the scene)", "y mm (down)", handles)
 
 
 def _front(axes: Axes, layout: Layout) -> None:
     """Mirrors and virtual cameras from behind, looking along the view axis: x to the right."""
     for mirror in layout.mirrors:
-        outline = mirror.outline_in_rig_mm[:, [0, 2]]
+        outline = (mirror.outline_in_rig_mm @ layout.view_from_rig.T)[:, :2]
         _outline(axes, outline, facecolor=_fill(MIRROR, 0.12), edgecolor=MIRROR, linewidth=0.8)
-    _virtual_cameras(axes, layout, 0, 2)
+    _virtual_cameras(axes, layout, 0, 1)
     axes.margins(0.06)
     handles = [
         Line2D([], [], color=VIEW, marker="o", linestyle="none", label="virtual camera"),
         Line2D([], [], color=GRID, marker="s", markerfacecolor="white", label="ideal grid"),
     ]
-    _finish(axes, "Virtual cameras along the view", "x mm", "z mm (up)", handles)
+    _finish(axes, "Virtual cameras along the view", "x mm", "y mm (down)", handles)
 
 
 def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
@@ -210,4 +215,4 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
         Line2D([], [], color=MIRROR, label="one view"),
         Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label="all views"),
     ]
-    _finish(axes, title, "x mm", "z mm (up)", handles)
+    _finish(axes, title, "x mm", "y mm (down)", handles)

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from optics.design.gaps import half_spaces, sheet_in_rig_mm, stacked
+from optics.layout import FOLD_90_VIEW_FROM_RIG
 from optics.mirror import Mirror
 from optics.slab import inner_tangent, rise_mm
 from optics.values import FloatArray
@@ -99,21 +100,30 @@ def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> Flo
     return ~((bodies @ planes.T).min(axis=1) >= beyond).any(axis=1)
 
 
-def blocked_light(mirrors: Sequence[Mirror], depth_mm: float, steps: int = SAMPLES) -> list[Blocked]:
-    """Which mirrors stand in the light of which, by casting rays from the pupil through sub-images to y = depth_mm.
+def blocked_light(
+    mirrors: Sequence[Mirror],
+    depth_mm: float,
+    steps: int = SAMPLES,
+    *,
+    view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
+) -> list[Blocked]:
+    """Which mirrors stand in the light of which, by casting rays from the pupil through sub-images to a depth.
+
+    The depth is along the view axis (3,) in rig: of a layout, `layout.view_from_rig[2]`; by default that of a fold by
+    90 degrees.
 
     Rays go through what of a mirror shows the scene, and are stopped by the whole sheet of another.
     """
-    found = []
+    found, axis = [], np.asarray(view_axis, dtype=np.float64)
     faces = [half_spaces(mirror) for mirror in mirrors]
     bodies = stacked([sheet_in_rig_mm(mirror) for mirror in mirrors])
     for light_of, mirror in enumerate(mirrors):
         met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, steps))
-        heading = directions[:, 1] > 1e-9
+        heading = directions @ axis > 1e-9
         met, leaving, directions = met[heading], leaving[heading], directions[heading]
         if not heading.any():
             continue
-        at_depth = leaving + directions * ((depth_mm - leaving[:, 1]) / directions[:, 1])[:, None]
+        at_depth = leaving + directions * ((depth_mm - leaving @ axis) / (directions @ axis))[:, None]
         outline = mirror.outline_in_rig_mm
         legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
             ("in", np.zeros_like(met), met, np.zeros(3)),

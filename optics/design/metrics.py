@@ -72,7 +72,7 @@ def _crossing(inside: Callable[[float], bool], within: float, without: float) ->
 
 
 def depth_range_mm(views: Views, depths_mm: Sequence[float]) -> tuple[float, float] | None:
-    """Nearest and farthest depth y_rig, mm, between which the views overlap; None where none do at any of `depths_mm`.
+    """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
 
     The full width at half maximum, as a depth of field is measured: depths around the working depth where pixel
     efficiency is best, without a break, at which it is at least half of what it is there. Relative to the best, it says
@@ -122,8 +122,8 @@ def _field_of_view(views: Views, depth_mm: float) -> dict[str, Metric]:
     region, _ = views.common_region(depth_mm)
     angles = np.zeros(2)
     if not region.is_empty:
-        x, y, z = views.layout.virtual_centres_in_rig_mm.mean(axis=0)
-        angles = np.ptp(np.degrees(np.arctan2(vertices(region) - [x, z], depth_mm - y)), axis=0)
+        x, y, z = views.layout.virtual_centres_in_view_mm.mean(axis=(0, 1))
+        angles = np.ptp(np.degrees(np.arctan2(vertices(region) - [x, y], depth_mm - z)), axis=0)
     return {
         f"fov_{axis}_deg": Metric(value=float(angle), unit="deg", lower_is_better=False)
         for axis, angle in zip("xy", angles, strict=True)
@@ -193,7 +193,7 @@ def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     if all(mirror.surface == "first" for mirror in layout.mirrors):
         return {}
     stray_mm = max(slab_stray_mm(mirror) for mirror in layout.mirrors)
-    nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_rig_mm[:, 1].max())
+    nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_view_mm[..., 2].max())
     focal_px = max(layout.camera.fx_px, layout.camera.fy_px)
     return {
         "slab_stray_mm": Metric(value=stray_mm, unit="mm"),
@@ -202,7 +202,7 @@ def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
 
 
 def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """The figures of a layout at depths y_rig, mm; the field of view is that of the common region at the farthest.
+    """The figures of a layout at depths, mm; the field of view is that of the common region at the farthest.
 
     Raises InputError for a depth nearer than the mirrors, and where the views lie in one place.
     """

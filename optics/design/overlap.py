@@ -1,4 +1,8 @@
-"""What the views of a layout see of the scene and have in common, by polygon clipping."""
+"""What the views of a layout see of the scene and have in common, by polygon clipping.
+
+Depths are along the view axis from the pupil; regions of the plane at a depth are polygons in (x, y) of the view axes,
+mm.
+"""
 
 from __future__ import annotations
 
@@ -62,10 +66,10 @@ def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Views:
-    """The light of all views: corner rays of each sub-image, from where they leave their mirrors, in rig, mm.
+    """The light of all views: corner rays of each sub-image, from where they leave their mirrors, in view axes, mm.
 
     `leaving` and `directions` (m, 3) hold the corners of one sub-image after the other, `corners_of` those of each
-    mirror that sees something. `reach_mm` is how far (y_rig) the sheets of the mirrors reach towards the scene.
+    mirror that sees something. `reach_mm` is the depth to which the sheets of the mirrors reach.
     """
 
     layout: Layout
@@ -75,33 +79,32 @@ class Views:
     corners_of: dict[int, slice]
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
-        """What each view sees of the plane y_rig = depth_mm: polygons in (x_rig, z_rig), mm; empty where nothing.
+        """What each view sees of the plane at a depth; empty where nothing.
 
         Raises InputError for a depth nearer than the mirrors.
         """
         if depth_mm <= self.reach_mm:
             raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.reach_mm:.1f} mm")
-        steps = (depth_mm - self.leaving[:, 1]) / self.directions[:, 1]
-        corners = (self.leaving + steps[:, None] * self.directions)[:, [0, 2]]
+        steps = (depth_mm - self.leaving[:, 2]) / self.directions[:, 2]
+        corners = (self.leaving + steps[:, None] * self.directions)[:, :2]
         seen = [Polygon()] * len(self.layout.mirrors)
         for k, part in self.corners_of.items():
             seen[k] = Polygon(corners[part])
         return seen
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-        """The region that all views see of the plane y_rig = depth_mm, empty if there is none, and the footprints."""
+        """The region of the plane at a depth that all views see, empty where there is none, and the footprints."""
         footprints = self.footprints(depth_mm)
         region = shapely.intersection_all(footprints)
         return (region if isinstance(region, Polygon) else Polygon()), footprints
 
     def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
-        """Sensor pixels, over all sub-images, that see a region of the plane y_rig = depth_mm / all sensor pixels."""
+        """Sensor pixels, over all sub-images, that see a region of the plane at a depth / all sensor pixels."""
         if region.is_empty:
             return 0.0
         camera = self.layout.camera
-        seen = camera.project(
-            reflect(_on_plane(camera, region, depth_mm), self.layout.virtual_centres_in_rig_mm[:, None])
-        )
+        scene = _on_plane(self.layout, region, depth_mm)
+        seen = camera.project(reflect(scene, self.layout.virtual_centres_in_rig_mm[:, None]))
         following = np.roll(seen, -1, axis=1)
         areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
         return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
@@ -109,36 +112,36 @@ class Views:
 
 def views_of(layout: Layout) -> Views:
     """The light of all views of a layout; that which does not head for the scene is left out."""
+    turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout), strict=True)):
         apparent = mirror.apparent
-        forward = _clip_forward(vertices(sub_image), apparent.reflection[1])
+        forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
         if len(forward) < 3:
             continue
         corners_of[k] = slice(len(leaving), len(leaving) + len(forward))
-        leaving = np.concatenate([leaving, apparent.cut(forward)])
-        directions = np.concatenate(
-            [directions, np.column_stack([forward, np.ones(len(forward))]) @ apparent.reflection]
-        )
-    reach_mm = max(float(sheet_in_rig_mm(mirror)[:, 1].max()) for mirror in layout.mirrors)
+        rays = np.column_stack([forward, np.ones(len(forward))])
+        leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
+        directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
+    reach_mm = max(float((sheet_in_rig_mm(mirror) @ turn)[:, 2].max()) for mirror in layout.mirrors)
     return Views(layout, reach_mm, leaving, directions, corners_of)
 
 
-def _on_plane(camera: Camera, region: Polygon, depth_mm: float) -> FloatArray:
-    """The outline (n, 3) of a region of the plane y_rig = depth_mm, with points along edges where a lens bends them."""
+def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
+    """The outline (n, 3) in rig of a region at a depth, with points along edges where a lens bends them."""
     outline = vertices(region)
-    if camera.distortion.any():
+    if layout.camera.distortion.any():
         outline = _subdivided(outline)
-    return np.column_stack([outline[:, 0], np.full(len(outline), depth_mm), outline[:, 1]])
+    return np.column_stack([outline, np.full(len(outline), depth_mm)]) @ layout.view_from_rig
 
 
 def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
-    """The outline (n, 2) of a region of the plane y_rig = depth_mm, in (x, z), as it lies on the distorted sensor."""
-    return layout.project(_on_plane(layout.camera, region, depth_mm), mirror_index)
+    """The outline (n, 2) of a region of the plane at a depth, as it lies on the distorted sensor."""
+    return layout.project(_on_plane(layout, region, depth_mm), mirror_index)
 
 
 def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-    """The region of the plane y_rig = depth_mm that all views see, and what each view sees; polygons in (x, z), mm.
+    """The region of the plane at a depth that all views see, and what each view sees.
 
     The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
     """
@@ -146,7 +149,7 @@ def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygo
 
 
 def pixel_efficiency(layout: Layout, depth_mm: float) -> float:
-    """Sensor pixels, over all sub-images, that see the region common to all views at y_rig = depth_mm / all pixels."""
+    """Sensor pixels, over all sub-images, that see the region common to all views at a depth / all pixels."""
     views = views_of(layout)
     region, _ = views.common_region(depth_mm)
     return views.pixel_efficiency(region, depth_mm)

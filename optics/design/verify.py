@@ -79,7 +79,8 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         verdict[f"common_area_{depth_mm:g}mm"] = Metric(
             value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
         )
-    stopped = max((found.fraction for found in blocked_light(mirrors, max(spec.depths_mm))), default=0.0)
+    blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2])
+    stopped = max((found.fraction for found in blocked), default=0.0)
     verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
     return verdict
 

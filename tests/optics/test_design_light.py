@@ -115,3 +115,19 @@ def test_bodies_of_different_numbers_of_corners_stack() -> None:
     both = stacked([np.eye(3), np.arange(6.0).reshape(2, 3)])
     assert both.shape == (2, 3, 3)
     assert (both[1, 2] == both[1, 1]).all()
+
+
+def test_light_goes_as_far_as_the_depth_along_the_view_axis(default_layout: Layout) -> None:
+    # A small sheet across the chief ray of the central mirror, 200 mm from the pupil along another axis than +y.
+    mirror = default_layout.mirrors[4]
+    axis = np.array([0.0, np.sin(np.radians(110.0)), np.cos(np.radians(110.0))])
+    _, (leaving,), (direction,) = traced(mirror, mirror.outline_normalized.mean(axis=0, keepdims=True))
+    middle = leaving + direction * (200.0 - leaving @ axis) / (direction @ axis)
+    across, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, axis[2], -axis[1]])
+    corners = middle + 15.0 * np.array([-across - down, across - down, across + down, -across + down])
+    screen = Mirror.from_plane(middle, axis, outline_in_rig_mm=corners)
+    legs = [
+        {found.leg for found in blocked_light((mirror, screen), depth_mm, view_axis=axis) if found.light_of == 0}
+        for depth_mm in (199.0, 202.0)
+    ]
+    assert legs == [set(), {"out"}]

@@ -57,7 +57,7 @@ def grid_layout(shifts_mm: FloatArray) -> Layout:
 def test_overlap_and_efficiency_of_two_rectangles(two_rectangles: Layout) -> None:
     region, footprints = common_region(two_rectangles, DEPTH_MM)
     assert [seen.area for seen in footprints] == pytest.approx([70.0 * 85.0, 70.0 * 70.0])
-    assert region.symmetric_difference(Polygon([(-20, 90), (30, 90), (30, 105), (-20, 105)])).area < 1e-6
+    assert region.symmetric_difference(Polygon([(-20, -90), (30, -90), (30, -105), (-20, -105)])).area < 1e-6
     metrics = evaluate(two_rectangles, [DEPTH_MM])
     assert metrics["overlap_iou_300mm"].value == pytest.approx(750.0 / (4900.0 + 5950.0 - 750.0))
     pixels = 750.0 * 1360.38**2 * (1.0 / 380.0**2 + 1.0 / 400.0**2)
@@ -94,9 +94,12 @@ def test_what_the_sensor_cuts_off_does_not_count() -> None:
     assert pixel_efficiency(wide, DEPTH_MM) == pytest.approx(60.0 * 1360.38 / 380.0 / 1080.0)
 
 
-def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens() -> None:
+@pytest.mark.parametrize("fold_deg", [80.0, 90.0, 105.0])
+def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg: float) -> None:
     camera = Camera.c920().replaced(distortion=[0.08, -0.15, 0.001, -0.002, 0.02])
-    layout = faceted_parabola(DesignSpec(camera=camera))
+    cosine, sine = np.cos(np.radians(fold_deg)), np.sin(np.radians(fold_deg))
+    across, down, axis = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    layout = faceted_parabola(DesignSpec(camera=camera)).replaced(view_from_rig=np.array([across, down, axis]))
     region, _ = common_region(layout, 500.0)
     step = 4
     pixels = np.stack(np.meshgrid(np.arange(1.5, 1920, step), np.arange(1.5, 1080, step)), axis=-1).reshape(-1, 2)
@@ -105,9 +108,10 @@ def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens() -> None
     for mirror in layout.mirrors:
         on_mirror = mirror.cut(rays[:, :2])
         leaving = on_mirror - mirror.virtual_centre_in_rig_mm
-        at = on_mirror + leaving * ((500.0 - on_mirror[:, 1]) / leaving[:, 1])[:, None]
+        at = on_mirror + leaving * ((500.0 - on_mirror @ axis) / (leaving @ axis))[:, None]
         here = contains_xy(Polygon(mirror.outline_normalized), rays[:, :2])
-        seeing |= here & contains_xy(region, at[:, [0, 2]])
+        seeing |= here & contains_xy(region, at @ across, at @ down)
+    assert seeing.mean() > 0.01
     assert pixel_efficiency(layout, 500.0) == pytest.approx(seeing.mean(), abs=5e-4)
 
 
