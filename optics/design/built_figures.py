@@ -40,7 +40,7 @@ class Probe:
     """
 
     depth_mm: float
-    points: FloatArray  # (q, 3) in the holder's frame
+    points: FloatArray  # (q, 3)
     weights: FloatArray  # (q,), sum 1
     pixels: FloatArray  # (m, q, 2) by way of the design
     landings: FloatArray  # (m, q, 2) where the design takes those pixels to lie on the plane: the points, rounded
@@ -66,8 +66,9 @@ class Yardstick:
     def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
         """Every figure (n,) of the devices, in the order of a report.
 
-        As those of `optics.design.metrics`, but in the frame of the holder, whose planes y = depth do not move when the
-        camera does: grid error, pixel efficiency, overlap, field of view (at the farthest depth), baselines. Besides:
+        As those of `optics.design.metrics`, but in the view axes of the holder, where the plane at a depth does not
+        move when the camera does: grid error, baselines, pixel efficiency, overlap, field of view (at the farthest
+        depth). Besides:
 
         - `off_sensor`: part of the mirrors' pictures that falls beside the sensor.
         - `uncalibrated_error`: who decodes with the design instead of calibrating looks for a point of the scene so far
@@ -101,7 +102,7 @@ class Yardstick:
 
 
 def yardstick(layout: Layout, depths_mm: Sequence[float]) -> Yardstick:
-    """What devices are held against at depths y, mm. Raises InputError where the views of the design share nothing."""
+    """What devices are held against at depths, mm. Raises InputError where the views of the design share nothing."""
     reference_mm = harmonic_mean(depths_mm)
     for depth_mm in (*depths_mm, reference_mm):
         if views_of(layout).common_region(depth_mm)[0].is_empty:
@@ -124,7 +125,7 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
     areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2.0
     inside = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
     across = (inside @ triangles).reshape(-1, 2)
-    points = np.stack([across[:, 0], np.full(len(across), depth_mm), across[:, 1]], axis=1)
+    points = np.column_stack([across, np.full(len(across), depth_mm)])
     mirrors = np.arange(design.sub_images.shape[1])[:, None]
     pixels = design.pixels(points, np.array(0), mirrors)
     return Probe(
@@ -140,7 +141,7 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
 def _grids(views: BuiltViews) -> dict[str, FloatArray]:
     """Grid error and baselines (n,), as `optics.design.metrics.fitted_grid` has them of one layout."""
     rows, cols = views.layout.rows, views.layout.cols
-    centres = (views.centres @ views.layout.view_from_rig.T).reshape(-1, rows, cols, 3)
+    centres = views.centres.reshape(-1, rows, cols, 3)
     left = centres - centres.mean(axis=(1, 2), keepdims=True)
     spacings = {}
     for name, axis, count in (("x", 0, cols), ("y", 1, rows)):
@@ -156,10 +157,10 @@ def _grids(views: BuiltViews) -> dict[str, FloatArray]:
 
 
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
-    """Angles (n, 2) that regions (n,) of the plane y = depth span at the mean virtual centre; 0 of empty ones."""
+    """Angles (n, 2) that regions (n,) of the plane at a depth span at the mean virtual centre; 0 of empty ones."""
     points, of = shapely.get_coordinates(regions, return_index=True)
     middles = views.centres.mean(axis=1)[of]
-    angles = np.degrees(np.arctan2(points - middles[:, [0, 2]], (depth_mm - middles[:, 1])[:, None]))
+    angles = np.degrees(np.arctan2(points - middles[:, :2], depth_mm - middles[:, 2:]))
     low, high = (np.full((len(regions), 2), start) for start in (np.inf, -np.inf))
     np.minimum.at(low, of, angles)
     np.maximum.at(high, of, angles)
@@ -176,7 +177,7 @@ def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tu
 
 
 def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
-    """Where the design takes pixels (..., m, q, 2) of its sub-images to lie on the plane y = depth, in (x, z)."""
+    """Where the design takes pixels (..., m, q, 2) of its sub-images to lie on the plane at a depth."""
     normalized = design.cameras[0].normalized_from_pixels(pixels)
     return design.landing(normalized, np.array(0), np.arange(design.centres.shape[1])[:, None], depth_mm)
 

@@ -1,4 +1,8 @@
-"""What devices as built see of the scene, by polygon clipping: all of them at once, in the frame of their holder."""
+"""What devices as built see of the scene, by polygon clipping: all of them at once.
+
+Everything is in the view axes of the holder, with its origin where the pupil was designed to be: depth is z, and the
+plane at a depth does not move when the camera does. Regions are polygons in (x, y), mm.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +30,13 @@ FAR_NORMALIZED = 1e3
 
 @dataclass(frozen=True)
 class BuiltViews:
-    """The views of n devices of m mirrors; holder frame (the rig as designed), mm, unless said otherwise.
+    """The views of n devices of m mirrors, in the view axes of their holders, mm.
 
     Attributes:
         layout: the design.
         cameras: the camera of each device, the same object where it does not stray.
-        pupils: where it is (n, 3), and how it is turned (`holder_from_camera`, (n, 3, 3)).
+        pupils: where it is (n, 3).
+        view_from_camera: how it is turned (n, 3, 3).
         normals: of the mirrors as they look (`Mirror.apparent`), (n, m, 3).
         centres: virtual camera centres (n, m, 3).
         outlines: the mirrors' outlines (n, m) in each camera's normalized coordinates.
@@ -42,7 +47,7 @@ class BuiltViews:
     layout: Layout
     cameras: tuple[Camera, ...]
     pupils: FloatArray
-    holder_from_camera: FloatArray
+    view_from_camera: FloatArray
     normals: FloatArray
     centres: FloatArray
     outlines: Polygons
@@ -55,7 +60,7 @@ class BuiltViews:
         # The pupil's virtual centre is as far from the point as the pupil from the reflected point.
         distances = self._distances(device, mirror)
         reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
-        seen = (reflected[..., None, :] @ self.holder_from_camera[device])[..., 0, :]
+        seen = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
         if len(set(map(id, self.cameras))) == 1:
             return self.cameras[0].project(seen)
         devices = np.broadcast_to(device, seen.shape[:-1])
@@ -68,15 +73,15 @@ class BuiltViews:
         return np.linalg.norm(self.centres - self.pupils[:, None], axis=-1)[device, mirror] / 2.0
 
     def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
-        """Where viewing rays (..., 2) by way of mirrors (...) of devices (...) meet y = depth: (..., 2) in (x, z)."""
+        """Points (..., 2) of the plane at a depth that rays (..., 2) by way of mirrors (...) of devices (...) meet."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
-        turned = (self.holder_from_camera[device] @ rays[..., None])[..., 0]
+        turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
         normals, centres = self.normals[device, mirror], self.centres[device, mirror]
         leaving = turned - 2.0 * np.sum(turned * normals, axis=-1, keepdims=True) * normals
-        return centres[..., [0, 2]] + leaving[..., [0, 2]] * ((depth_mm - centres[..., 1:2]) / leaving[..., 1:2])
+        return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
 
     def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
-        """What all views of each device see of the plane y = depth (n,), and what each sees (n, m); (x, z), mm."""
+        """What all views of each device see of the plane at a depth (n,), and what each sees (n, m)."""
         count = self.sub_images.shape[1]
         footprints = _placed(
             self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
@@ -84,7 +89,7 @@ class BuiltViews:
         return _whole(shapely.intersection_all(footprints, axis=1)), footprints
 
     def seen_px(self, regions: Polygons, depth_mm: float) -> FloatArray:
-        """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane y = depth."""
+        """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane at a depth."""
         start, end, of = _edges(regions)
         if any(camera.distortion.any() for camera in self.cameras):
             along = np.linspace(0.0, 1.0, POINTS_PER_EDGE + 1)[:, None]
@@ -130,16 +135,19 @@ def built_views(layout: Layout, strays: Strays) -> BuiltViews:
     distances = distances - rises
     sensors = {id(camera): sensor_polygon(camera) for camera in cameras}
     sensor = np.array([sensors[id(camera)] for camera in cameras])
+    view_from_holder = layout.view_from_rig
+    pupils, normals = devices.pupils @ view_from_holder.T, devices.normals @ view_from_holder.T
+    view_from_camera = view_from_holder @ devices.holder_from_camera
     return BuiltViews(
         layout=layout,
         cameras=cameras,
-        pupils=devices.pupils,
-        holder_from_camera=devices.holder_from_camera,
-        normals=devices.normals,
-        centres=devices.pupils[:, None] - 2.0 * distances[..., None] * devices.normals,
+        pupils=pupils,
+        view_from_camera=view_from_camera,
+        normals=normals,
+        centres=pupils[:, None] - 2.0 * distances[..., None] * normals,
         outlines=outlines,
         shown=shown,
-        sub_images=_forward(_whole(shapely.intersection(shown, sensor[:, None])), devices),
+        sub_images=_forward(_whole(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
     )
 
 
@@ -184,11 +192,10 @@ def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
     return seen[..., :2] / seen[..., 2:]
 
 
-def _forward(polygons: Polygons, devices: Devices) -> Polygons:
+def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
     """Polygons (n, m) of normalized coordinates without the rays that do not head for the scene once reflected."""
-    normals = devices.normals
-    reflected_y = np.array([0.0, 1.0, 0.0]) - 2.0 * normals[..., 1:2] * normals
-    slopes = (reflected_y[..., None, :] @ devices.holder_from_camera[:, None])[..., 0, :].reshape(-1, 3)
+    reflected_z = np.array([0.0, 0.0, 1.0]) - 2.0 * normals[..., 2:] * normals
+    slopes = (reflected_z[..., None, :] @ view_from_camera[:, None])[..., 0, :].reshape(-1, 3)
     flat = polygons.ravel().copy()
     points, of = shapely.get_coordinates(flat, return_index=True)
     heights = np.sum(points * slopes[of, :2], axis=1) + slopes[of, 2]
@@ -227,5 +234,5 @@ def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:
 
 
 def _lifted(points: FloatArray, depth_mm: float) -> FloatArray:
-    """Points (..., 3) of the plane y = depth from (x, z)."""
-    return np.stack([points[..., 0], np.full(points.shape[:-1], depth_mm), points[..., 1]], axis=-1)
+    """Points (..., 3) of the plane at a depth from (x, y)."""
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), depth_mm)], axis=-1)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from optics.as_built import Strays, draw_strays
 from optics.camera import Camera
@@ -130,6 +131,21 @@ def test_baselines_are_those_of_the_mirrored_pupils() -> None:
     pupils = [mirror.reflect(moved)[0] for mirror in layout.mirrors]
     assert found["baseline_x_mm"] == pytest.approx(abs(pupils[2] - pupils[0]))
     assert "baseline_y_mm" not in found
+
+
+def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
+    """The rms error of a crooked device, from a few points in the region and from ten thousand."""
+    strays = draw_strays(Tolerances.hobby().times(0.2), 9, 1, np.random.default_rng(3))
+    ideal, views = yardstick(default_layout, DEPTHS_MM), built_views(default_layout, strays)
+    region = ideal.design.common_regions(300.0)[0][0]
+    left, low, right, high = region.bounds
+    grid = np.stack(np.meshgrid(np.linspace(left, right, 120), np.linspace(low, high, 120)), axis=-1).reshape(-1, 2)
+    inside = grid[shapely.contains_xy(region, *grid.T)]
+    points, mirrors = np.column_stack([inside, np.full(len(inside), 300.0)]), np.arange(9)[:, None]
+    shifts = views.pixels(points, np.array(0), mirrors) - ideal.design.pixels(points, np.array(0), mirrors)
+    rms = np.sqrt(np.mean(np.sum(shifts**2, axis=-1)))
+    assert ideal.figures(views)["uncalibrated_error_300mm"] == pytest.approx(rms, rel=1e-3)
+    assert len(ideal.probes[0].weights) < 40
 
 
 def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None:
