@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from optics.camera import Camera
-from optics.values import Value
+from optics.values import FloatArray, Value
 
 
 class DesignSpec(Value):
@@ -17,8 +19,9 @@ class DesignSpec(Value):
     rows: int = Field(default=3, ge=1, le=12, description="rows of mirrors, one row of views each")
     cols: int = Field(default=3, ge=1, le=12, description="columns of mirrors")
     scale_mm: float = Field(default=80.0, gt=0, description="height of the central mirror above the pupil")
+    fold_deg: float = Field(default=90.0, ge=60, le=150, description="angle from the camera's axis to the views' axis")
     depths_mm: tuple[float, ...] = Field(
-        default=(300.0, 500.0), min_length=1, description="scene depths (along +y from the pupil) where views overlap"
+        default=(300.0, 500.0), min_length=1, description="scene depths (along the views, from the pupil) to overlap at"
     )
     spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between the sheets of any two mirrors")
     sides: int = Field(default=4, ge=4, le=6, description="corners of each mirror, and so of each sub-image")
@@ -30,6 +33,13 @@ class DesignSpec(Value):
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirror is coated")
     thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirror sheet")
     refractive_index: float = Field(default=1.49, ge=1, description="index of the sheet (acrylic 1.49)")
+
+    @cached_property
+    def view_from_rig(self) -> FloatArray:
+        """The rotation (3, 3) to view axes: the views look along (0, sin fold, cos fold) of the rig, x stays x."""
+        fold = np.deg2rad(self.fold_deg)
+        cosine, sine = np.cos(fold).round(15) + 0.0, np.sin(fold)
+        return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -129,7 +129,7 @@ def run(options: SweepOptions) -> int:
         require("cluster")
     from mirrorcam.figures.sweep import pareto
     from mirrorcam.sweep import sweep, table_of, write_table
-    from optics.design.metrics import sensor_polygon
+    from optics.design.overlap import sensor_polygon
 
     sensor_polygon(options.common.camera)
     specs = options.specs()

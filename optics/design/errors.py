@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from optics.values import InputError
 
+GAVE_UP = "every"
+"""The constraint named where the search found no layout and cannot say why: that shows nothing about the spec."""
+
 
 class InfeasibleDesign(InputError):
     """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed."""

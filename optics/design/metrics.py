@@ -7,15 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from shapely import union_all
 
-from optics.design.gaps import area_mm2, edges_mm
-from optics.design.gaps import hull_distance as hull_distance
-from optics.design.gaps import sheet_in_rig_mm as sheet_in_rig_mm
-from optics.design.gaps import smallest_gap_mm as smallest_gap_mm
+from optics.design.gaps import area_mm2, edges_mm, smallest_gap_mm
 from optics.design.light import slab_stray_mm
 from optics.design.overlap import Views, vertices, views_of
-from optics.design.overlap import common_region as common_region
-from optics.design.overlap import pixel_efficiency as pixel_efficiency
-from optics.design.overlap import sensor_polygon as sensor_polygon
 from optics.layout import Layout
 from optics.values import FloatArray, InputError, Metric
 

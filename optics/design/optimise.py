@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
-from itertools import combinations
 
-import casadi as ca
-import numpy as np
-
-from optics.design.errors import InfeasibleDesign
+from optics.design.errors import GAVE_UP, InfeasibleDesign
+from optics.design.gaps import pairs_closer_than
 from optics.design.light import blocked_light
-from optics.design.metrics import evaluate, hull_distance, sheet_in_rig_mm
-from optics.design.problem import LEAST_EFFICIENCY, Start, neighbours, problem_of, start_of
-from optics.design.program import ELASTIC, Outcome, Solver
-from optics.design.seeds import layout_of, mirrors_of
+from optics.design.metrics import evaluate
+from optics.design.problem import (
+    LEAST_EFFICIENCY,
+    SLACK_WEIGHTS,
+    Keep,
+    Problem,
+    problem_of,
+    usual_keeps,
+)
+from optics.design.program import Outcome
+from optics.design.seeds import layout_of, mirrors_of, seed_of
+from optics.design.terms import ELASTIC
 from optics.design.verify import require_passed, verify
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.spec import DesignSpec
 from optics.values import FloatArray
 
-SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0}
-"""What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
+MISSED, CLEARLY_MISSED = 1e-5, 1e-3
+"""What a search for feasibility may leave, in scales, of a limit that is met; and leaves of one that cannot be."""
 
-MISSED = 1e-5
+MEETINGS = (1.0, 3.0)
+"""Where chief rays of the first seeds meet, in multiples of the working depth; the best optimum is kept."""
+
+EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
+"""How much of what a spec asks is asked in each step of a continuation."""
 
 
 def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
@@ -37,78 +47,133 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
         "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
         f"it leaves some by {missed['overlap']:.0%} of a sub-image",
+        "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm2 on this sensor",
     }[worst]
     return InfeasibleDesign(worst, finding)
 
 
-def _check_depth(spec: DesignSpec, start: Start) -> None:
+def _working_depth_mm(spec: DesignSpec) -> float:
+    """The harmonic mean of the depths, where parallax is as far from the one as from the others."""
+    return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
+
+
+def _check_depth(spec: DesignSpec) -> None:
     """Refuse at once a depth that even the middles of the mirrors would lie beyond."""
-    nearest_mm, reach_mm = min(spec.depths_mm), float(start.middles[:, 1].max()) * spec.scale_mm
+    middles = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm)).middles(spec.view_from_rig)
+    nearest_mm, reach_mm = min(spec.depths_mm), float(middles[:, 2].max()) * spec.scale_mm
     if nearest_mm <= reach_mm:
         raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": (reach_mm - nearest_mm) / spec.scale_mm})
 
 
-def _solved(solver: Solver, spec: DesignSpec, start: Start, values: FloatArray | None) -> Outcome:
-    """The optimum from earlier values, from the start or, where those lead nowhere, from the nearest feasible point."""
-    if values is not None:
-        outcome = solver.optimise(values)
+def _easier(spec: DesignSpec, part: float) -> DesignSpec:
+    """A spec that asks for `part` of what this one does: gaps, thickness, sizes, nearness and trade-off."""
+    return spec.replaced(
+        spacing_mm=part * spec.spacing_mm,
+        thickness_mm=max(part, 0.05) * spec.thickness_mm,
+        min_edge_mm=part * spec.min_edge_mm,
+        min_area_mm2=part * spec.min_area_mm2,
+        depths_mm=tuple(depth * (2.0 - part) for depth in spec.depths_mm),
+        tradeoff=part * spec.tradeoff + (1.0 - part) * 0.3,
+    )
+
+
+def _problem(spec: DesignSpec, keeps: tuple[Keep, ...], meeting: float = MEETINGS[0]) -> Problem:
+    return problem_of(spec, seed_of(spec, meeting * _working_depth_mm(spec)), keeps)
+
+
+def _least(outcomes: Iterable[Outcome]) -> Outcome | None:
+    """The best of those that are optima, the first of equals."""
+    return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
+
+
+def _from_seeds(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome | None:
+    """The best of the optima next to the seeds; where the first leads to none, the others are not asked."""
+    first = _problem(spec, keeps).solver.optimise()
+    if not first.solved:
+        return None
+    return _least([first, *(_problem(spec, keeps, meeting).solver.optimise() for meeting in MEETINGS[1:])])
+
+
+def _by_detours(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome:
+    """The optimum next to the nearest feasible points or, where there seem to be none, at the end of easier specs.
+
+    Raises InfeasibleDesign where both seeds lead to points that clearly miss something, or no way leads to an optimum.
+    """
+    least: list[dict[str, float]] = []
+    problems = [_problem(spec, keeps, meeting) for meeting in MEETINGS]
+    starts: list[Callable[[], FloatArray | None]] = [lambda: None, lambda: None, lambda: _continued(spec, keeps)]
+    for solver, start in zip((problems[0].solver, problems[1].solver, problems[0].solver), starts, strict=True):
+        if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
+            break
+        feasible, missed = solver.find_feasible(start())
+        if not feasible.solved:
+            continue
+        least.append(missed)
+        if max(missed.values()) <= MISSED:
+            outcome = solver.optimise(feasible.values)
+            if outcome.solved:
+                return outcome
+    if not least or min(max(missed.values()) for missed in least) <= MISSED:
+        raise InfeasibleDesign(GAVE_UP, "the search came to no layout that meets them all")
+    raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
+
+
+def _continued(spec: DesignSpec, keeps: tuple[Keep, ...]) -> FloatArray | None:
+    """Values of all unknowns at the last optimum on the way from an easy spec to this one."""
+    values: FloatArray | None = None
+    for part in EASIER:
+        outcome = _problem(_easier(spec, part), keeps).solver.optimise(values)
         if outcome.solved:
-            return outcome
-    if not start.crowded:
-        outcome = solver.optimise()
-        if outcome.solved:
-            return outcome
-    feasible, missed = solver.find_feasible()
-    if not feasible.solved:
-        raise InfeasibleDesign("every", f"IPOPT came near to no layout that meets them all ({feasible.status})")
-    if max(missed.values()) > MISSED:
-        raise _refusal(spec, missed)
-    outcome = solver.optimise(feasible.values)
-    if not outcome.solved:
-        raise InfeasibleDesign("every", f"IPOPT found no layout that meets them all at once ({outcome.status})")
-    return outcome
+            values = outcome.values
+    return values
 
 
 def _optimum(
-    spec: DesignSpec, start: Start, pairs: list[tuple[int, int]], values: FloatArray | None
+    spec: DesignSpec, keeps: tuple[Keep, ...], values: FloatArray | None
 ) -> tuple[tuple[Mirror, ...], FloatArray]:
-    """Mirrors at the optimum when `pairs` of them are kept out of each other's way, and the values of all unknowns."""
-    problem = problem_of(spec, start, pairs)
-    outcome = _solved(Solver(problem.program, problem.objective, SLACK_WEIGHTS), spec, start, values)
-    solution = ca.Function("solution", [problem.program.unknowns], [problem.centres, problem.corners])
-    centres, corners = (np.array(part) for part in solution(outcome.values))
-    return mirrors_of(spec, centres * spec.scale_mm, corners.reshape(len(centres), -1, 2)), outcome.values
+    """Mirrors at the optimum when pairs of them keep out of each other's way, and the values of all unknowns.
+
+    From earlier values, else from the seeds, else by detours.
+    """
+    problem = _problem(spec, keeps)
+    outcome = None if values is None else _least([problem.solver.optimise(values)])
+    if outcome is None:
+        outcome = _from_seeds(spec, keeps) or _by_detours(spec, keeps)
+    centres, corners = problem.solution(outcome.values)
+    return mirrors_of(spec, centres * spec.scale_mm, corners), outcome.values
 
 
-def _conflicts(spec: DesignSpec, mirrors: tuple[Mirror, ...], pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs of mirrors in each other's way that nothing has kept apart so far."""
-    blocked = {(found.light_of, found.sheet_of) for found in blocked_light(mirrors, max(spec.depths_mm))}
-    close = {
-        (i, j)
-        for i, j in combinations(range(len(mirrors)), 2)
-        if hull_distance(sheet_in_rig_mm(mirrors[i]), sheet_in_rig_mm(mirrors[j])) < spec.spacing_mm
-    }
-    return sorted((close | {(min(pair), max(pair)) for pair in blocked}) - set(pairs))
+def _stricter(spec: DesignSpec, mirrors: tuple[Mirror, ...], keeps: tuple[Keep, ...]) -> tuple[Keep, ...]:
+    """What was kept and, after it, what was not kept all the same."""
+    found = {Keep("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
+    light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2])
+    found |= {Keep(part.leg, part.light_of, part.sheet_of) for part in light}
+    return keeps + tuple(sorted(found - set(keeps)))
 
 
 def design(spec: DesignSpec) -> Layout:
     """The optimised nominal layout of a spec, verified by code that shares nothing with the optimiser.
 
     Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), the efficiency averaged over
-    the depths. Starts from the faceted ellipsoid; where that leads nowhere, looks for any layout that meets the
-    constraints and goes on from there. Neighbours are kept out of each other's way from the start, other mirrors once
-    they have come into it. Raises InfeasibleDesign, which names the constraint that cannot hold and by how much it is
-    missed.
+    the depths. Starts from faceted ellipsoids and keeps the best; where they lead nowhere, looks for any layout that
+    meets the constraints, then comes from easier specs. Neighbours are kept out of each other's way from the start,
+    other mirrors once they have come into it. Raises InfeasibleDesign, which names the constraint that cannot hold and
+    by how much it is missed, or "every" where the search ended without saying why.
     """
-    start = start_of(spec)
-    _check_depth(spec, start)
-    pairs = neighbours(spec)
-    mirrors, values = _optimum(spec, start, pairs, None)
-    while more := _conflicts(spec, mirrors, pairs):
-        pairs += more
-        mirrors, values = _optimum(spec, start, pairs, values)
+    _check_depth(spec)
+    keeps = usual_keeps(spec.rows, spec.cols)
+    values: FloatArray | None = None
+    while True:
+        mirrors, values = _optimum(spec, keeps, values)
+        stricter = _stricter(spec, mirrors, keeps)
+        if stricter == keeps:
+            break
+        keeps = stricter
     made_by = {"made_by": "optics.design.optimise.design", "solver": f"IPOPT of CasADi {version('casadi')}"}
     layout = layout_of(spec, mirrors, made_by)
     verdict = verify(layout, spec)
-    require_passed(verdict)
+    try:
+        require_passed(verdict)
+    except InfeasibleDesign as refusal:
+        raise InfeasibleDesign(GAVE_UP, f"the layout found fails its check, {refusal.finding}") from None
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)

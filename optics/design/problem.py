@@ -2,190 +2,165 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
-from math import prod
+from typing import Literal
 
-import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optics.design import constraints
-from optics.design.metrics import sensor_polygon
-from optics.design.program import Expression, Program
-from optics.design.seeds import ellipsoid_centres, tiles
+from optics.design.constraints import Kind
+from optics.design.program import Program, Solver
+from optics.design.seeds import Seed, sensor_bounds
+from optics.design.terms import Indices
 from optics.spec import DesignSpec
 from optics.values import FloatArray
 
 REFERENCE_GRID_ERROR = 0.25
 """A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
 
-LEAST_EFFICIENCY = 0.05
+LEAST_EFFICIENCY = 0.02
 """A layout whose views share less of the sensor than this, at any depth, is no answer."""
 
 TIE_BREAK = 1e-3
 """Weight of what decides where the objective leaves a choice: corners that nothing holds move outward."""
 
 CENTRE_REACH = 0.6
-LEAST_GRID_SPACING = 0.05
+
+SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
+"""What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
+
+Way = Literal["gap", "in", "out"]
 
 
-@dataclass(frozen=True)
-class Start:
-    """Where the search starts, in units of the scale: mirrors of a faceted ellipsoid, row by row.
+@dataclass(frozen=True, order=True)
+class Keep:
+    """What a pair of mirrors keeps: a gap between them, or the second out of the light to or from the first."""
 
-    Virtual centres (n, 3), corners (n, 4, 2) and chief rays (n, 3) with z = 1 in normalized coordinates. `crowded`
-    where tiles as far apart as the spec asks would leave little of the sensor.
-    """
-
-    centres: FloatArray
-    corners: FloatArray
-    crowded: bool
-
-    @cached_property
-    def rays(self) -> FloatArray:
-        return np.column_stack([self.corners.mean(axis=1), np.ones(len(self.corners))])
-
-    @cached_property
-    def middles(self) -> FloatArray:
-        """Where chief rays meet the mirrors (n, 3)."""
-        reach = 0.5 * (self.centres**2).sum(axis=1) / (self.rays * self.centres).sum(axis=1)
-        return self.rays * reach[:, None]
-
-    @cached_property
-    def half_tile(self) -> FloatArray:
-        """Half the size (2,) of a sub-image."""
-        return (self.corners[0, 2] - self.corners[0, 0]) / 2.0
+    way: Way
+    first: int
+    second: int
 
 
 @dataclass(frozen=True)
 class Problem:
-    """The program of a spec, its objective, and what is to be read from a solution: centres (n, 3), corners (4n, 2)."""
+    """The program of a spec and where in its unknowns the mirrors are: centres (n, 3), corners (n, sides, 2)."""
 
-    program: Program
-    objective: Expression
-    centres: Expression
-    corners: Expression
+    solver: Solver
+    centres: Indices
+    corners: Indices
 
-
-def start_of(spec: DesignSpec) -> Start:
-    """The faceted ellipsoid whose chief rays meet at the harmonic mean of the depths."""
-    wanted_gap = 1.3 * spec.spacing_mm / spec.scale_mm
-    whole = tiles(spec, 0.0)[0, 0]
-    most = 0.5 * float((whole[2] - whole[0]).min())
-    corners = tiles(spec, min(wanted_gap, most)).reshape(-1, 4, 2)
-    target = len(spec.depths_mm) / sum(spec.scale_mm / depth for depth in spec.depths_mm)
-    return Start(ellipsoid_centres(corners.mean(axis=1), 1.0, target), corners, crowded=wanted_gap > most)
+    def solution(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Virtual centres (n, 3) in view axes, in scales, and corners (n, sides, 2), normalized."""
+        return values[self.centres], values[self.corners]
 
 
-def squared_grid_error(centres: list[Expression], rows: int, cols: int) -> tuple[Expression, list[Expression]]:
-    """Squared grid error of virtual centres (row by row) to their best-fitting grid, and that grid's spacings.
+def usual_keeps(rows: int, cols: int) -> tuple[Keep, ...]:
+    """What mirrors next to each other keep as a rule; the rest is asked for where it turns out to matter.
 
-    Linear regression on the indices is the best fit; the error is relative to the geometric mean of the spacings.
+    Gaps and free ways for light to each; across the diagonal, beams leave side by side without being kept apart.
     """
-    across = np.tile(np.arange(cols) - (cols - 1) / 2.0, rows)
-    upwards = np.repeat((rows - 1) / 2.0 - np.arange(rows), cols)
-    mean: Expression = sum(centres, start=ca.SX.zeros(3)) / len(centres)
-    residual = ca.horzcat(*(centre - mean for centre in centres)).T
-    spacings = []
-    for axis, steps in ((0, across), (2, upwards)):
-        if steps.any():
-            spacing = ca.dot(residual[:, axis], ca.DM(steps)) / float(steps @ steps)
-            residual[:, axis] -= spacing * ca.DM(steps)
-            spacings.append(spacing)
-    return ca.sumsqr(residual) / len(centres) / prod(spacings) ** (2.0 / len(spacings)), spacings
+    keeps = []
+    for i, j in combinations(range(rows * cols), 2):
+        down, across = j // cols - i // cols, abs(i % cols - j % cols)
+        if max(down, across) > 1:
+            continue
+        keeps.append(Keep("gap", i, j))
+        ways: tuple[Way, ...] = ("in",) if down and across else ("in", "out")
+        keeps += [Keep(way, *pair) for way in ways for pair in ((i, j), (j, i))]
+    return tuple(keeps)
 
 
 def _inner(count: int) -> list[int]:
     return [count // 2] if count % 2 else [count // 2 - 1, count // 2]
 
 
-def _add_mirrors(program: Program, spec: DesignSpec, start: Start) -> list[constraints.MirrorUnknown]:
-    bounds = np.array(sensor_polygon(spec.camera).bounds).reshape(2, 2)
-    back = (1.0 if spec.surface == "first" else -1.0) * spec.thickness_mm / spec.scale_mm
-    mirrors = []
-    for centre, corners in zip(start.centres, start.corners, strict=True):
-        mirror = constraints.add_mirror(program, centre, corners, reach=CENTRE_REACH, bounds=bounds, back=back)
-        constraints.keep_on_sensor(program, spec.camera, mirror)
-        constraints.keep_nearer_than(program, mirror, min(spec.depths_mm) / spec.scale_mm)
-        mirrors.append(mirror)
-    # The innermost mirrors, on average, fold the optical axis by 90 degrees at the height asked for; nothing else
-    # fixes the size of the whole or its direction.
-    inner = [t * spec.cols + s for t in _inner(spec.rows) for s in _inner(spec.cols)]
-    program.require_zero(sum(mirrors[k].centre for k in inner) / len(inner) - ca.DM([0.0, -1.0, 1.0]))
-    return mirrors
+def _unit(vector: FloatArray) -> FloatArray:
+    return vector / np.linalg.norm(vector)
 
 
-def neighbours(spec: DesignSpec) -> list[tuple[int, int]]:
-    """Pairs of mirrors that are next to each other in the grid, also diagonally."""
-    return [
-        (i, j)
-        for i, j in combinations(range(spec.rows * spec.cols), 2)
-        if max(abs(i // spec.cols - j // spec.cols), abs(i % spec.cols - j % spec.cols)) == 1
-    ]
+def problem_of(spec: DesignSpec, seed: Seed, keeps: tuple[Keep, ...]) -> Problem:
+    """The program of a spec, started from a seed, in view axes; all lengths in units of `scale_mm`.
 
-
-def _keep_apart(
-    program: Program, start: Start, mirrors: list[constraints.MirrorUnknown], i: int, j: int, gap: float
-) -> None:
-    middles = start.middles[i], start.middles[j]
-    constraints.keep_sheets_apart(program, mirrors[i], mirrors[j], gap, middles=middles)
-    for light, other in ((i, j), (j, i)):
-        constraints.keep_light_free(
-            program,
-            mirrors[light],
-            mirrors[other],
-            gap,
-            start_centre=start.centres[light],
-            start_rays=(start.rays[light], start.rays[other]),
-        )
-
-
-def _add_efficiency(
-    program: Program, spec: DesignSpec, start: Start, mirrors: list[constraints.MirrorUnknown], depth: float
-) -> Expression:
-    """Part of the sensor that sees a region which all mirrors show whole, at a depth in scales."""
-    seen = constraints.add_overlap(
-        program,
-        mirrors,
-        depth,
-        aim=np.array([0.0, 1.0]),
-        half_size=0.6 * start.half_tile,
-    )
-    per_edge = 3 if spec.camera.distortion.any() else 1
-    area_px = sum(
-        constraints.polygon_area([constraints.pixels(spec.camera, p) for p in constraints.subdivided(view, per_edge)])
-        for view in seen
-    )
-    return area_px / (spec.camera.width_px * spec.camera.height_px)
-
-
-def problem_of(spec: DesignSpec, start: Start, pairs: Iterable[tuple[int, int]]) -> Problem:
-    """The program of a spec; all lengths in units of `scale_mm`.
-
-    `pairs` of mirrors are kept out of each other's way; their unknowns come last, so that a solution still fits when
-    more pairs are appended. The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel
-    efficiency averaged over the depths).
+    Pairs of mirrors keep out of each other's way as `keeps` says; its unknowns come last, so that a solution still fits
+    when more is appended. The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency
+    averaged over the depths).
     """
     program = Program()
-    mirrors = _add_mirrors(program, spec, start)
-    efficiencies = [_add_efficiency(program, spec, start, mirrors, d / spec.scale_mm) for d in spec.depths_mm]
-    for efficiency in efficiencies:
-        program.require(efficiency - LEAST_EFFICIENCY)
-    error, spacings = squared_grid_error([mirror.centre for mirror in mirrors], spec.rows, spec.cols)
-    for spacing in spacings:
-        program.require(spacing - LEAST_GRID_SPACING)
+    kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.surface == "second")
+    count, scale = spec.rows * spec.cols, spec.scale_mm
+    depths = np.array(spec.depths_mm) / scale
+    optics: list[float] = [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / scale, spec.refractive_index]
+    lens: list[ArrayLike] = [spec.camera.intrinsics, [spec.camera.width_px, spec.camera.height_px]]
+    tile_area = 4.0 * float(np.prod(seed.half_tile))
+    cut = [spec.min_edge_mm / scale, spec.min_area_mm2 / scale**2]
 
-    for i, j in pairs:
-        _keep_apart(program, start, mirrors, i, j, spec.spacing_mm / spec.scale_mm)
-
-    wasted = 1.0 - sum(efficiencies) / len(efficiencies)
-    used = sum(constraints.polygon_area(mirror.corners) for mirror in mirrors) / (4.0 * prod(start.half_tile))
-    objective = spec.tradeoff * error / REFERENCE_GRID_ERROR**2 + (1.0 - spec.tradeoff) * wasted
+    low, high = sensor_bounds(spec.camera)
+    reach = CENTRE_REACH
+    centres = [program.unknown(centre, centre - reach, centre + reach) for centre in seed.centres]
+    corners = [
+        program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
+        for polygon in seed.corners
+    ]
+    mirrors = list(zip(centres, corners, strict=True))
+    for mirror in mirrors:
+        program.add(
+            constraints.mirror_term(kind), mirror, [optics, *lens, cut, depths.min(), tile_area, TIE_BREAK / count]
+        )
+    # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
+    # fixes the size of the whole or its direction.
+    inner = [centres[t * spec.cols + s] for t in _inner(spec.rows) for s in _inner(spec.cols)]
+    axis = spec.view_from_rig[:, 2]
+    program.add(constraints.mean_term(len(inner)), inner, [axis - [0.0, 0.0, 1.0]])
+    program.add(constraints.grid_term(spec.rows, spec.cols), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
+    weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(depths)
+    for depth in depths:
+        half_size = 0.6 * seed.half_tile
+        middle = program.unknown([0.0, 0.0])
+        region = program.unknown((constraints.region_directions() * half_size).ravel())
+        program.add(constraints.region_term(), [middle, region], [half_size])
+        for mirror in mirrors:
+            view: list[ArrayLike] = [optics, *lens, depth, axis[:2], tile_area, weight, LEAST_EFFICIENCY / count]
+            program.add(constraints.view_term(kind), [*mirror, region], view)
+    middles = seed.middles(spec.view_from_rig)
+    planes = [_first_plane(keep, seed, middles) for keep in keeps]
+    _add_keeps(program, kind, keeps, mirrors, planes, optics, spec.spacing_mm / scale)
     return Problem(
-        program,
-        objective + TIE_BREAK * (wasted - used / len(mirrors)),
-        ca.horzcat(*(mirror.centre for mirror in mirrors)).T,
-        ca.horzcat(*(corner for mirror in mirrors for corner in mirror.corners)).T,
+        solver=Solver(program, SLACK_WEIGHTS),
+        centres=np.array(centres),
+        corners=np.array(corners).reshape(count, spec.sides, 2),
     )
+
+
+def _first_plane(keep: Keep, seed: Seed, middles: FloatArray) -> FloatArray:
+    """The plane (normal, offset) that a pair starts with, from where chief rays meet their mirrors (n, 3)."""
+    a, b, centre = middles[keep.first], middles[keep.second], seed.centres[keep.first]
+    if keep.way == "gap":
+        normal = _unit(b - a)
+        return np.array([*normal, normal @ (a + b) / 2.0])
+    between = _unit(_unit(b) - _unit(a))
+    if keep.way == "in":
+        return np.array([*between, 0.0])
+    turned = between - 2.0 * (between @ centre) / (centre @ centre) * centre
+    return np.array([*turned, turned @ centre])
+
+
+def _add_keeps(
+    program: Program,
+    kind: Kind,
+    keeps: tuple[Keep, ...],
+    mirrors: list[tuple[Indices, Indices]],
+    planes: list[FloatArray],
+    optics: list[float],
+    gap: float,
+) -> None:
+    terms = {
+        "gap": constraints.gap_term(kind),
+        "in": constraints.incoming_term(kind),
+        "out": constraints.outgoing_term(kind),
+    }
+    for keep, plane in zip(keeps, planes, strict=True):
+        unknown = program.unknown(plane, [-1.0, -1.0, -1.0, -np.inf], [1.0, 1.0, 1.0, np.inf])
+        given: list[ArrayLike] = [optics, gap] if keep.way == "gap" else [optics]
+        program.add(terms[keep.way], [*mirrors[keep.first], *mirrors[keep.second], unknown], given)

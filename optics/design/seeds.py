@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from pydantic import ValidationError
 from scipy.optimize import brentq
 
 from optics.camera import Camera
 from optics.design.errors import InfeasibleDesign
-from optics.design.metrics import smallest_gap_mm
+from optics.design.gaps import smallest_gap_mm
+from optics.design.overlap import sensor_polygon
 from optics.files import one_line
 from optics.layout import Layout
 from optics.mirror import Mirror, cut
@@ -18,6 +22,29 @@ from optics.values import FloatArray, InputError
 CENTRE_DECIMALS_MM = 6
 NORMALIZED_DECIMALS = 8
 OUTLINE_DECIMALS_MM = 9
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Mirrors to start from, row by row, in units of the scale.
+
+    Virtual centres (n, 3) in view axes; corners (n, sides, 2) in normalized coordinates; half the size (2,) of a tile.
+    """
+
+    centres: FloatArray
+    corners: FloatArray
+    half_tile: FloatArray
+
+    @cached_property
+    def chief(self) -> FloatArray:
+        """Where the middles of the mirrors appear (n, 2), normalized."""
+        return self.corners.mean(axis=1)
+
+    def middles(self, view_from_rig: FloatArray) -> FloatArray:
+        """Where chief rays meet the mirrors (n, 3), in view axes."""
+        rays = np.column_stack([self.chief, np.ones(len(self.corners))]) @ view_from_rig.T
+        reach = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
+        return rays * reach[:, None]
 
 
 def sensor_rectangle(camera: Camera) -> FloatArray:
@@ -41,65 +68,102 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
     return rectangle
 
 
+def sensor_bounds(camera: Camera) -> FloatArray:
+    """The smallest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates around the sensor."""
+    return np.array(sensor_polygon(camera).bounds).reshape(2, 2)
+
+
+def corner_pattern(sides: int) -> FloatArray:
+    """Corners (sides, 2) of a tile as parts of its width and height, in the image's (u, v).
+
+    A rectangle; the fifth corner breaks the edge of greatest v, fifth and sixth those on the left and on the right.
+    """
+    rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    if sides == 5:
+        rectangle.insert(3, [0.5, 1.0])
+    if sides == 6:
+        rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0], [0.0, 1.0], [0.0, 0.5]]
+    return np.array(rectangle)
+
+
 def tiles(spec: DesignSpec, gap: float) -> FloatArray:
-    """Sub-images (rows, cols, 4, 2) in normalized coordinates that tile the sensor with a gap between neighbours.
+    """Sub-images (rows, cols, sides, 2) in normalized coordinates that tile the sensor with a gap between neighbours.
 
     Row 0, whose views are highest, lies where v is greatest, because the fold turns the image upside down. Corners
-    run (u-, v-), (u+, v-), (u+, v+), (u-, v+).
+    run as in `corner_pattern`.
     """
     low, high = sensor_rectangle(spec.camera)
     count = np.array([spec.cols, spec.rows])
     size = (high - low - (count - 1) * gap) / count
     u, v = (low[k] + np.arange(count[k]) * (size[k] + gap) for k in (0, 1))
     origins = np.stack(np.broadcast_arrays(u[None, :], v[::-1, None]), axis=-1)
-    unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    return origins[:, :, None] + unit * size
+    return origins[:, :, None] + corner_pattern(spec.sides) * size
 
 
-def parabola_centres(chief: FloatArray, scale_mm: float) -> FloatArray:
-    """Virtual centres (..., 3) of facets tangent to a paraboloid (focus: pupil, axis: +y) where chief rays meet it.
+def _rays(chief: FloatArray, view_from_rig: FloatArray) -> FloatArray:
+    """Unit viewing rays (..., 3) in view axes of normalized coordinates (..., 2)."""
+    rays = np.concatenate([chief, np.ones((*chief.shape[:-1], 1))], axis=-1) @ view_from_rig.T
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
-    `chief` (..., 2) holds normalized coordinates. All virtual centres lie on the directrix plane y = -scale_mm, so all
-    chief rays leave parallel to +y.
+
+def parabola_centres(chief: FloatArray, scale: float, view_from_rig: FloatArray) -> FloatArray:
+    """Virtual centres (..., 3), in view axes, of facets tangent to a paraboloid where chief rays meet it.
+
+    Its focus is the pupil, its axis that of the views. `chief` (..., 2) holds normalized coordinates. All virtual
+    centres lie on the directrix plane, so all chief rays leave along the views' axis.
     """
-    u, v = chief[..., 0], chief[..., 1]
-    t = scale_mm / (np.sqrt(1.0 + u * u + v * v) - v)
-    return np.stack([t * u, np.full_like(t, -scale_mm), t], axis=-1)
+    rays = _rays(chief, view_from_rig)
+    reach = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
+    return reach * (rays - [0.0, 0.0, 1.0])
 
 
-def ellipsoid_centres(chief: FloatArray, scale_mm: float, target_depth_mm: float) -> FloatArray:
-    """Virtual centres (..., 3) of facets tangent to an ellipsoid with foci at the pupil and at a target.
+def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view_from_rig: FloatArray) -> FloatArray:
+    """Virtual centres (..., 3), in view axes, of facets tangent to an ellipsoid with foci at the pupil and at a target.
 
-    The target lies at (0, target_depth_mm, scale_mm); all chief rays meet there. The paraboloid is the limit of an
-    infinitely far target. A point P on the surface has |P| + |P - target| = scale + depth, and its virtual centre is
-    that far from the target on the line through P.
+    The target lies at `target_depth` where the folded optical axis gets there; all chief rays meet there. The
+    paraboloid is the limit of an infinitely far target. A point P on the surface has |P| + |P - target| = constant,
+    and its virtual centre is that far from the target on the line through P.
     """
-    rays = np.concatenate([chief, np.ones((*chief.shape[:-1], 1))], axis=-1)
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    target = np.array([0.0, target_depth_mm, scale_mm])
-    total = scale_mm + target_depth_mm
-    points = rays * (scale_mm * target_depth_mm / (total - rays @ target))[..., None]
+    rays = _rays(chief, view_from_rig)
+    turn = scale * view_from_rig[:, 2]  # where the optical axis meets its mirror
+    target = np.array([turn[0], turn[1], target_depth])
+    total = scale + target_depth - turn[2]
+    points = rays * ((total**2 - target @ target) / (2.0 * (total - rays @ target)))[..., None]
     away = points - target
     return target + total * away / np.linalg.norm(away, axis=-1, keepdims=True)
 
 
-def mirrors_of(spec: DesignSpec, centres_mm: FloatArray, corners: FloatArray) -> tuple[Mirror, ...]:
-    """Mirrors of virtual centres (n, 3) and of corners (n, k, 2) in normalized coordinates.
+def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
+    """The faceted ellipsoid whose chief rays meet at a depth; tiles a little farther apart than the spec asks.
+
+    Where that would leave little of the sensor, they are as far apart as half a tile.
+    """
+    whole = tiles(spec, 0.0)[0, 0]
+    most = 0.5 * float((whole.max(axis=0) - whole.min(axis=0)).min())
+    corners = tiles(spec, min(1.3 * spec.spacing_mm / spec.scale_mm, most)).reshape(-1, spec.sides, 2)
+    centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
+    return Seed(centres, corners, (corners[0].max(axis=0) - corners[0].min(axis=0)) / 2.0)
+
+
+def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatArray) -> tuple[Mirror, ...]:
+    """Mirrors that look like plain ones of virtual centres (n, 3), view axes, and corners (n, k, 2), normalized.
 
     The numbers are rounded first, so that noise in the last digits does not change a layout's identity; outlines are
-    cut from the rounded numbers and lie on their planes to a nanometre.
+    cut from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign where a sheet coated
+    behind does not fit between its coating and the pupil.
     """
     mirrors = []
-    for centre, quad in zip(centres_mm.round(CENTRE_DECIMALS_MM), corners.round(NORMALIZED_DECIMALS), strict=True):
-        mirrors.append(
-            Mirror(
-                virtual_centre_in_rig_mm=centre + 0.0,
-                outline_in_rig_mm=cut(quad, centre).round(OUTLINE_DECIMALS_MM) + 0.0,
-                surface=spec.surface,
-                thickness_mm=spec.thickness_mm,
-                refractive_index=spec.refractive_index,
-            )
-        )
+    centres = (centres_in_view_mm @ spec.view_from_rig).round(CENTRE_DECIMALS_MM) + 0.0
+    for centre, polygon in zip(centres, corners.round(NORMALIZED_DECIMALS), strict=True):
+        outline = cut(polygon, centre).round(OUTLINE_DECIMALS_MM) + 0.0
+        glass = {"thickness_mm": spec.thickness_mm, "refractive_index": spec.refractive_index}
+        try:
+            if spec.surface == "second":
+                mirrors.append(Mirror.second_surface(centre, outline, **glass))
+            else:
+                mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, **glass))
+        except ValidationError as error:
+            raise InfeasibleDesign("occlusion", one_line(error)) from None
     return tuple(mirrors)
 
 
@@ -107,23 +171,29 @@ def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, 
     """The nominal layout of mirrors, row by row. Raises InfeasibleDesign where two overlap in the image."""
     try:
         return Layout(
-            rows=spec.rows, cols=spec.cols, camera=spec.camera, mirrors=mirrors, spec=spec, provenance=made_by
+            rows=spec.rows,
+            cols=spec.cols,
+            camera=spec.camera,
+            mirrors=mirrors,
+            view_from_rig=spec.view_from_rig,
+            spec=spec,
+            provenance=made_by,
         )
     except ValidationError as error:
         raise InfeasibleDesign("spacing", one_line(error)) from None
 
 
 def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
-    corners = tiles(spec, gap).reshape(-1, 4, 2)
-    centres = parabola_centres(corners.mean(axis=1), spec.scale_mm)
+    corners = tiles(spec.replaced(sides=4), gap).reshape(-1, 4, 2)
+    centres = parabola_centres(corners.mean(axis=1), spec.scale_mm, spec.view_from_rig)
     return layout_of(spec, mirrors_of(spec, centres, corners), {"made_by": "optics.design.seeds.faceted_parabola"})
 
 
 def faceted_parabola(spec: DesignSpec) -> Layout:
     """The paper's start: sub-images tile the sensor, facets are tangent to a paraboloid with its focus at the pupil.
 
-    The gap in the image is the smallest that leaves `spacing_mm` between all mirrors. Raises InfeasibleDesign where no
-    gap does.
+    The gap in the image is the smallest that leaves `spacing_mm` between all mirrors, all of four corners. Raises
+    InfeasibleDesign where no gap does.
     """
     low, high = sensor_rectangle(spec.camera)
     widest = float(((high - low) / np.maximum(np.array([spec.cols, spec.rows]) - 1, 1)).min())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, ValidationError
 
+from optics.design.errors import GAVE_UP, InfeasibleDesign
 from optics.spec import DesignSpec
 from optics.values import InputError, Metric, Value
 
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from optics.layout import Layout
 
 Status = Literal["solved", "infeasible", "failed"]
-GAVE_UP = "every"
-"""The constraint that the optimiser names where it found no layout and cannot say why: that shows nothing."""
-
 Cell = str | int | float | list[float] | None
 
 
@@ -77,7 +75,6 @@ def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
 
 def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
     """Design one spec; the layout where there is one. Whatever goes wrong becomes the outcome and stops no sweep."""
-    from optics.design.errors import InfeasibleDesign
     from optics.design.optimise import design
 
     try:

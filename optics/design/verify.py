@@ -16,10 +16,11 @@ from optics.values import Metric
 LENGTH_TOLERANCE_MM = 1e-4
 AREA_TOLERANCE_MM2 = 1e-3
 SENSOR_TOLERANCE_PX = 0.05
+AXES_TOLERANCE = 1e-9
 LEAST_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
-    "unlike_spec": ("spec", "{value:g} of camera, counts and mirrors are not those asked for"),
+    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those asked for"),
     "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
@@ -40,7 +41,12 @@ def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
 
 def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
     wholes = ((layout.camera, spec.camera), (layout.rows, spec.rows), (layout.cols, spec.cols))
-    return sum(found != asked for found, asked in wholes) + sum(_differs(mirror, spec) for mirror in layout.mirrors)
+    turned = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
+    return (
+        sum(found != asked for found, asked in wholes)
+        + int(turned)
+        + sum(_differs(mirror, spec) for mirror in layout.mirrors)
+    )
 
 
 def _outside_sensor_px(layout: Layout) -> float:
