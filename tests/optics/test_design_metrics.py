@@ -50,7 +50,7 @@ def grid_layout(shifts_mm: FloatArray) -> Layout:
     centres = np.array([[x, -80.0, z] for z in (95.0, 65.0) for x in (-20.0, 20.0)])
     quad = 0.03 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     corners = np.array([quad + np.array([u, v]) for v in (0.2, -0.2) for u in (-0.3, 0.3)])
-    mirrors = mirrors_of(spec, centres + shifts_mm, corners)
+    mirrors = mirrors_of(spec, (centres + shifts_mm) @ spec.view_from_rig.T, corners)
     return Layout(rows=2, cols=2, camera=spec.camera, mirrors=mirrors)
 
 

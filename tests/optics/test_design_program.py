@@ -185,6 +185,19 @@ def test_uses_of_one_term_add_up() -> None:
     assert outcome.objective == pytest.approx(0.0 + 2 * 1.5**2 + 1.0, abs=1e-3)
 
 
+def test_the_upper_half_of_the_hessian_holds_terms_used_in_any_order() -> None:
+    builder = TermBuilder()
+    x = builder.unknown(2)
+    builder.minimise(x[0] ** 2 * x[1])
+    program, term = Program(), builder.built()
+    places = program.unknown([2.0, 3.0])
+    program.add(term, [places[::-1]])
+    solver = Solver(program, SLACK_WEIGHTS)
+    upper = dense(solver.derivatives["hess_lag"](program.start, 0.0, 1.0, ca.DM(0, 1)))[len(ELASTIC) :, len(ELASTIC) :]
+    # f = x1^2 x0 at (2, 3).
+    assert_allclose(upper, np.array([[0.0, 6.0], [0.0, 4.0]]) + 2.0 * HOLD * np.eye(2))
+
+
 # Bodies that keep apart.
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
