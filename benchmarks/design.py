@@ -1,0 +1,122 @@
+"""Speed of the optimiser: `python -m benchmarks.design [--skip-peers] [--cap SECONDS] [--picture FILE]`.
+
+Times `design` without imports: the default 3x3 and 5x5, again and again in this process and once cold in a fresh one;
+its growth with the mirror count; and the same program (objective, constraints, bounds, start, exact derivatives) solved
+by IPOPT and handed to SciPy's SLSQP and trust-constr, in the same run, until they come within 1 % of IPOPT's objective
+with no constraint missed by more than 1e-6, or until the cap.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.design_peers import Question, first_problem, peers, seconds_of
+from optics.design.errors import InfeasibleDesign
+from optics.design.optimise import design
+from optics.files import atomic
+from optics.spec import DesignSpec
+from optics.values import FloatArray
+
+LIMITS_S = {(3, 3): 1.5, (5, 5): 15.0}
+RUNS = {(3, 3): 9, (5, 5): 5}
+GROWTH = ((1, 2), (2, 2), (2, 3), (3, 3), (3, 5), (4, 4), (5, 5), (6, 6), (7, 7))
+GROWTH_RUNS = 3
+
+COLD = """
+import sys, time
+from optics.design.optimise import design
+from optics.spec import DesignSpec
+spec = DesignSpec(rows=int(sys.argv[1]), cols=int(sys.argv[2]))
+started = time.perf_counter()
+design(spec)
+print(time.perf_counter() - started)
+"""
+
+
+def cold_s(rows: int, cols: int) -> float:
+    """The first design of a fresh process, import excluded."""
+    command = [sys.executable, "-c", COLD, str(rows), str(cols)]
+    root = Path(__file__).parents[1]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout)
+
+
+def speed() -> None:
+    """Print the times that are asked for."""
+    print(f"{'design(spec)':14} {'limit s':>8} {'median':>7} {'min':>7} {'max':>7}  {'cold, once':>10}")
+    for count, limit_s in LIMITS_S.items():
+        spec = DesignSpec(rows=count[0], cols=count[1])
+        times = [seconds_of(partial(design, spec)) for _ in range(RUNS[count])]
+        figures = f"{statistics.median(times):7.2f} {min(times):7.2f} {max(times):7.2f}  {cold_s(*count):10.2f}"
+        print(f"{count[0]}x{count[1]}, {len(times)} runs {limit_s:8.1f} {figures}", flush=True)
+
+
+def growth(picture: Path | None) -> None:
+    """Print times and sizes over the mirror count, and draw them."""
+    print(f"\n{'count':6} {'unknowns':>8} {'constraints':>11} {'median s':>8}  of {GROWTH_RUNS} runs")
+    mirrors, times, sizes = [], [], []
+    for rows, cols in GROWTH:
+        spec = DesignSpec(rows=rows, cols=cols)
+        question = Question(spec, first_problem(spec))
+        try:
+            runs = [seconds_of(partial(design, spec)) for _ in range(GROWTH_RUNS)]
+        except InfeasibleDesign as refusal:
+            print(f"{rows}x{cols}    {len(question.kept):8} {len(question.equal):11}  refused: {refusal}", flush=True)
+            continue
+        mirrors.append(rows * cols)
+        times.append(runs)
+        sizes.append((len(question.kept), len(question.equal)))
+        print(f"{rows}x{cols}    {sizes[-1][0]:8} {sizes[-1][1]:11} {statistics.median(runs):8.2f}", flush=True)
+    medians = [statistics.median(runs) for runs in times]
+    slope = float(np.polyfit(np.log(mirrors), np.log(medians), 1)[0])
+    print(f"time grows like mirrors^{slope:.2f}")
+    if picture:
+        draw(np.array(mirrors), np.array(times), np.array(sizes), slope, picture)
+
+
+def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float, path: Path) -> None:
+    """Write a PNG, both axes logarithmic: seconds over mirrors, and how large the programs are."""
+    figure = Figure(figsize=(11.0, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    medians = np.median(times, axis=1)
+    spread = np.abs(np.stack([times.min(axis=1), times.max(axis=1)]) - medians)
+    left.errorbar(
+        mirrors, medians, spread, color="#0077bb", marker="o", capsize=3, label=f"design: mirrors^{slope:.2f}"
+    )
+    for (rows, cols), limit_s in LIMITS_S.items():
+        left.plot(rows * cols, limit_s, "v", color="#cc3311", ms=9, label=f"limit for {rows}x{cols}: {limit_s:g} s")
+    left.set_ylabel("seconds (median, least, greatest)")
+    for column, (name, colour) in enumerate((("unknowns", "#009988"), ("constraints", "#ee7733"))):
+        right.plot(mirrors, sizes[:, column], color=colour, marker="o", label=name)
+    right.set_ylabel("size of the program")
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xticks(mirrors, [f"{count}" for count in mirrors])
+        axes.minorticks_off()
+        axes.set_xlabel("mirrors")
+        axes.grid(alpha=0.3, linewidth=0.5)
+        axes.legend(fontsize=9)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--skip-peers", action="store_true", help="leave SciPy's solvers out")
+    parser.add_argument("--only-peers", action="store_true", help="SciPy's solvers alone")
+    parser.add_argument("--cap", type=float, default=90.0, help="seconds after which a peer is stopped")
+    parser.add_argument("--picture", type=Path, help="a PNG of the growth to write")
+    arguments = parser.parse_args()
+    if not arguments.only_peers:
+        speed()
+        growth(arguments.picture)
+    if not arguments.skip_peers:
+        peers(arguments.cap)

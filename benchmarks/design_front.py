@@ -1,0 +1,257 @@
+"""Pixel efficiency against grid error: `python -m benchmarks.design_front [--workers N] [--picture FILE]`.
+
+3x3, C920, scale 80 mm, spacing 1 mm, at depths 300 and 500 mm and at 400 mm alone: what `design` answers over the
+tradeoffs, at folds of 90, 105 and 120 degrees, with mirrors of 4, 5 and 6 corners and with the two depths weighed
+unequally, and the best of more starts at 90 degrees. Each front is compared, at equal grid error, with the points of a
+plain prototype. Figures are those of `optics.design.metrics`, by polygon clipping; every design passed its verdict.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from optics.design.errors import InfeasibleDesign
+from optics.design.metrics import grid_error
+from optics.design.optimise import MEETINGS, design
+from optics.design.overlap import pixel_efficiency
+from optics.design.problem import Keep, problem_of, usual_keeps
+from optics.design.program import Outcome
+from optics.design.seeds import layout_of, mirrors_of, seed_of
+from optics.design.verify import require_passed, verify
+from optics.files import atomic
+from optics.layout import Layout
+from optics.spec import DesignSpec
+from optics.values import FloatArray
+
+TRADEOFFS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
+
+MORE_MEETINGS = (*MEETINGS, 0.8, 1.5, 10.0)
+"""Where chief rays of the seeds of a search meet, in multiples of the working depth."""
+
+PROTOTYPE = {
+    (300.0, 500.0): ((0.105, (0.51, 0.52)), (0.063, (0.47, 0.48)), (0.012, (0.34, 0.45))),
+    (400.0,): ((0.107, (0.61,)),),
+}
+"""Grid error and pixel efficiencies that a plain prototype reached."""
+
+WEIGHED = {"2 : 3": (295.0, 305.0, 490.0, 500.0, 510.0), "1 : 3": (300.0, 480.0, 500.0, 520.0)}
+"""Depths that make a design for 300 and 500 mm weigh the two unequally: what is listed more often weighs more."""
+
+ASKED = 1.1
+"""How many times the prototype's efficiency is asked for, at equal grid error."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A design on a front: its tradeoff, grid error and pixel efficiency at each depth."""
+
+    tradeoff: float
+    grid_error: float
+    efficiency: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        return sum(self.efficiency) / len(self.efficiency)
+
+
+def point_of(layout: Layout, spec: DesignSpec) -> Point:
+    efficiency = tuple(pixel_efficiency(layout, depth) for depth in spec.depths_mm)
+    return Point(spec.tradeoff, grid_error(layout), efficiency)
+
+
+def designed(spec: DesignSpec, wanted_mm: tuple[float, ...] = ()) -> Point:
+    """What a user of `design` gets, at the spec's depths or at others."""
+    return point_of(design(spec), spec.replaced(depths_mm=wanted_mm or spec.depths_mm))
+
+
+def searched(
+    spec: DesignSpec, keeps: tuple[Keep, ...], *, checked: bool, tradeoffs: Sequence[float] = TRADEOFFS
+) -> list[Point]:
+    """The front of a spec from many starts: seeds, then the neighbours' optima up and down the tradeoffs.
+
+    Of each tradeoff the best optimum; where `checked`, only those whose layout passes its verdict. `keeps` may leave
+    out what a buildable layout keeps.
+    """
+    working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
+    asked = [spec.replaced(tradeoff=tradeoff) for tradeoff in tradeoffs]
+    problems = [problem_of(one, seed_of(one, working_mm), keeps) for one in asked]
+    seeds = [seed_of(spec, meeting * working_mm) for meeting in MORE_MEETINGS]
+    best: list[Outcome | None] = [None] * len(asked)
+    layouts: list[Layout | None] = [None] * len(asked)
+
+    def attempt(k: int, start: FloatArray) -> None:
+        outcome, before = problems[k].solver.optimise(start), best[k]
+        if not outcome.solved or (before is not None and outcome.objective >= before.objective - 1e-9):
+            return
+        centres, corners = problems[k].solution(outcome.values)
+        try:
+            layout = layout_of(asked[k], mirrors_of(asked[k], centres * spec.scale_mm, corners), {})
+            if checked:
+                require_passed(verify(layout, asked[k]))
+        except InfeasibleDesign:
+            return
+        best[k], layouts[k] = outcome, layout
+
+    for start in (problem_of(spec, seed, keeps).solver.program.start for seed in seeds):
+        for k in range(len(asked)):
+            attempt(k, start)
+    for hops in (range(1, len(asked)), range(len(asked) - 2, -1, -1)):
+        for k in hops:
+            neighbour = best[k - 1 if hops.step > 0 else k + 1]
+            if neighbour is not None:
+                attempt(k, neighbour.values)
+    return [point_of(layout, one) for layout, one in zip(layouts, asked, strict=True) if layout is not None]
+
+
+def upper(front: Sequence[Point]) -> list[Point]:
+    """Points that no other betters in both grid error and mean efficiency, by grid error."""
+    kept: list[Point] = []
+    for point in sorted(front, key=lambda point: (point.grid_error, -point.mean)):
+        if not kept or point.mean > kept[-1].mean:
+            kept.append(point)
+    return kept
+
+
+def efficiency_at(front: Sequence[Point], error: float) -> FloatArray:
+    """Efficiencies (depths,) on a front at a grid error, between its points; NaN beyond its ends."""
+    points = upper(front)
+    errors = [point.grid_error for point in points]
+    values = np.array([point.efficiency for point in points])
+    return np.array([np.interp(error, errors, column, left=np.nan, right=np.nan) for column in values.T])
+
+
+def compared(name: str, front: Sequence[Point], depths_mm: tuple[float, ...]) -> list[str]:
+    """A line per point of the prototype: efficiency at its grid error, and by how much that is more."""
+    lines = []
+    for error, theirs in PROTOTYPE[depths_mm]:
+        ours = efficiency_at(front, error)
+        gains, mean_gain = ours / np.array(theirs) - 1.0, ours.mean() / np.mean(theirs) - 1.0
+        reached = "at every depth" if (gains >= ASKED - 1.0).all() else "on average" if mean_gain >= ASKED - 1 else "no"
+        shares = " / ".join(f"{share:.3f}" for share in ours)
+        percents = " / ".join(f"{gain:+.1%}" for gain in gains)
+        lines.append(f"{name:26} {error:.3f}  {shares:13}  {percents:17} mean {mean_gain:+.1%}  +10 %: {reached}")
+    return lines
+
+
+Fronts = dict[tuple[float, ...], dict[str, list[Point]]]
+
+
+def fronts(workers: int) -> Fronts:
+    """All fronts by depths and name, made in `workers` processes."""
+    asked = {
+        (depths, name): DesignSpec(depths_mm=depths, spacing_mm=1.0, fold_deg=fold, sides=sides)
+        for depths in PROTOTYPE
+        for name, fold, sides in (
+            *((f"fold {fold} deg, {4} corners", float(fold), 4) for fold in (90, 105, 120)),
+            *((f"fold 90 deg, {sides} corners", 90.0, sides) for sides in (5, 6)),
+        )
+    }
+    found: Fronts = {depths: {} for depths in PROTOTYPE}
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        plain = {
+            key: [pool.submit(designed, spec.replaced(tradeoff=tradeoff)) for tradeoff in TRADEOFFS]
+            for key, spec in asked.items()
+        }
+        more = {
+            depths: pool.submit(
+                partial(searched, checked=True), DesignSpec(depths_mm=depths, spacing_mm=1.0), usual_keeps(3, 3)
+            )
+            for depths in PROTOTYPE
+        }
+        both = next(iter(PROTOTYPE))
+        for ratio, depths in WEIGHED.items():
+            plain[both, f"fold 90 deg, weighed {ratio}"] = [
+                pool.submit(designed, DesignSpec(depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both)
+                for tradeoff in TRADEOFFS
+            ]
+        for (depths, name), futures in plain.items():
+            found[depths][name] = [future.result() for future in futures]
+        for depths, future in more.items():
+            found[depths]["fold 90 deg, more starts"] = future.result()
+    return found
+
+
+STYLES = {
+    "fold 90 deg, 4 corners": ("#000000", "o", "solid"),
+    "fold 105 deg, 4 corners": ("#0077bb", "s", "solid"),
+    "fold 120 deg, 4 corners": ("#33bbee", "D", "solid"),
+    "fold 90 deg, 5 corners": ("#ee7733", "^", "dashed"),
+    "fold 90 deg, 6 corners": ("#cc3311", "v", "dashed"),
+    "fold 90 deg, weighed 2 : 3": ("#009988", "P", "dashdot"),
+    "fold 90 deg, weighed 1 : 3": ("#bbaa00", "X", "dashdot"),
+    "fold 90 deg, more starts": ("#777777", ".", "dotted"),
+}
+
+
+def _panel(axes: Axes, found: dict[str, list[Point]], depths_mm: tuple[float, ...], which: int) -> None:
+    for name, front in found.items():
+        colour, marker, line = STYLES[name]
+        points = upper(front)
+        errors, shares = [p.grid_error for p in points], [p.efficiency[which] for p in points]
+        axes.plot(
+            errors,
+            shares,
+            color=colour,
+            marker=marker,
+            linestyle=line,
+            markersize=4,
+            linewidth=1.3,
+            label=name.replace(" deg", "°"),
+        )
+    errors = [error for error, _ in PROTOTYPE[depths_mm]]
+    theirs = np.array([efficiency[which] for _, efficiency in PROTOTYPE[depths_mm]])
+    axes.plot(errors, theirs, "x", color="#aa3377", markersize=8, markeredgewidth=2, label="prototype")
+    axes.plot(errors, ASKED * theirs, "_", color="#aa3377", markersize=14, markeredgewidth=2, label="prototype + 10 %")
+    axes.set_xscale("log")
+    axes.set_xlabel("grid error (of a spacing)")
+    axes.set_ylabel(f"pixel efficiency at {depths_mm[which]:g} mm")
+    axes.set_title("depths " + " and ".join(f"{depth:g}" for depth in depths_mm) + " mm", fontsize=11)
+    axes.grid(alpha=0.3, which="both", linewidth=0.5)
+
+
+def draw(found: Fronts, path: Path) -> None:
+    """Write a PNG: efficiency at each depth over grid error, one panel a depth, with the prototype's points."""
+    panels = [(depths, which) for depths in PROTOTYPE for which in range(len(depths))]
+    figure = Figure(figsize=(5.0 * len(panels), 5.6), layout="constrained")
+    for axes, (depths, which) in zip(figure.subplots(1, len(panels), sharey=True), panels, strict=True):
+        _panel(axes, found[depths], depths, which)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def main(workers: int, picture: Path | None) -> None:
+    print(f"IPOPT of CasADi {version('casadi')}; {len(TRADEOFFS)} tradeoffs from {TRADEOFFS[0]} to {TRADEOFFS[-1]}")
+    found = fronts(workers)
+    for depths, named in found.items():
+        print("\ndepths " + ", ".join(f"{depth:g}" for depth in depths) + " mm: tradeoff, grid error, efficiencies")
+        for name, front in named.items():
+            print(name)
+            for point in front:
+                shares = " ".join(f"{share:.3f}" for share in point.efficiency)
+                print(f"  {point.tradeoff:.2f}  {point.grid_error:.4f}  {shares}")
+        print("\nat the prototype's grid error: efficiency, gain at each depth")
+        for name, front in named.items():
+            print("\n".join(compared(name, front, depths)))
+    if picture:
+        draw(found, picture)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--picture", type=Path, help="a PNG to write")
+    arguments = parser.parse_args()
+    main(arguments.workers, arguments.picture)
