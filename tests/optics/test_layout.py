@@ -212,6 +212,26 @@ def test_crossing_dented_and_overlapping_outlines_are_refused(tmp_path: Path, pa
         load(tmp_path, _with(data_of(parabola_layout), ["mirrors", 3, "outline_in_rig_mm"], inside))
 
 
+@pytest.mark.parametrize("kind", ["as-built", "calibrated"])
+def test_a_device_may_hide_a_sliver_that_a_design_may_not(parabola_layout: Layout, kind: str) -> None:
+    def grown(by: float) -> tuple[Mirror, ...]:
+        outline = parabola_layout.mirrors[4].outline_normalized.copy()
+        outline[outline[:, 0] < 0, 0] -= by
+        cut = parabola_layout.mirrors[4].replaced(outline_in_rig_mm=parabola_layout.mirrors[4].cut(outline))
+        return (*parabola_layout.mirrors[:4], cut, *parabola_layout.mirrors[5:])
+
+    width = float(np.ptp(parabola_layout.mirrors[4].outline_normalized[:, 0]))
+    gap = -float(
+        parabola_layout.mirrors[3].outline_normalized[:, 0].max()
+        - parabola_layout.mirrors[4].outline_normalized[:, 0].min()
+    )
+    sliver, slice_of = grown(gap + 0.01 * width), grown(gap + 0.04 * width)
+    assert parabola_layout.replaced(kind=kind, mirrors=sliver).mirrors == sliver
+    for wrong in ({"kind": kind, "mirrors": slice_of}, {"kind": "nominal", "mirrors": sliver}):
+        with pytest.raises(ValueError, match="outlines of mirrors 3 and 4 overlap in the image"):
+            parabola_layout.replaced(**wrong)
+
+
 def test_a_file_that_breaks_off_or_is_missing_is_refused(tmp_path: Path, parabola_layout: Layout) -> None:
     path = tmp_path / "layout.json"
     parabola_layout.save(path)
