@@ -148,8 +148,8 @@ class Price:
 def prices(spec: DesignSpec, problem: Problem, start: FloatArray) -> dict[str, Price]:
     """Multipliers at the optimum next to a start, summed by term and family.
 
-    Per unit of the constraint: for gaps, light and sizes a scale, for overlap a tile's worth of a cross product, for
-    the sensor's borders the half width or height of the sensor.
+    Per unit of the constraint: for gaps, light and sizes a scale (as seen: at the distance of the scale), for overlap a
+    tile's worth of a cross product, for the sensor's borders the half width or height of the sensor.
     """
     solver = problem.solver
     program = solver.program
@@ -184,10 +184,14 @@ def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
         "light out": constraints.outgoing_term,
     }
     names = {id(maker(kind)): name for name, maker in makers.items()}
-    names[id(constraints.region_term())] = "region's shape"
+    names |= {
+        id(constraints.seen_gap_term(spec.sides)): "gap as seen",
+        id(constraints.grid_term(spec.rows, spec.cols)): "grid's spacing",
+        id(constraints.region_term()): "region's shape",
+    }
     parts = []
     for term, places, _ in problem.solver.program.uses:
-        name = "mean" if term.equality else names.get(id(term), "grid's spacing")
+        name = "mean" if term.equality else names[id(term)]
         of_each = [f"{name}: {ELASTIC[k]}" if name == "cut" and k >= 0 else name for k in term.family]
         parts.append(np.tile(of_each, len(places)))
     return np.concatenate(parts)

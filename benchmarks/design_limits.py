@@ -38,7 +38,7 @@ from optics.layout import Layout
 from optics.spec import DesignSpec
 
 FOLDS_DEG = tuple(range(75, 140, 5))
-FOLD_TRADEOFFS = (0.1, 0.2, 0.3, 0.45, 0.65, 0.8)
+FEW_TRADEOFFS = (0.1, 0.2, 0.3, 0.45, 0.65, 0.8)
 EQUAL_ERRORS = (0.05, 0.1)
 SINGLE_MM = 400.0
 COLOURS = ("#000000", "#0077bb", "#ee7733", "#cc3311", "#009988")
@@ -47,11 +47,12 @@ COLOURS = ("#000000", "#0077bb", "#ee7733", "#cc3311", "#009988")
 def relaxations(spec: DesignSpec) -> dict[str, tuple[DesignSpec, tuple[Keep, ...], bool]]:
     """Specs and keeps with more and more left out, and whether their layouts are to be checked."""
     keeps = usual_keeps(spec.rows, spec.cols)
-    thin = spec.replaced(spacing_mm=0.0, thickness_mm=1e-4, min_edge_mm=0.0, min_area_mm2=0.0)
-    apart = tuple(keep for keep in keeps if keep.way == "in")
+    touching = spec.replaced(spacing_mm=0.0, seen_gap_mm=0.0)
+    thin = touching.replaced(thickness_mm=1e-4, min_edge_mm=0.0, min_area_mm2=0.0)
+    apart = tuple(keep for keep in keeps if keep.way in ("seen", "in"))
     return {
         "all constraints": (spec, keeps, True),
-        "no gaps": (spec.replaced(spacing_mm=0.0), keeps, True),
+        "no gaps": (touching, keeps, True),
         "no gaps, thin, any size": (thin, keeps, True),
         "only disjoint sub-images": (thin, apart, False),
         "the same, 6 corners": (thin.replaced(sides=6), apart, False),
@@ -62,7 +63,7 @@ def bounds(spec: DesignSpec, workers: int) -> dict[str, list[Point]]:
     """The best fronts found with constraints left out."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {
-            name: pool.submit(partial(searched, checked=checked), relaxed, keeps)
+            name: pool.submit(partial(searched, checked=checked, tradeoffs=FEW_TRADEOFFS), relaxed, keeps)
             for name, (relaxed, keeps, checked) in relaxations(spec).items()
         }
         return {name: future.result() for name, future in futures.items()}
@@ -74,7 +75,7 @@ def over_folds(spec: DesignSpec, workers: int) -> dict[int, list[Point]]:
         futures = {
             fold: [
                 pool.submit(designed, spec.replaced(fold_deg=float(fold), tradeoff=tradeoff))
-                for tradeoff in FOLD_TRADEOFFS
+                for tradeoff in FEW_TRADEOFFS
             ]
             for fold in FOLDS_DEG
         }
