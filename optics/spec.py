@@ -24,6 +24,9 @@ class DesignSpec(Value):
         default=(300.0, 500.0), min_length=1, description="scene depths (along the views, from the pupil) to overlap at"
     )
     spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between the sheets of any two mirrors")
+    seen_gap_mm: float = Field(
+        default=0.5, ge=0, description="smallest gap between sub-images, in mm at the distance of scale_mm"
+    )
     sides: int = Field(default=4, ge=4, le=6, description="corners of each mirror, and so of each sub-image")
     min_edge_mm: float = Field(default=3.0, ge=0, description="shortest edge of a mirror that can be cut")
     min_area_mm2: float = Field(default=20.0, ge=0, description="smallest area of a mirror that can be cut and glued")

@@ -224,7 +224,7 @@ def view_term(kind: Kind) -> Term:
     else:
         area_px = polygon_area(seen) * intrinsics[0] * intrinsics[1]
     share = area_px / (size_px[0] * size_px[1])
-    term.require(share - least, "overlap")
+    term.require(share - least)
     term.minimise(-weight * share)
     return term.built()
 
@@ -285,6 +285,23 @@ def _plane(term: TermBuilder) -> tuple[Expression, Expression]:
     term.require(1.0 - ca.dot(n, n))
     term.require(ca.dot(n, n) - 0.81)
     return n, d
+
+
+@lru_cache
+def seen_gap_term(sides: int) -> Term:
+    """Two sub-images on both sides of a line and `gap` apart.
+
+    Unknowns: corners of both, line (3). Parameters: gap in normalized coordinates.
+    """
+    term = TermBuilder()
+    first, second = term.unknown(2 * sides), term.unknown(2 * sides)
+    line, gap = term.unknown(3), term.parameter()
+    term.require(1.0 - ca.sumsqr(line[:2]))
+    term.require(ca.sumsqr(line[:2]) - 0.81)
+    for k in range(sides):
+        term.require(-ca.dot(line, ca.vertcat(first[2 * k : 2 * k + 2], 1.0)))
+        term.require(ca.dot(line, ca.vertcat(second[2 * k : 2 * k + 2], 1.0)) - gap - MARGIN, "spacing")
+    return term.built()
 
 
 @lru_cache

@@ -1,4 +1,4 @@
-"""The sheets of mirrors as convex bodies, and how far apart they are in space."""
+"""The sheets of mirrors as convex bodies, and how far apart they are, in space and as the camera sees them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 from scipy.optimize import nnls
+from shapely import Polygon
 
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -92,3 +95,22 @@ def area_mm2(mirror: Mirror) -> float:
     """Area of the outline (shoelace in the mirror's own plane)."""
     x, y = mirror.outline_in_plane_mm.T
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)
+
+
+def _seen(mirrors: Sequence[Mirror]) -> NDArray[np.object_]:
+    return np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
+
+
+def seen_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
+    """Pairs i < j of mirrors whose sub-images are less than `gap` apart, in normalized coordinates."""
+    seen = _seen(mirrors)
+    first, second = np.triu_indices(len(seen), 1)
+    close = shapely.distance(seen[first], seen[second]) < gap
+    return [(int(i), int(j)) for i, j in zip(first[close], second[close], strict=True)]
+
+
+def smallest_seen_gap(mirrors: Sequence[Mirror]) -> float:
+    """Smallest distance between any two sub-images, in normalized coordinates; infinite for a single mirror."""
+    seen = _seen(mirrors)
+    first, second = np.triu_indices(len(seen), 1)
+    return float(shapely.distance(seen[first], seen[second]).min(initial=np.inf))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 
+import numpy as np
+
 from optics.design.errors import GAVE_UP, InfeasibleDesign
-from optics.design.gaps import pairs_closer_than
+from optics.design.gaps import pairs_closer_than, seen_closer_than
 from optics.design.light import blocked_light
 from optics.design.metrics import evaluate
 from optics.design.problem import (
@@ -17,7 +19,7 @@ from optics.design.problem import (
     problem_of,
     usual_keeps,
 )
-from optics.design.program import Outcome
+from optics.design.program import Outcome, Solver
 from optics.design.seeds import layout_of, mirrors_of, seed_of
 from optics.design.terms import ELASTIC
 from optics.design.verify import require_passed, verify
@@ -57,18 +59,28 @@ def _working_depth_mm(spec: DesignSpec) -> float:
     return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
 
 
-def _check_depth(spec: DesignSpec) -> None:
-    """Refuse at once a depth that even the middles of the mirrors would lie beyond."""
-    middles = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm)).middles(spec.view_from_rig)
-    nearest_mm, reach_mm = min(spec.depths_mm), float(middles[:, 2].max()) * spec.scale_mm
-    if nearest_mm <= reach_mm:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": (reach_mm - nearest_mm) / spec.scale_mm})
+def _check_at_once(spec: DesignSpec) -> None:
+    """Refuse a depth that even the middles of the mirrors would lie beyond, and sheets that would reach the pupil."""
+    seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
+    middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
+    beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
+    if beyond_mm >= 0:
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm})
+    # The optical axis meets its mirror at 90 degrees less half the fold.
+    cosine = float(np.sin(np.deg2rad(spec.fold_deg) / 2.0))
+    before_mm = 0.0
+    if spec.surface == "second":
+        before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
+    past_mm = before_mm - spec.scale_mm * cosine
+    if past_mm >= 0:
+        raise InfeasibleDesign("occlusion", f"sheets of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil")
 
 
 def _easier(spec: DesignSpec, part: float) -> DesignSpec:
     """A spec that asks for `part` of what this one does: gaps, thickness, sizes, nearness and trade-off."""
     return spec.replaced(
         spacing_mm=part * spec.spacing_mm,
+        seen_gap_mm=part * spec.seen_gap_mm,
         thickness_mm=max(part, 0.05) * spec.thickness_mm,
         min_edge_mm=part * spec.min_edge_mm,
         min_area_mm2=part * spec.min_area_mm2,
@@ -100,12 +112,8 @@ def _by_detours(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome:
     Raises InfeasibleDesign where both seeds lead to points that clearly miss something, or no way leads to an optimum.
     """
     least: list[dict[str, float]] = []
-    problems = [_problem(spec, keeps, meeting) for meeting in MEETINGS]
-    starts: list[Callable[[], FloatArray | None]] = [lambda: None, lambda: None, lambda: _continued(spec, keeps)]
-    for solver, start in zip((problems[0].solver, problems[1].solver, problems[0].solver), starts, strict=True):
-        if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
-            break
-        feasible, missed = solver.find_feasible(start())
+    for solver, start in _searches(spec, keeps):
+        feasible, missed = solver.find_feasible(start)
         if not feasible.solved:
             continue
         least.append(missed)
@@ -113,9 +121,18 @@ def _by_detours(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome:
             outcome = solver.optimise(feasible.values)
             if outcome.solved:
                 return outcome
+        if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
+            break
     if not least or min(max(missed.values()) for missed in least) <= MISSED:
         raise InfeasibleDesign(GAVE_UP, "the search came to no layout that meets them all")
     raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
+
+
+def _searches(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
+    """Where to look for a feasible point: around each seed and, long to come by, around the end of easier specs."""
+    for meeting in MEETINGS:
+        yield _problem(spec, keeps, meeting).solver, None
+    yield _problem(spec, keeps).solver, _continued(spec, keeps)
 
 
 def _continued(spec: DesignSpec, keeps: tuple[Keep, ...]) -> FloatArray | None:
@@ -146,6 +163,7 @@ def _optimum(
 def _stricter(spec: DesignSpec, mirrors: tuple[Mirror, ...], keeps: tuple[Keep, ...]) -> tuple[Keep, ...]:
     """What was kept and, after it, what was not kept all the same."""
     found = {Keep("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
+    found |= {Keep("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2])
     found |= {Keep(part.leg, part.light_of, part.sheet_of) for part in light}
     return keeps + tuple(sorted(found - set(keeps)))
@@ -160,7 +178,7 @@ def design(spec: DesignSpec) -> Layout:
     other mirrors once they have come into it. Raises InfeasibleDesign, which names the constraint that cannot hold and
     by how much it is missed, or "every" where the search ended without saying why.
     """
-    _check_depth(spec)
+    _check_at_once(spec)
     keeps = usual_keeps(spec.rows, spec.cols)
     values: FloatArray | None = None
     while True:

@@ -31,12 +31,15 @@ CENTRE_REACH = 0.6
 SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
 """What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
 
-Way = Literal["gap", "in", "out"]
+Way = Literal["seen", "gap", "in", "out"]
 
 
 @dataclass(frozen=True, order=True)
 class Keep:
-    """What a pair of mirrors keeps: a gap between them, or the second out of the light to or from the first."""
+    """What a pair of mirrors keeps: a gap between them, as the camera sees it or in space, or free light.
+
+    "in" and "out" keep the second out of the light to and from the first.
+    """
 
     way: Way
     first: int
@@ -66,7 +69,7 @@ def usual_keeps(rows: int, cols: int) -> tuple[Keep, ...]:
         down, across = j // cols - i // cols, abs(i % cols - j % cols)
         if max(down, across) > 1:
             continue
-        keeps.append(Keep("gap", i, j))
+        keeps += [Keep("seen", i, j), Keep("gap", i, j)]
         ways: tuple[Way, ...] = ("in",) if down and across else ("in", "out")
         keeps += [Keep(way, *pair) for way in ways for pair in ((i, j), (j, i))]
     return tuple(keeps)
@@ -125,7 +128,7 @@ def problem_of(spec: DesignSpec, seed: Seed, keeps: tuple[Keep, ...]) -> Problem
             program.add(constraints.view_term(kind), [*mirror, region], view)
     middles = seed.middles(spec.view_from_rig)
     planes = [_first_plane(keep, seed, middles) for keep in keeps]
-    _add_keeps(program, kind, keeps, mirrors, planes, optics, spec.spacing_mm / scale)
+    _add_keeps(program, kind, keeps, mirrors, planes, optics, spec.spacing_mm / scale, spec.seen_gap_mm / scale)
     return Problem(
         solver=Solver(program, SLACK_WEIGHTS),
         centres=np.array(centres),
@@ -134,7 +137,11 @@ def problem_of(spec: DesignSpec, seed: Seed, keeps: tuple[Keep, ...]) -> Problem
 
 
 def _first_plane(keep: Keep, seed: Seed, middles: FloatArray) -> FloatArray:
-    """The plane (normal, offset) that a pair starts with, from where chief rays meet their mirrors (n, 3)."""
+    """The plane (normal, offset) or line (3) that a pair starts with; chief rays meet their mirrors at `middles`."""
+    if keep.way == "seen":
+        p, q = seed.chief[keep.first], seed.chief[keep.second]
+        across = _unit(q - p)
+        return np.array([*across, -across @ (p + q) / 2.0])
     a, b, centre = middles[keep.first], middles[keep.second], seed.centres[keep.first]
     if keep.way == "gap":
         normal = _unit(b - a)
@@ -154,13 +161,18 @@ def _add_keeps(
     planes: list[FloatArray],
     optics: list[float],
     gap: float,
+    seen_gap: float,
 ) -> None:
     terms = {
+        "seen": constraints.seen_gap_term(kind.sides),
         "gap": constraints.gap_term(kind),
         "in": constraints.incoming_term(kind),
         "out": constraints.outgoing_term(kind),
     }
+    given: dict[Way, list[ArrayLike]] = {"seen": [seen_gap], "gap": [optics, gap], "in": [optics], "out": [optics]}
     for keep, plane in zip(keeps, planes, strict=True):
-        unknown = program.unknown(plane, [-1.0, -1.0, -1.0, -np.inf], [1.0, 1.0, 1.0, np.inf])
-        given: list[ArrayLike] = [optics, gap] if keep.way == "gap" else [optics]
-        program.add(terms[keep.way], [*mirrors[keep.first], *mirrors[keep.second], unknown], given)
+        reach = np.array([*np.ones(plane.size - 1), np.inf])
+        unknown = program.unknown(plane, -reach, reach)
+        first, second = mirrors[keep.first], mirrors[keep.second]
+        bodies = [first[1], second[1]] if keep.way == "seen" else [*first, *second]
+        program.add(terms[keep.way], [*bodies, unknown], given[keep.way])

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from scipy.optimize import brentq
 
 from optics.camera import Camera
-from optics.design.errors import InfeasibleDesign
+from optics.design.errors import GAVE_UP, InfeasibleDesign
 from optics.design.gaps import smallest_gap_mm
 from optics.design.overlap import sensor_polygon
 from optics.files import one_line
@@ -140,7 +140,8 @@ def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
     """
     whole = tiles(spec, 0.0)[0, 0]
     most = 0.5 * float((whole.max(axis=0) - whole.min(axis=0)).min())
-    corners = tiles(spec, min(1.3 * spec.spacing_mm / spec.scale_mm, most)).reshape(-1, spec.sides, 2)
+    gap_mm = max(1.3 * spec.spacing_mm, spec.seen_gap_mm)
+    corners = tiles(spec, min(gap_mm / spec.scale_mm, most)).reshape(-1, spec.sides, 2)
     centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
     return Seed(centres, corners, (corners[0].max(axis=0) - corners[0].min(axis=0)) / 2.0)
 
@@ -163,7 +164,8 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
             else:
                 mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, **glass))
         except ValidationError as error:
-            raise InfeasibleDesign("occlusion", one_line(error)) from None
+            reason = one_line(error)
+            raise InfeasibleDesign("occlusion" if "past the pupil" in reason else GAVE_UP, reason) from None
     return tuple(mirrors)
 
 

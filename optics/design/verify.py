@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optics.design.errors import InfeasibleDesign
-from optics.design.gaps import area_mm2, edges_mm, smallest_gap_mm
+from optics.design.gaps import area_mm2, edges_mm, smallest_gap_mm, smallest_seen_gap
 from optics.design.light import blocked_light
 from optics.design.overlap import views_of
 from optics.layout import Layout
@@ -23,6 +23,7 @@ FINDINGS = {
     "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those asked for"),
     "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
+    "smallest_seen_gap_mm": ("spacing", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
     "common_area": ("overlap", "only {value:.3g} mm² are seen by all views at {depth}"),
     "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),
@@ -73,6 +74,8 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         "smallest_area_mm2": (min(area_mm2(m) for m in mirrors), spec.min_area_mm2, AREA_TOLERANCE_MM2, "mm²"),
     }
     if len(mirrors) > 1:
+        seen_mm = smallest_seen_gap(mirrors) * spec.scale_mm
+        least["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
         least["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
     for name, (value, asked, tolerance, unit) in least.items():
         limit = max(asked - tolerance, 0.0)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from shapely import Polygon
+from shapely.ops import nearest_points
 
 from optics.camera import Camera
 from optics.design import constraints
@@ -212,6 +213,39 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     assert far[:-1].min() < 0
 
 
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 2), (2, 0)])
+@pytest.mark.parametrize("sides", [4, 5, 6])
+def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first: int, second: int) -> None:
+    _, corners = seeded(spec_of(Kind(sides, False, False)))
+    outlines = [corners[k].reshape(-1, 2) for k in (first, second)]
+    bodies = [Polygon(outline) for outline in outlines]
+    a, b = (np.array(point.coords[0]) for point in nearest_points(*bodies))
+    term, gap = constraints.seen_gap_term(sides), 0.003
+    found = []
+    for turn in np.radians([0.0, -3.0, 3.0, 30.0, 180.0]):
+        cos, sin = np.cos(turn), np.sin(turn)
+        normal = np.array([[cos, -sin], [sin, cos]]) @ (b - a) / np.linalg.norm(b - a)
+        line = np.array([*normal, -(outlines[0] @ normal).max()])
+        _, g = term_value(term, [*(outline.ravel() for outline in outlines), line], [np.array([gap])])
+        spacing = term.family == ELASTIC.index("spacing")
+        # A line of unit normal that touches the first: by how much the gap to the second is kept, no corner left out.
+        assert g[~spacing].min() == pytest.approx(0.0, abs=1e-12)
+        assert_allclose(np.sort(g[spacing]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
+        found.append(float(g[spacing].min()))
+    assert found[0] == pytest.approx(bodies[0].distance(bodies[1]) - gap - constraints.MARGIN, abs=1e-12)
+    assert max(found[1:]) < found[0]
+
+
+def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
+    # A longer normal would make the gap seem larger than it is; none at all would stand between nothing.
+    _, corners = seeded(spec_of(KINDS[0]))
+    term = constraints.seen_gap_term(4)
+    for length, allowed in [(1.0, True), (0.91, True), (0.89, False), (1.01, False)]:
+        line = np.array([0.6 * length, 0.8 * length, 0.0])
+        _, g = term_value(term, [corners[0], corners[3], line], [np.array([0.0])])
+        assert (g[:2].min() >= -1e-12) == allowed
+
+
 # Derivatives.
 
 
@@ -242,6 +276,11 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
         ),
         "grid": (constraints.grid_term(2, 2), [centres.ravel()], [np.array([3.0])]),
         "mean": (constraints.mean_term(2), [centres[:2].ravel()], [np.array([0.0, -1.0, 0.4])]),
+        "seen": (
+            constraints.seen_gap_term(kind.sides),
+            [corners[0], corners[3], np.array([0.5, -0.7, 0.3])],
+            [np.array([0.02])],
+        ),
         "gap": (constraints.gap_term(kind), pair, [optics, np.array([0.02])]),
         "in": (constraints.incoming_term(kind), pair, [optics]),
         "out": (constraints.outgoing_term(kind), pair, [optics]),
@@ -262,7 +301,7 @@ def central(function: Callable[[FloatArray], FloatArray], at: FloatArray, step: 
     return np.array([(function(at + one) - function(at - one)) / (2.0 * step) for one in steps]).T
 
 
-@pytest.mark.parametrize("name", ["mirror", "region", "view", "grid", "mean", "gap", "in", "out"])
+@pytest.mark.parametrize("name", ["mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> None:
     term, x, p = random_use(kind, name)
@@ -301,7 +340,7 @@ def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> N
 
 def test_a_mean_is_an_equality_and_the_rest_are_limits() -> None:
     kind = KINDS[0]
-    for name in ("mirror", "region", "view", "grid", "mean", "gap", "in", "out"):
+    for name in ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out"):
         assert random_use(kind, name)[0].equality == (name == "mean")
 
 
@@ -309,7 +348,7 @@ def test_each_elastic_family_has_its_terms() -> None:
     kind = Kind(4, False, True)
     families = {
         name: {ELASTIC[k] for k in random_use(kind, name)[0].family if k >= 0}
-        for name in ("mirror", "region", "view", "grid", "mean", "gap", "in", "out")
+        for name in ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out")
     }
     assert families == {
         "mirror": {"size", "depth", "occlusion"},
@@ -317,6 +356,7 @@ def test_each_elastic_family_has_its_terms() -> None:
         "view": {"overlap"},
         "grid": set(),
         "mean": set(),
+        "seen": {"spacing"},
         "gap": {"spacing"},
         "in": {"occlusion"},
         "out": {"occlusion"},

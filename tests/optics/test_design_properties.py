@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from optics.camera import Camera
 from optics.design.errors import InfeasibleDesign
+from optics.design.gaps import seen_closer_than
 from optics.design.light import Blocked, blocked_light, sampled, traced
 from optics.design.metrics import evaluate
 from optics.design.optimise import design
@@ -146,6 +147,23 @@ def test_mirrors_too_close_are_named(size: tuple[int, int], more_mm: float) -> N
     found = verify(layout, spec.replaced(spacing_mm=spec.spacing_mm + more_mm))["smallest_gap_mm"]
     assert not found.passed
     assert found.value == pytest.approx(spec.spacing_mm, abs=1e-3)
+
+
+@given(SIZES, st.data(), st.floats(0.0, 0.99))
+def test_a_sub_image_that_reaches_for_another_is_named(size: tuple[int, int], data: st.DataObject, part: float) -> None:
+    layout, spec = sound(*size)
+    gap = spec.seen_gap_mm / spec.scale_mm
+    row, col = data.draw(st.integers(0, spec.rows - 1)), data.draw(st.integers(0, spec.cols - 2))
+    index = row * spec.cols + col
+    mirror, neighbour = layout.mirrors[index], layout.mirrors[index + 1]
+    corners = mirror.outline_normalized.copy()
+    nearest = neighbour.outline_normalized[:, 0].min()
+    corners[np.argsort(corners[:, 0])[-2:], 0] = nearest - part * gap
+    broken = damaged(layout, index, mirror.replaced(outline_in_rig_mm=mirror.cut(corners)))
+    assert "smallest_seen_gap_mm" in failed(broken, spec)
+    found = verify(broken, spec)["smallest_seen_gap_mm"].value
+    assert found == pytest.approx(part * spec.seen_gap_mm, abs=1e-6)
+    assert [(index, index + 1)] == seen_closer_than(broken.mirrors, gap)
 
 
 @given(st.sampled_from([(1, 2), (2, 1)]), st.integers(0, 1), st.floats(0.05, 0.45))

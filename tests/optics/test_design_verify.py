@@ -7,6 +7,8 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from shapely import Polygon
+from shapely.ops import nearest_points
 
 from optics.camera import Camera
 from optics.design.errors import InfeasibleDesign
@@ -66,6 +68,7 @@ def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> No
         "outside_sensor_px",
         "shortest_edge_mm",
         "smallest_area_mm2",
+        "smallest_seen_gap_mm",
         "smallest_gap_mm",
         "beyond_depth_mm",
         "common_area_300mm",
@@ -74,6 +77,8 @@ def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> No
     }
     assert verdict["smallest_gap_mm"].value == pytest.approx(1.0, abs=1e-3)
     assert verdict["smallest_gap_mm"].limit == pytest.approx(1.0 - 1e-4)
+    assert verdict["smallest_seen_gap_mm"].value == pytest.approx(0.5, abs=1e-3)
+    assert verdict["smallest_seen_gap_mm"].limit == pytest.approx(0.5 - 1e-4)
 
 
 def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> None:
@@ -91,6 +96,31 @@ def test_a_thick_sheet_before_its_mirror_blocks_light(default_layout: Layout) ->
 
 def test_mirrors_too_close_fail(default_layout: Layout) -> None:
     assert failures(default_layout, spec_of(default_layout).replaced(spacing_mm=1.5)) == {"smallest_gap_mm"}
+
+
+def test_the_gap_between_sub_images_is_that_between_their_outlines(parabola_layout: Layout) -> None:
+    # Cells of a third of the sensor, of which outlines leave a tenth: the lower gap, between rows, in mm at 80 mm.
+    gap_mm = 0.1 * (540 - 1) / 680.0 / 3 * 80.0
+    spec = spec_of(parabola_layout)
+    for layout in (parabola_layout, coated_behind(parabola_layout, 3.0)):
+        assert verify(layout, spec)["smallest_seen_gap_mm"].value == pytest.approx(gap_mm, rel=1e-6)
+    larger = verify(parabola_layout, spec.replaced(scale_mm=160.0))
+    assert larger["smallest_seen_gap_mm"].value == pytest.approx(2.0 * gap_mm)
+    assert "smallest_seen_gap_mm" in failures(parabola_layout, spec.replaced(seen_gap_mm=gap_mm + 0.001))
+    assert "smallest_seen_gap_mm" not in failures(parabola_layout, spec.replaced(seen_gap_mm=gap_mm))
+
+
+def test_sub_images_too_close_fail_though_their_mirrors_are_far_apart(default_layout: Layout) -> None:
+    spec = spec_of(default_layout).replaced(spacing_mm=0.0)
+    assert failures(default_layout, spec.replaced(seen_gap_mm=0.6)) == {"smallest_seen_gap_mm"}
+    upper, lower = (default_layout.mirrors[k].outline_normalized for k in (0, 3))
+    start, end = (np.array(point.coords[0]) for point in nearest_points(Polygon(upper), Polygon(lower)))
+    nearer = upper + (end - start) * (1.0 - 0.2 / 80.0 / np.linalg.norm(end - start))
+    verdict = verify(with_mirror(default_layout, 0, recut(default_layout.mirrors[0], nearer)), spec)
+    assert verdict["smallest_seen_gap_mm"].value == pytest.approx(0.2, abs=1e-3)
+    with pytest.raises(InfeasibleDesign, match=r"two sub-images are 0\.2 mm apart, 0\.3 mm too close") as refusal:
+        require_passed({"smallest_seen_gap_mm": verdict["smallest_seen_gap_mm"]})
+    assert refusal.value.constraint == "spacing"
 
 
 def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
@@ -117,7 +147,7 @@ def test_a_sub_image_beyond_the_lens_model_fails(default_layout: Layout) -> None
     corners[[0, 3], 0] = -1.1 * camera.valid_radius
     alone = Layout(rows=1, cols=1, camera=camera, mirrors=(recut(default_layout.mirrors[3], corners),))
     verdict = verify(alone, spec_of(default_layout).replaced(camera=camera))
-    assert "smallest_gap_mm" not in verdict
+    assert not {"smallest_gap_mm", "smallest_seen_gap_mm"} & set(verdict)
     assert verdict["outside_sensor_px"].value == pytest.approx(np.hypot(1920, 1080))
 
 
@@ -170,6 +200,7 @@ def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None
     [
         ("outside_sensor_px", 10.04, "sensor", "a sub-image leaves the sensor by 10 px"),
         ("smallest_gap_mm", 0.5, "spacing", "two mirrors are 0.5 mm apart, 0.5 mm too close"),
+        ("smallest_seen_gap_mm", 0.1, "spacing", "two sub-images are 0.1 mm apart, 0.4 mm too close"),
         ("beyond_depth_mm", 6.78, "depth", "the mirrors reach 6.78 mm past the nearest depth"),
         ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are seen by all views at 300 mm"),
         ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
