@@ -247,7 +247,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             r"mirrors cannot be 100 mm apart, they come [\d.]+ mm too close",
         ),
         (
-            # The plane of the mirror is 65.5 mm from the pupil; light that meets it at 35 degrees finds it 119.1 mm nearer.
+            # 65.5 mm from pupil to plane; the glass brings the coating 119.1 mm nearer to light at 35 degrees.
             "occlusion",
             DesignSpec(rows=1, cols=2, surface="second", thickness_mm=200.0, fold_deg=110.0),
             r"sheets of 200 mm reach 53\.6 mm past the pupil",
