@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -47,18 +47,23 @@ def _serve(connection: Connection, work: Work) -> None:
     while True:
         try:
             task = connection.recv()
-        except EOFError:
+        except (EOFError, OSError):  # closed, or reset by a parent that leaves an answer unread
             return
         try:
             done: Answer | str = work(task)
         except Exception:
             done = traceback.format_exc()
-        connection.send(done)
+        try:
+            connection.send(done)
+        except OSError:
+            return
 
 
 @contextmanager
 def _for_children() -> Iterator[None]:
     """What is started within the block computes in one thread, and never sees Ctrl-C: that is for its parent."""
+    if sys.platform != "win32":
+        resource_tracker.ensure_running()  # which, started by the first process, would let Ctrl-C through again
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else set()

@@ -300,7 +300,7 @@ def seen_gap_term(sides: int) -> Term:
     term.require(ca.sumsqr(line[:2]) - 0.81)
     for k in range(sides):
         term.require(-ca.dot(line, ca.vertcat(first[2 * k : 2 * k + 2], 1.0)))
-        term.require(ca.dot(line, ca.vertcat(second[2 * k : 2 * k + 2], 1.0)) - gap - MARGIN, "spacing")
+        term.require(ca.dot(line, ca.vertcat(second[2 * k : 2 * k + 2], 1.0)) - gap - MARGIN, "seen gap")
     return term.built()
 
 

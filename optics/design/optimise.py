@@ -45,6 +45,7 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
     finding = {
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
+        "seen gap": f"sub-images cannot be {spec.seen_gap_mm:g} mm apart, they come {by_mm:.3g} mm too close",
         "occlusion": f"sheets of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
         "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "

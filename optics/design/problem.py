@@ -28,7 +28,7 @@ TIE_BREAK = 1e-3
 
 CENTRE_REACH = 0.6
 
-SLACK_WEIGHTS = {"spacing": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
+SLACK_WEIGHTS = {"spacing": 1.0, "seen gap": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
 """What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
 
 Way = Literal["seen", "gap", "in", "out"]

@@ -18,7 +18,7 @@ Expression = Any
 
 Indices = NDArray[np.int64]
 
-ELASTIC = ("spacing", "occlusion", "depth", "overlap", "size")
+ELASTIC = ("spacing", "seen gap", "occlusion", "depth", "overlap", "size")
 """Families whose constraints a search for feasibility may miss, each by one slack that it drives to zero."""
 
 

@@ -23,7 +23,7 @@ FINDINGS = {
     "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those asked for"),
     "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
-    "smallest_seen_gap_mm": ("spacing", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
+    "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
     "common_area": ("overlap", "only {value:.3g} mm² are seen by all views at {depth}"),
     "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),

@@ -247,13 +247,18 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             r"mirrors cannot be 100 mm apart, they come [\d.]+ mm too close",
         ),
         (
+            "seen gap",
+            DesignSpec(rows=2, cols=2, seen_gap_mm=100.0),
+            r"sub-images cannot be 100 mm apart, they come \d+(\.\d)? mm too close",
+        ),
+        (
             # 65.5 mm from pupil to plane; the glass brings the coating 119.1 mm nearer to light at 35 degrees.
             "occlusion",
             DesignSpec(rows=1, cols=2, surface="second", thickness_mm=200.0, fold_deg=110.0),
             r"sheets of 200 mm reach 53\.6 mm past the pupil",
         ),
     ],
-    ids=["depth", "overlap", "size", "spacing", "occlusion"],
+    ids=["depth", "overlap", "size", "spacing", "seen gap", "occlusion"],
 )
 def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, message: str) -> None:
     with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:

@@ -200,7 +200,7 @@ def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None
     [
         ("outside_sensor_px", 10.04, "sensor", "a sub-image leaves the sensor by 10 px"),
         ("smallest_gap_mm", 0.5, "spacing", "two mirrors are 0.5 mm apart, 0.5 mm too close"),
-        ("smallest_seen_gap_mm", 0.1, "spacing", "two sub-images are 0.1 mm apart, 0.4 mm too close"),
+        ("smallest_seen_gap_mm", 0.1, "seen gap", "two sub-images are 0.1 mm apart, 0.4 mm too close"),
         ("beyond_depth_mm", 6.78, "depth", "the mirrors reach 6.78 mm past the nearest depth"),
         ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are seen by all views at 300 mm"),
         ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
