@@ -40,6 +40,7 @@ from optics.spec import DesignSpec
 FOLDS_DEG = tuple(range(75, 140, 5))
 FEW_TRADEOFFS = (0.1, 0.2, 0.3, 0.45, 0.65, 0.8)
 EQUAL_ERRORS = (0.05, 0.1)
+ERROR_TICKS = (0.02, 0.03, 0.05, 0.1, 0.2)
 SINGLE_MM = 400.0
 COLOURS = ("#000000", "#0077bb", "#ee7733", "#cc3311", "#009988")
 
@@ -86,7 +87,7 @@ def draw_limits(
     fronts: dict[str, list[Point]], budgets: dict[float, Budget], found: dict[str, Price], path: Path
 ) -> None:
     """Write a PNG: fronts with constraints left out, where the pixels go, and what constraints cost."""
-    figure = Figure(figsize=(16.0, 5.2), layout="constrained")
+    figure = Figure(figsize=(16.0, 5.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.1))
     for colour, (name, front) in zip(COLOURS, fronts.items(), strict=True):
         points = upper(front)
@@ -94,6 +95,8 @@ def draw_limits(
             [p.grid_error for p in points], [p.mean for p in points], color=colour, marker="o", ms=3.5, label=name
         )
     left.set_xscale("log")
+    left.minorticks_off()
+    left.set_xticks(ERROR_TICKS, [f"{error:g}" for error in ERROR_TICKS])
     left.set_xlabel("grid error (of a spacing)")
     left.set_ylabel("pixel efficiency, mean of both depths")
     left.set_title("Constraints left out (fold 90°, best of many starts)", fontsize=11)
@@ -115,7 +118,7 @@ def draw_limits(
     middle.set_ylim(0.0, 1.0)
     middle.set_title("Where the pixels go", fontsize=11)
     handles, labels = middle.get_legend_handles_labels()
-    middle.legend(handles[::-1], labels[::-1], fontsize=9, loc="lower left", framealpha=0.9)
+    middle.legend(handles[::-1], labels[::-1], fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
     _draw_prices(right, found)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
