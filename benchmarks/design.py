@@ -91,7 +91,7 @@ def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float
         mirrors, medians, spread, color="#0077bb", marker="o", capsize=3, label=f"design: mirrors^{slope:.2f}"
     )
     for (rows, cols), limit_s in LIMITS_S.items():
-        left.plot(rows * cols, limit_s, "v", color="#cc3311", ms=9, label=f"limit for {rows}x{cols}: {limit_s:g} s")
+        left.plot(rows * cols, limit_s, "v", color="#cc3311", ms=7, label=f"limit for {rows}x{cols}: {limit_s:g} s")
     left.set_ylabel("seconds (median, least, greatest)")
     for column, (name, colour) in enumerate((("unknowns", "#009988"), ("constraints", "#ee7733"))):
         right.plot(mirrors, sizes[:, column], color=colour, marker="o", label=name)
@@ -99,7 +99,7 @@ def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float
     for axes in (left, right):
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xticks(mirrors, [f"{count}" for count in mirrors])
+        axes.set_xticks(mirrors, [f"{count}" if count != 15 else "" for count in mirrors])  # 16 stands beside it
         axes.minorticks_off()
         axes.set_xlabel("mirrors")
         axes.grid(alpha=0.3, linewidth=0.5)

@@ -47,7 +47,7 @@ def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
 
 def print_tolerance(study: Study) -> None:
     """Three tables: figures at the tolerances, medians over accuracy, and which tolerance does what."""
-    say("tolerance", f"{study.devices} devices, standard deviations: {tolerances_text(study.tolerances)}")
+    say("tolerance", f"{study.devices} devices, standard deviations: {study.tolerances.workmanship}")
     columns: dict[str, dict[str, Metric]] = {}
     for name, spread in study.spreads[1.0].items():
         for column, metric in _columns(spread).items():
@@ -69,15 +69,6 @@ def print_tolerance(study: Study) -> None:
                 for cause, shares in study.shares.items()
             }
         )
-
-
-def tolerances_text(tolerances: Tolerances) -> str:
-    """The tolerances of printing and assembling as people read them."""
-    return (
-        f"mirrors tilted {tolerances.tilt_deg:g}° and shifted {tolerances.offset_mm:g} mm, "
-        f"sheet {tolerances.sheet_thickness_mm:g} mm, camera shifted {tolerances.camera_offset_mm:g} mm "
-        f"and turned {tolerances.camera_turn_deg:g}°"
-    )
 
 
 def _columns(spread: Spread) -> dict[str, Metric]:

@@ -65,3 +65,11 @@ class Tolerances(Value):
     def only(self, *names: str) -> Self:
         """These tolerances alone, all others none."""
         return type(self).none().replaced(**{name: getattr(self, name) for name in names})
+
+    @property
+    def workmanship(self) -> str:
+        """Those of printing and assembling, as people read them."""
+        return (
+            f"mirrors tilted {self.tilt_deg:g}° and shifted {self.offset_mm:g} mm, "
+            f"sheet {self.sheet_thickness_mm:g} mm, camera shifted {self.camera_offset_mm:g} mm and turned {self.camera_turn_deg:g}°"
+        )

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from mirrorcam.tolerance import tolerances_text
 from optics.design.tolerance import CAUSES, Study
 from optics.files import atomic
 
@@ -39,7 +38,7 @@ def tolerance_figure(study: Study, path: Path) -> None:
     height_in = HEAD_IN + PANEL_IN * rows + bars_in
     figure = Figure(figsize=(WIDTH_IN, height_in))
     figure.text(0.5, 1.0 - 0.3 / height_in, "What a maker can expect", ha="center", va="center", fontsize=16)
-    drawn = f"{study.devices} devices; 1x is one standard deviation of {tolerances_text(study.tolerances)}"
+    drawn = f"{study.devices} devices; 1x is one standard deviation of {study.tolerances.workmanship}"
     figure.text(0.5, 1.0 - 0.66 / height_in, drawn, ha="center", va="center", fontsize=11)
     for number, (title, unit, stems) in enumerate(PANELS):
         row, column = divmod(number, ACROSS)
