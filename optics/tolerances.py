@@ -71,5 +71,6 @@ class Tolerances(Value):
         """Those of printing and assembling, as people read them."""
         return (
             f"mirrors tilted {self.tilt_deg:g}° and shifted {self.offset_mm:g} mm, "
-            f"sheet {self.sheet_thickness_mm:g} mm, camera shifted {self.camera_offset_mm:g} mm and turned {self.camera_turn_deg:g}°"
+            f"sheet {self.sheet_thickness_mm:g} mm, "
+            f"camera shifted {self.camera_offset_mm:g} mm and turned {self.camera_turn_deg:g}°"
         )
