@@ -227,11 +227,11 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
         normal = np.array([[cos, -sin], [sin, cos]]) @ (b - a) / np.linalg.norm(b - a)
         line = np.array([*normal, -(outlines[0] @ normal).max()])
         _, g = term_value(term, [*(outline.ravel() for outline in outlines), line], [np.array([gap])])
-        spacing = term.family == ELASTIC.index("spacing")
+        apart = term.family == ELASTIC.index("seen gap")
         # A line of unit normal that touches the first: by how much the gap to the second is kept, no corner left out.
-        assert g[~spacing].min() == pytest.approx(0.0, abs=1e-12)
-        assert_allclose(np.sort(g[spacing]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
-        found.append(float(g[spacing].min()))
+        assert g[~apart].min() == pytest.approx(0.0, abs=1e-12)
+        assert_allclose(np.sort(g[apart]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
+        found.append(float(g[apart].min()))
     assert found[0] == pytest.approx(bodies[0].distance(bodies[1]) - gap - constraints.MARGIN, abs=1e-12)
     assert max(found[1:]) < found[0]
 
@@ -356,7 +356,7 @@ def test_each_elastic_family_has_its_terms() -> None:
         "view": {"overlap"},
         "grid": set(),
         "mean": set(),
-        "seen": {"spacing"},
+        "seen": {"seen gap"},
         "gap": {"spacing"},
         "in": {"occlusion"},
         "out": {"occlusion"},

@@ -120,7 +120,7 @@ def test_sub_images_too_close_fail_though_their_mirrors_are_far_apart(default_la
     assert verdict["smallest_seen_gap_mm"].value == pytest.approx(0.2, abs=1e-3)
     with pytest.raises(InfeasibleDesign, match=r"two sub-images are 0\.2 mm apart, 0\.3 mm too close") as refusal:
         require_passed({"smallest_seen_gap_mm": verdict["smallest_seen_gap_mm"]})
-    assert refusal.value.constraint == "spacing"
+    assert refusal.value.constraint == "seen gap"
 
 
 def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
