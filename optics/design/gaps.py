@@ -97,20 +97,18 @@ def area_mm2(mirror: Mirror) -> float:
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)
 
 
-def _seen(mirrors: Sequence[Mirror]) -> NDArray[np.object_]:
-    return np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
+def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """All pairs i < j and how far their sub-images are apart, in normalized coordinates."""
+    seen = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
+    first, second = np.triu_indices(len(seen), 1)
+    return first, second, shapely.distance(seen[first], seen[second])
 
 
 def seen_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
     """Pairs i < j of mirrors whose sub-images are less than `gap` apart, in normalized coordinates."""
-    seen = _seen(mirrors)
-    first, second = np.triu_indices(len(seen), 1)
-    close = shapely.distance(seen[first], seen[second]) < gap
-    return [(int(i), int(j)) for i, j in zip(first[close], second[close], strict=True)]
+    return [(int(i), int(j)) for i, j, apart in zip(*_seen_gaps(mirrors), strict=True) if apart < gap]
 
 
 def smallest_seen_gap(mirrors: Sequence[Mirror]) -> float:
     """Smallest distance between any two sub-images, in normalized coordinates; infinite for a single mirror."""
-    seen = _seen(mirrors)
-    first, second = np.triu_indices(len(seen), 1)
-    return float(shapely.distance(seen[first], seen[second]).min(initial=np.inf))
+    return float(_seen_gaps(mirrors)[2].min(initial=np.inf))

@@ -99,9 +99,9 @@ def _least(outcomes: Iterable[Outcome]) -> Outcome | None:
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
 
-def _from_seeds(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome | None:
-    """The best of the optima next to the seeds; where the first leads to none, the others are not asked."""
-    first = _problem(spec, keeps).solver.optimise()
+def _from_seeds(spec: DesignSpec, problem: Problem, keeps: tuple[Keep, ...]) -> Outcome | None:
+    """The best of the optima next to the seeds; where that of `problem` leads to none, the others are not asked."""
+    first = problem.solver.optimise()
     if not first.solved:
         return None
     return _least([first, *(_problem(spec, keeps, meeting).solver.optimise() for meeting in MEETINGS[1:])])
@@ -156,7 +156,7 @@ def _optimum(
     problem = _problem(spec, keeps)
     outcome = None if values is None else _least([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = _from_seeds(spec, keeps) or _by_detours(spec, keeps)
+        outcome = _from_seeds(spec, problem, keeps) or _by_detours(spec, keeps)
     centres, corners = problem.solution(outcome.values)
     return mirrors_of(spec, centres * spec.scale_mm, corners), outcome.values
 
