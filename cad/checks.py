@@ -145,7 +145,7 @@ def check_stl(path: Path, layout: Layout, hardware: Hardware) -> dict[str, Metri
         "wall_mm": Metric(
             value=round(thinnest_wall_mm(mesh, body), 3) if manifold else 0.0,
             unit="mm",
-            limit=hardware.wall_mm,
+            limit=hardware.printer.wall_mm,
             lower_is_better=False,
         ),
     }

@@ -75,13 +75,13 @@ def place_mirrors(layout: Layout, hardware: Hardware) -> list[CutMirror]:
     outlines = [outline_from_back(mirror) for mirror in layout.mirrors]
     widths = np.array([np.ptp(outline[:, 0]) for outline in outlines]).reshape(layout.rows, layout.cols).max(axis=0)
     heights = np.array([np.ptp(outline[:, 1]) for outline in outlines]).reshape(layout.rows, layout.cols).max(axis=1)
-    lefts = np.concatenate([[0.0], np.cumsum(widths + hardware.cut_gap_mm)[:-1]])
-    bottoms = np.concatenate([np.cumsum((heights + hardware.cut_gap_mm)[::-1])[::-1][1:], [0.0]])
+    lefts = np.concatenate([[0.0], np.cumsum(widths + hardware.cutting.gap_mm)[:-1]])
+    bottoms = np.concatenate([np.cumsum((heights + hardware.cutting.gap_mm)[::-1])[::-1][1:], [0.0]])
     placed = []
     for index, outline in enumerate(outlines):
         t, s = divmod(index, layout.cols)
         outline = outline - outline.min(axis=0) + (lefts[s], bottoms[t])
-        placed.append(CutMirror(outline, mark(f"{t}-{s}", outline, hardware.mark_mm)))
+        placed.append(CutMirror(outline, mark(f"{t}-{s}", outline, hardware.cutting.mark_mm)))
     return placed
 
 
@@ -110,8 +110,8 @@ def draw_mirrors(layout: Layout, hardware: Hardware) -> Drawing:
             model.add_lwpolyline(stroke.tolist(), dxfattribs={"layer": "ENGRAVE"})
     sheets = sorted({f"{mirror.surface}-surface {mirror.thickness_mm:g} mm" for mirror in layout.mirrors})
     note = f"{NOTE}; {', '.join(sheets)}; layout {layout.identity}"
-    model.add_text(note, height=hardware.mark_mm / 2.0, dxfattribs={"layer": "NOTES"}).set_placement(
-        (0.0, -2.0 * hardware.mark_mm)
+    model.add_text(note, height=hardware.cutting.mark_mm / 2.0, dxfattribs={"layer": "NOTES"}).set_placement(
+        (0.0, -2.0 * hardware.cutting.mark_mm)
     )
     # ezdxf would add these in the order of a set, which differs from process to process.
     for name in sorted(drawing.entitydb.dxf_types_in_use()):

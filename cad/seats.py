@@ -108,19 +108,19 @@ def sheet(mirror: Mirror) -> Frustum:
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
     """The room the sheet needs: grown by the fit all round, from the seat plane to a fit in front of the sheet."""
-    back, fit = back_height_mm(mirror), hardware.mirror_fit_mm
+    back, fit = back_height_mm(mirror), hardware.fit.free_mm
     front = back + mirror.thickness_mm + fit
     return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
     """Depth out to which the reflected light must be free: the farthest the design asks for."""
-    return max(layout.spec.depths_mm) if layout.spec else hardware.depth_without_spec_mm
+    return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 
 def camera_cone(mirror: Mirror, hardware: Hardware) -> Frustum:
     """Light between the reflecting plane and the pupil, grown by the light fit: a pyramid with its tip in the pupil."""
-    base = outline_at(mirror, 0.0, hardware.light_fit_mm)
+    base = outline_at(mirror, 0.0, hardware.fit.light_mm)
     return Frustum(base * (1.0 - LIGHT_STARTS_MM / mirror.distance_mm), np.zeros((1, 3)))
 
 
@@ -132,7 +132,7 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
     """
     mirror = layout.mirrors[index]
     centre = mirror.virtual_centre_in_rig_mm
-    rays = outline_at(mirror, 0.0, hardware.light_fit_mm) - centre
+    rays = outline_at(mirror, 0.0, hardware.fit.light_mm) - centre
     forward = layout.view_from_rig[2]
     depth = working_distance_mm(layout, hardware)
     along = rays @ forward

@@ -19,7 +19,19 @@ OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shape
 # else is in the base installation.
 MAY_IMPORT = {
     "optics": OPTICS,
-    "cad": OPTICS | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf"},
+    "cad": OPTICS
+    | {
+        "optics",
+        "build123d",
+        "OCP",
+        "trimesh",
+        "manifold3d",
+        "ezdxf",
+        "bd_warehouse",
+        "lib3mf",
+        "matplotlib",
+        "jinja2",
+    },
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR"},
     "mirrorcam": ROOMS | OPTICS | {"matplotlib", "rich", "tyro", "distributed", "pyarrow"},
 }

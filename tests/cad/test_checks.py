@@ -15,7 +15,6 @@ from ezdxf.entities.lwpolyline import LWPolyline
 from scipy.spatial.transform import Rotation
 from shapely import Polygon
 
-from cad.body import plan_body
 from cad.checks import (
     check_dxf,
     check_files,
@@ -29,7 +28,8 @@ from cad.checks import (
 from cad.cutting import draw_mirrors, place_mirrors
 from cad.exports import write_step, write_stl
 from cad.hardware import HARDWARE
-from cad.holder import make_holder
+from cad.holder.plan import plan_holder
+from cad.holder.solid import make_holder
 from optics.layout import Layout
 from optics.values import FloatArray, Metric
 
@@ -118,7 +118,7 @@ def test_a_seat_tilted_by_two_thousandths_of_a_degree_is_found(built_pair: Built
 def test_a_part_built_for_a_shifted_layout_is_found(built_pair: Built, tmp_path: Path) -> None:
     layout, _, _ = built_pair
     shifted = tuple(mirror.moved(np.eye(3), 0.01 * mirror.normal_in_rig) for mirror in layout.mirrors)
-    part = make_holder(plan_body(layout.replaced(mirrors=shifted), HARDWARE), HARDWARE)
+    part = make_holder(plan_holder(layout.replaced(mirrors=shifted), HARDWARE))
     checks = check_step(step_of(part, tmp_path), layout)
     assert checks["seat_offset_um"].value == pytest.approx(10.0, abs=1e-3)
     assert failed(checks) == {"seat_offset_um"}
@@ -167,7 +167,7 @@ def test_a_block_in_the_light_is_found(built_pair: Built, tmp_path: Path, share:
 
 def test_a_thin_plate_is_found(built_pair: Built, tmp_path: Path) -> None:
     layout, folder, _ = built_pair
-    body = plan_body(layout, HARDWARE)
+    body = plan_holder(layout, HARDWARE)
     x_axis, _, z_axis, origin = (tuple(column) for column in body.rig_from_mount[:3].T)
     fin = Plane(origin=origin, x_dir=x_axis, z_dir=z_axis) * Box(
         10.0, 0.9, 6.0, align=(Align.CENTER, Align.CENTER, Align.MIN)

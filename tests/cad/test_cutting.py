@@ -34,7 +34,7 @@ def test_the_sheet_is_laid_out_like_the_holder_seen_from_behind(default_layout: 
     assert (np.diff(middles[..., 1], axis=0) < 0).all()
     outlines = [Polygon(cut.outline) for cut in placed]
     for index, outline in enumerate(outlines):
-        assert all(outline.distance(other) >= HARDWARE.cut_gap_mm - 1e-9 for other in outlines[index + 1 :])
+        assert all(outline.distance(other) >= HARDWARE.cutting.gap_mm - 1e-9 for other in outlines[index + 1 :])
         assert all(outline.contains(LineString(stroke)) for stroke in placed[index].strokes)
 
 

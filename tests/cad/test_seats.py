@@ -107,7 +107,7 @@ def test_nothing_of_a_mirrors_room_is_behind_its_seat(default_layout: Layout) ->
 
 def test_without_a_spec_the_working_distance_is_the_tables(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=5.0)
-    assert working_distance_mm(layout, HARDWARE) == HARDWARE.depth_without_spec_mm
+    assert working_distance_mm(layout, HARDWARE) == HARDWARE.holder.depth_without_spec_mm
 
 
 def test_a_mirror_that_does_not_look_at_the_scene_is_refused(make_flat_pair: Callable[..., Layout]) -> None:

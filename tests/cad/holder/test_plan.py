@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from cad.body import Body, plan_body
 from cad.hardware import HARDWARE
-from cad.mount import FrontSurface, mount_axes
+from cad.holder.back import FrontSurface, mount_axes
+from cad.holder.plan import HolderPlan, plan_holder
 from cad.seats import keep_outs, seat_distance_mm, sheet
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -32,7 +32,7 @@ def test_rims_stay_out_of_all_light_and_all_pockets(
     make_parabola: Callable[..., Layout], rows: int, cols: int, surface: str, thickness_mm: float
 ) -> None:
     layout = make_parabola(rows, cols, surface=surface, thickness_mm=thickness_mm, gap_mm=1.5)
-    body = plan_body(layout, HARDWARE)
+    body = plan_holder(layout, HARDWARE)
     assert len(body.rims) >= 2 * rows * cols
     volumes = [volume for group in keep_outs(layout, HARDWARE) for volume in group]
     for rim in body.rims[::2]:
@@ -41,7 +41,7 @@ def test_rims_stay_out_of_all_light_and_all_pockets(
 
 
 def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Layout) -> None:
-    body = plan_body(default_layout, HARDWARE)
+    body = plan_holder(default_layout, HARDWARE)
     for rim in body.rims[::2]:
         owner = min(
             default_layout.mirrors, key=lambda m: np.abs(rim.base @ m.normal_in_rig + seat_distance_mm(m)).max()
@@ -51,7 +51,7 @@ def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Lay
 
 
 def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layout: Layout) -> None:
-    body = plan_body(default_layout, HARDWARE)
+    body = plan_holder(default_layout, HARDWARE)
     turn, origin = body.rig_from_mount[:3, :3], body.rig_from_mount[:3, 3]
     np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
@@ -62,12 +62,14 @@ def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layo
 
 
 def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout) -> None:
-    body = plan_body(default_layout, HARDWARE)
+    body = plan_holder(default_layout, HARDWARE)
     turn, origin = body.rig_from_mount[:3, :3], body.rig_from_mount[:3, 3]
     angle = np.linspace(0.0, 2.0 * np.pi, 36)
-    ring = HARDWARE.insert_hole_mm / 2.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = HARDWARE.screw.insert_hole_mm / 2.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     for hole in body.holes_in_mount_mm:
-        flat = np.column_stack([ring + hole, np.full(len(ring), -HARDWARE.insert_depth_mm - HARDWARE.wall_mm)])
+        flat = np.column_stack(
+            [ring + hole, np.full(len(ring), -HARDWARE.screw.insert_depth_mm - HARDWARE.printer.wall_mm)]
+        )
         ends = flat @ turn.T + origin
         for mirror, core in zip(default_layout.mirrors, body.cores, strict=True):
             below = Polygon((core.top - origin) @ turn[:, :2])
@@ -78,7 +80,7 @@ def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout) -> None:
 
 def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> None:
     axes = mount_axes(default_layout)
-    front = FrontSurface(default_layout, axes, HARDWARE.mirror_fit_mm + HARDWARE.rim_mm)
+    front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm)
     seats = [Polygon(sheet(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
     for index, filler in enumerate(front.fillers):
         shadow = Polygon(filler @ axes[:2].T)
@@ -91,7 +93,7 @@ def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> No
                 assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror) < 1e-9).all()
 
 
-def thin_floor(body: Body) -> float:
+def thin_floor(body: HolderPlan) -> float:
     """Least material behind any corner of a seat, along the mount's z."""
     back = body.rig_from_mount[:3, 3] @ body.rig_from_mount[:3, 2]
     return min(float((back - core.top @ body.rig_from_mount[:3, 2]).min()) for core in body.cores)
@@ -99,25 +101,31 @@ def thin_floor(body: Body) -> float:
 
 def test_the_floor_is_as_thick_as_the_table_says(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=10.0)
-    assert thin_floor(plan_body(layout, HARDWARE)) == pytest.approx(HARDWARE.insert_depth_mm + HARDWARE.wall_mm)
-    assert thin_floor(plan_body(layout, HARDWARE.replaced(floor_mm=12.0))) == pytest.approx(12.0)
+    assert thin_floor(plan_holder(layout, HARDWARE)) == pytest.approx(
+        HARDWARE.screw.insert_depth_mm + HARDWARE.printer.wall_mm
+    )
+    assert thin_floor(
+        plan_holder(layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(floor_mm=12.0)))
+    ) == pytest.approx(12.0)
 
 
 def test_a_part_larger_than_the_bed_is_refused_with_its_length(make_parabola: Callable[..., Layout]) -> None:
     with pytest.raises(InputError, match=r"mirror holder is 2\d\d\.\d mm long, expected at most 220 mm"):
-        plan_body(make_parabola(3, 3, scale_mm=150.0), HARDWARE)
+        plan_holder(make_parabola(3, 3, scale_mm=150.0), HARDWARE)
     with pytest.raises(InputError, match=r"mm high, expected at most 20 mm"):
-        plan_body(make_parabola(3, 3), HARDWARE.replaced(bed_mm=(220.0, 220.0, 20.0)))
+        plan_holder(
+            make_parabola(3, 3), HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(220.0, 220.0, 20.0)))
+        )
 
 
 def test_a_back_without_room_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:
     with pytest.raises(InputError, match="expected room for four M3 inserts with 4 mm of material"):
-        plan_body(make_parabola(1, 2, scale_mm=8.0, gap_mm=1.0), HARDWARE)
+        plan_holder(make_parabola(1, 2, scale_mm=8.0, gap_mm=1.0), HARDWARE)
 
 
 def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
     with pytest.raises(InputError, match=r"mirror 0 is 2\.50 mm across, expected at least its thickness, 3 mm"):
-        plan_body(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
+        plan_holder(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
 
 
 def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
@@ -128,4 +136,4 @@ def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layou
         outline = [point + 10.0 * across * a + np.array([0.0, 10.0 * b, 0.0]) for a, b in ((0, 0), (1, 0), (1, 1))]
         mirrors.append(Mirror.from_plane(point, normal, outline_in_rig_mm=outline))
     with pytest.raises(InputError, match="the mirrors face apart, expected normals within 60 deg of their mean"):
-        plan_body(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)
+        plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)

@@ -12,9 +12,9 @@ import numpy as np
 from shapely import Polygon, get_coordinates
 from shapely.geometry.polygon import orient
 
-from cad.hardware import Hardware
-from cad.mount import FrontSurface, mount_axes, place_mount
-from cad.rims import plan_rims
+from cad.hardware import Fastening, Hardware
+from cad.holder.back import FrontSurface, mount_axes, place_mount
+from cad.holder.rims import plan_rims
 from cad.seats import Frustum, back_height_mm, keep_outs, outline_at
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -22,7 +22,7 @@ from optics.values import FloatArray, InputError
 
 
 @dataclass(frozen=True)
-class Body:
+class HolderPlan:
     """The solids of a mirror holder, in rig, mm.
 
     Material: `slab`, `cores` (right behind a mirror, their fronts the seats), `fillers` (in the gaps around and between
@@ -41,15 +41,17 @@ class Body:
     rig_from_mount: FloatArray
     holes_in_mount_mm: FloatArray
     size_mm: tuple[float, float, float]
+    screw: Fastening
+    wall_mm: float
 
 
-def plan_body(layout: Layout, hardware: Hardware) -> Body:
+def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     """Lay out the mirror holder; raises InputError with the measure that breaks where it cannot be made."""
     for index, mirror in enumerate(layout.mirrors):
         _check_sheet(index, mirror)
     axes = mount_axes(layout)
     away = axes[2]
-    front = FrontSurface(layout, axes, hardware.mirror_fit_mm + hardware.rim_mm)
+    front = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
     mount = place_mount(front, hardware)
 
     def down_from(polygon: FloatArray) -> Frustum:
@@ -68,7 +70,7 @@ def plan_body(layout: Layout, hardware: Hardware) -> Body:
     rig_from_mount[:3, :3] = axes.T
     rig_from_mount[:3, 3] = mount.centre_mm @ axes[:2] + mount.back_mm * away
     hull = get_coordinates(orient(front.footprint))[:-1] @ axes[:2] + front.deepest_mm * away
-    return Body(
+    return HolderPlan(
         slab=down_from(hull),
         cores=tuple(down_from(polygon) for polygon in seats),
         fillers=tuple(down_from(polygon) for polygon in front.fillers),
@@ -77,6 +79,8 @@ def plan_body(layout: Layout, hardware: Hardware) -> Body:
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
         size_mm=size,
+        screw=hardware.screw,
+        wall_mm=hardware.printer.wall_mm,
     )
 
 
@@ -93,7 +97,7 @@ def _check_sheet(index: int, mirror: Mirror) -> None:
 def _check_bed(size_mm: tuple[float, float, float], hardware: Hardware) -> None:
     """The part lies on its back, turned so that its longer side follows the bed's longer side."""
     lengths = sorted(size_mm[:2], reverse=True)
-    bed = (*sorted(hardware.bed_mm[:2], reverse=True), hardware.bed_mm[2])
+    bed = (*sorted(hardware.printer.bed_mm[:2], reverse=True), hardware.printer.bed_mm[2])
     for name, length, room in zip(("long", "wide", "high"), (*lengths, size_mm[2]), bed, strict=True):
         if length > room:
             raise InputError(f"mirror holder is {length:.1f} mm {name}, expected at most {room:g} mm (printer bed)")

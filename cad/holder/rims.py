@@ -57,7 +57,7 @@ def plan_rims(
     along their normals), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim
     stands back.
     """
-    fit = hardware.mirror_fit_mm
+    fit = hardware.fit.free_mm
     taken = [
         [Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)), *group[1:]]
         for mirror, group in zip(layout.mirrors, keep_outs, strict=True)
@@ -75,9 +75,9 @@ def plan_rims(
 def _rims_of(
     mirror: Mirror, own_light: list[Frustum], others: list[Frustum], hardware: Hardware
 ) -> list[tuple[Frustum, FloatArray]]:
-    fit, margin = hardware.mirror_fit_mm, hardware.mirror_fit_mm + hardware.rim_mm
+    fit, margin = hardware.fit.free_mm, hardware.fit.free_mm + hardware.holder.rim_mm
     bottom = back_height_mm(mirror)
-    top = bottom + hardware.rim_height_of_sheet * mirror.thickness_mm
+    top = bottom + hardware.holder.rim_height_of_sheet * mirror.thickness_mm
     levels = np.linspace(bottom + 1e-3, top, 4)
     sides = np.linspace(fit, margin, 10)
     middle = mirror.rig_from_plane[:3, 3]
@@ -85,7 +85,7 @@ def _rims_of(
     others = [volume for volume in others if volume.comes_near(middle, radius)]
     rims = []
     for edge in edges_of(mirror):
-        if edge.length_mm < hardware.rim_length_mm:
+        if edge.length_mm < hardware.holder.rim_length_mm:
             continue
         steps = np.linspace(0.0, edge.length_mm, int(np.ceil(edge.length_mm / STEP_MM)) + 1)
         points = edge.in_rig(*np.meshgrid(steps, sides, levels, indexing="ij"))
@@ -93,12 +93,12 @@ def _rims_of(
         # Per step the side from which on outwards no light is met.
         first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
         # Half a step to spare: between two points tried, light may reach a little further.
-        room = np.append(sides, np.inf)[first_free] <= margin - hardware.wall_mm - 0.5 * (sides[1] - sides[0])
+        room = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
             room &= ~volume.contains(points).any(axis=(1, 2))
         for first, last in _runs(room):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
-            if to_mm - from_mm >= hardware.rim_length_mm:
+            if to_mm - from_mm >= hardware.holder.rim_length_mm:
                 inner_mm = float(sides[first_free[first : last + 1].max()])
                 along = np.array([from_mm, to_mm, to_mm, from_mm])
                 foot, crest = (

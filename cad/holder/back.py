@@ -118,17 +118,20 @@ def place_mount(front: FrontSurface, hardware: Hardware) -> MountFace:
     """
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
-    around = hardware.insert_hole_mm / 2.0 + hardware.insert_wall_mm
+    around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     room = front.footprint.buffer(-around)
     best: tuple[float, float] | None = None
     chosen = np.zeros((4, 2))
-    for a in np.arange(around, (right - left) / 2.0, hardware.mount_step_mm):
-        for b in np.arange(around, (top - bottom) / 2.0, hardware.mount_step_mm):
+    for a in np.arange(around, (right - left) / 2.0, hardware.holder.mount_step_mm):
+        for b in np.arange(around, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
             if not room.contains(MultiPoint(centre + holes)):
                 continue
             lowest = max(front.recedes_to_mm(Point(centre + hole).buffer(around)) for hole in holes)
-            back = max(front.deepest_mm + hardware.floor_mm, lowest + hardware.insert_depth_mm + hardware.wall_mm)
+            back = max(
+                front.deepest_mm + hardware.holder.floor_mm,
+                lowest + hardware.screw.insert_depth_mm + hardware.printer.wall_mm,
+            )
             if best is None or (back, -a * b) < best:
                 best, chosen = (back, -a * b), holes
     if best is None:

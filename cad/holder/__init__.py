@@ -1,0 +1,1 @@
+"""The mirror holder: a seat for every mirror, out of the light."""

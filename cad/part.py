@@ -1,0 +1,66 @@
+"""What is made of every printed part, whichever it is: the same few values for all exports, checks and documents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from optics.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
+
+if TYPE_CHECKING:
+    from build123d import Part
+
+Rgb = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PartPlan:
+    """A part to print, before it is made: plain numbers and the function that makes a solid of them.
+
+    `name` is the stem of its files, `number` the part number. `make(plan)` gives one solid in rig, mm, as it stands in
+    the assembled device; `make` is a function of a module, `plan` a frozen dataclass of numbers, so that both travel to
+    another process and `plan` alone decides whether the part has to be made again. `print_from_rig` (4, 4) lays the
+    part on the bed: z up, the lowest point at z = 0. `explode_mm` (3,) in rig is where it goes in an exploded view.
+    """
+
+    name: str
+    title: str
+    number: str
+    plan: Any
+    make: Callable[[Any], Part]
+    print_from_rig: FloatArray
+    explode_mm: FloatArray
+    rgb: Rgb
+
+
+class MassProperties(Value):
+    """A solid of uniform density: mass, its centre (3,) in rig, inertia (3, 3) about that, along the rig's axes."""
+
+    volume_mm3: float
+    mass_g: float
+    centre_in_rig_mm: Vector3
+    inertia_g_mm2: Matrix3
+
+
+class BuiltPart(Value):
+    """A part with its files: `folder` holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed)."""
+
+    name: str
+    title: str
+    number: str
+    folder: Path
+    rgb: Rgb
+    print_from_rig: Matrix4
+    explode_mm: Vector3
+    mass: MassProperties
+    checks: dict[str, Metric]
+
+    @property
+    def step(self) -> Path:
+        return self.folder / f"{self.name}.step"
+
+    @property
+    def stl(self) -> Path:
+        return self.folder / f"{self.name}.stl"

@@ -1,0 +1,1 @@
+"""The other printed parts: mount, camera clip, adapter for the robot, fit coupon."""
