@@ -6,7 +6,7 @@ import numpy as np
 
 from cad.device import Device
 from cad.holder.solid import make_holder
-from cad.part import PartPlan
+from cad.part import BoughtItem, PartPlan
 from optics.values import FloatArray
 
 
@@ -25,6 +25,11 @@ def parts_of(device: Device) -> tuple[PartPlan, ...]:
             rgb=(0.36, 0.39, 0.44),
         ),
     )
+
+
+def bought_items(device: Device) -> tuple[BoughtItem, ...]:
+    """Every screw, insert, nut and pin of the device, in its place."""
+    return ()
 
 
 def lying_on(rig_from_face: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from optics.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
 
@@ -33,6 +33,20 @@ class PartPlan:
     print_from_rig: FloatArray
     explode_mm: FloatArray
     rgb: Rgb
+
+
+@dataclass(frozen=True)
+class BoughtItem:
+    """A bought piece in its place: `rig_from_item` (4, 4) has its origin under a screw's head (or at the mouth of an
+    insert's hole) and z along the axis, out of the material. `explode_mm` (3,) in rig is where it goes when exploded.
+    """
+
+    kind: Literal["screw", "insert", "nut", "pin"]
+    size: str
+    length_mm: float
+    rig_from_item: FloatArray
+    explode_mm: FloatArray
+    joins: tuple[str, ...]
 
 
 class MassProperties(Value):
