@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from optics.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
 
@@ -33,6 +38,31 @@ class PartPlan:
     print_from_rig: FloatArray
     explode_mm: FloatArray
     rgb: Rgb
+
+    @cached_property
+    def identity(self) -> str:
+        """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
+        numbers = {"make": f"{self.make.__module__}.{self.make.__qualname__}", "plan": plain(self.plan)}
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def plain(value: Any) -> Any:
+    """A plan as nested lists, numbers and text; raises TypeError for anything that is not plain data."""
+    if isinstance(value, Value):
+        return value.model_dump(mode="json")
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if callable(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
 
 
 @dataclass(frozen=True)
