@@ -15,16 +15,11 @@ from ezdxf.entities.lwpolyline import LWPolyline
 from scipy.spatial.transform import Rotation
 from shapely import Polygon
 
-from cad.checks import (
-    check_dxf,
-    check_files,
-    check_step,
-    check_stl,
-    light_rays,
-    shade_of_sheets,
-    shape_error_mm,
-    thinnest_wall_mm,
-)
+from cad.checks import check_files, check_stl
+from cad.checks.cuts import check_dxf, shape_error_mm
+from cad.checks.light import light_rays, shade_of_sheets
+from cad.checks.seats import check_step
+from cad.checks.walls import thinnest_wall_mm
 from cad.cutting import draw_mirrors, place_mirrors
 from cad.exports import write_step, write_stl
 from cad.hardware import HARDWARE
