@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
+from build123d import Box, BuildPart, Locations, Part
 
 from cad.build import build
+from cad.exports import mass_properties, write_step, write_stl
+from cad.part import BuiltPart, PartPlan
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -99,3 +103,59 @@ def built_second_surface(tmp_path_factory: pytest.TempPathFactory) -> Built:
     layout = parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
     out = tmp_path_factory.mktemp("second")
     return layout, out, build(layout, out)
+
+
+@dataclass(frozen=True)
+class Block:
+    """The plan of a box between two corners (3,) in rig, mm."""
+
+    low: FloatArray
+    high: FloatArray
+
+
+def make_box(plan: Block) -> Part:
+    """The box as a solid."""
+    with BuildPart() as body, Locations(tuple((plan.low + plan.high) / 2.0)):
+        Box(*(plan.high - plan.low))
+    solid = body.part
+    assert solid is not None
+    solid.label = "block"
+    return solid
+
+
+@pytest.fixture(scope="session")
+def block() -> PartPlan:
+    """A box of 60 x 30 x 10 mm with its low corner at (1, 2, 3), that prints lying on its face towards -y."""
+    low = np.array([1.0, 2.0, 3.0])
+    return PartPlan(
+        name="block",
+        title="Block",
+        number="MC-99",
+        plan=Block(low, low + np.array([60.0, 30.0, 10.0])),
+        make=make_box,
+        print_from_rig=np.array(
+            [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -2.0], [0.0, 0.0, 0.0, 1.0]]
+        ),
+        explode_mm=np.array([0.0, 0.0, 25.0]),
+        rgb=(0.2, 0.4, 0.6),
+    )
+
+
+@pytest.fixture(scope="session")
+def built_block(block: PartPlan, tmp_path_factory: pytest.TempPathFactory) -> BuiltPart:
+    """The box with its files."""
+    folder = tmp_path_factory.mktemp("parts")
+    solid = block.make(block.plan)
+    write_step(folder / "block.step", solid)
+    write_stl(folder / "block.stl", solid)
+    return BuiltPart(
+        name=block.name,
+        title=block.title,
+        number=block.number,
+        folder=folder,
+        rgb=block.rgb,
+        print_from_rig=block.print_from_rig,
+        explode_mm=block.explode_mm,
+        mass=mass_properties(solid, 1.24),
+        checks={},
+    )
