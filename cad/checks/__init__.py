@@ -8,7 +8,7 @@ import numpy as np
 
 from cad.checks.cuts import check_dxf
 from cad.checks.light import light_rays, shade_of_sheets
-from cad.checks.mesh import check_mesh, hits, is_manifold, read_mesh, solid_of
+from cad.checks.mesh import check_mesh, hits, is_manifold, read_stl, solid_of
 from cad.checks.seats import check_step
 from cad.checks.walls import thinnest_wall_mm
 from cad.hardware import Hardware
@@ -30,7 +30,7 @@ def check_stl(path: Path, layout: Layout, hardware: Hardware) -> dict[str, Metri
 
     At a mesh that is not manifold no ray proves anything: all count as blocked, and the wall as nothing.
     """
-    mesh = read_mesh(path)
+    mesh = read_stl(path)
     body = solid_of(mesh)
     manifold = is_manifold(body)
     rays = np.concatenate(

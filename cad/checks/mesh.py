@@ -1,8 +1,10 @@
-"""Meshes of exported files, read by libraries that know nothing of how the part was made."""
+"""Meshes of exported files, read back by code that knows nothing of how the part was made."""
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import manifold3d
 import numpy as np
@@ -10,17 +12,42 @@ import trimesh
 
 from optics.values import FloatArray, Metric
 
-# Volumes of a file and of the solid may differ by what a mesh of `STL_TOLERANCE_MM` cuts off round holes and arcs.
-VOLUME_SHARE = 2e-3
+CORE_3MF = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
+MODEL_3MF = "3D/3dmodel.model"
 
 
-def read_mesh(path: Path) -> trimesh.Trimesh:
-    """The one mesh of an STL or 3MF file, as it lies in the file; vertices at the same place are one."""
+def read_stl(path: Path) -> trimesh.Trimesh:
+    """The mesh of an STL file; vertices at the same place are one."""
     return trimesh.load_mesh(path)
 
 
+def read_3mf(path: Path) -> trimesh.Trimesh:
+    """All that a 3MF file puts on the bed, in mm, as one mesh: the objects of its build items in their places.
+
+    Raises ValueError for what our files never hold: another unit, or an object made of others.
+    """
+    with zipfile.ZipFile(path) as package:
+        model = ElementTree.fromstring(package.read(MODEL_3MF))
+    unit = model.get("unit", "millimeter")
+    if unit != "millimeter":
+        raise ValueError(f"{path}: unit {unit}, expected millimeter")
+    objects = {entry.get("id"): entry for entry in model.iter(f"{CORE_3MF}object")}
+    meshes = []
+    for item in model.iter(f"{CORE_3MF}item"):
+        body = objects[item.get("objectid")].find(f"{CORE_3MF}mesh")
+        if body is None:
+            raise ValueError(f"{path}: object {item.get('objectid')} has no mesh of its own")
+        vertices = [[float(v.attrib[axis]) for axis in "xyz"] for v in body.iter(f"{CORE_3MF}vertex")]
+        faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in body.iter(f"{CORE_3MF}triangle")]
+        # Twelve numbers, row by row, of the matrix that a row vector (x, y, z, 1) is multiplied by from the left.
+        place = np.array(item.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64).reshape(4, 3)
+        meshes.append(trimesh.Trimesh(np.array(vertices) @ place[:3] + place[3], np.array(faces)))
+    together: trimesh.Trimesh = trimesh.util.concatenate(meshes)
+    return together
+
+
 def solid_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """A mesh as manifold3d takes it; its `status()` says whether it is one."""
+    """A mesh as manifold3d takes it; whether it is a solid, `is_manifold` tells."""
     return manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint64)))
 
 
