@@ -31,6 +31,7 @@ class HolderPlan:
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin amid the mount holes, x along the rig's x, z out of
     the back. `holes_in_mount_mm` (4, 2) are on it. `size_mm` is the part's along x, y and z of that frame.
+    `cols` mirrors stand in a row.
     """
 
     slab: Frustum
@@ -41,6 +42,7 @@ class HolderPlan:
     rig_from_mount: FloatArray
     holes_in_mount_mm: FloatArray
     size_mm: tuple[float, float, float]
+    cols: int
     screw: Fastening
     wall_mm: float
 
@@ -79,6 +81,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
         size_mm=size,
+        cols=layout.cols,
         screw=hardware.screw,
         wall_mm=hardware.printer.wall_mm,
     )

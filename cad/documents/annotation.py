@@ -1,0 +1,210 @@
+"""Dimensions on the views of a drawing: lanes of dimension lines below and left of a view, words of holes above it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cad.documents.dimension import Hole, Length
+from cad.documents.projection import Placed
+from cad.documents.sheet import ARROW_MM, INK, Sheet, text_width_mm
+from optics.values import FloatArray
+
+LINE_MM = 0.18
+TEXT_MM = 2.5
+FIRST_LANE_MM, LANE_PITCH_MM, LANES_MM = 7.5, 6.5, 22.0
+FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
+# Leaders lean by this much per mm upwards, so that they are told from edges of the part.
+LEAN = 0.27
+BESIDE_MM = 1.0
+PARALLEL = 1e-4
+CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A dimension line: coordinates (2,) along it and across it, mm on paper, of what it measures, and its words."""
+
+    along: FloatArray
+    across: FloatArray
+    words: str
+
+    @property
+    def span(self) -> float:
+        return float(np.ptp(self.along))
+
+
+@dataclass(frozen=True)
+class Note:
+    """Words with a leader to a point (2,) on paper, `radius` away from it."""
+
+    point: FloatArray
+    radius: float
+    words: str
+
+
+@dataclass
+class Annotations:
+    """What is to be written at one view."""
+
+    below: list[Linear]
+    left: list[Linear]
+    notes: list[Note]
+
+
+def number(value_mm: float) -> str:
+    """A length as a drawing writes it: at most two decimals, no trailing zeros."""
+    return f"{value_mm:.2f}".rstrip("0").rstrip(".")
+
+
+def annotate(sheet: Sheet, placed: Sequence[Placed], dimensions: Iterable[Length | Hole]) -> None:
+    """Draw overall dimensions and those of the plan, each in the view that shows it best."""
+    jobs = [Annotations([], [], []) for _ in placed]
+    _overall(placed, jobs)
+    holes: dict[tuple[int, str], list[Hole]] = defaultdict(list)
+    for dimension in dimensions:
+        if isinstance(dimension, Length):
+            _length(placed, jobs, dimension)
+        else:
+            axis = dimension.axis_in_rig / np.linalg.norm(dimension.axis_in_rig)
+            facing = [abs(float(view.view.axes_in_rig[2] @ axis)) for view in placed]
+            words = f"Ø{number(dimension.diameter_mm)} {dimension.text}".strip()
+            holes[int(np.argmax(np.round(facing, 6))), words].append(dimension)
+    for (index, words), group in holes.items():
+        _holes(sheet, placed[index], jobs[index], words, group)
+    for view, job in zip(placed, jobs, strict=True):
+        _draw_lanes(sheet, view.box, job.below, upright=False)
+        _draw_lanes(sheet, view.box, job.left, upright=True)
+        _draw_notes(sheet, view.box, job.notes)
+
+
+def _overall(placed: Sequence[Placed], jobs: Sequence[Annotations]) -> None:
+    _, front, right = placed
+    for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
+        box = view.box
+        words = number(float(np.ptp(view.view.box[:, coordinate])))
+        across = np.full(2, box[0, 1 - coordinate])
+        (jobs[index].below, jobs[index].left)[coordinate].append(Linear(box[:, coordinate], across, words))
+
+
+def _length(placed: Sequence[Placed], jobs: Sequence[Annotations], dimension: Length) -> None:
+    """In the first view that sees it in full; one that lies askew there gets words with a leader."""
+    first, second = dimension.points_in_rig
+    real = float(np.linalg.norm(second - first))
+    words = f"{number(real)} {dimension.text}".strip()
+    depths = [abs(float(view.view.axes_in_rig[2] @ (second - first))) for view in placed]
+    index = int(np.argmin(np.round(depths, 3)))
+    points = placed[index].paper(dimension.points_in_rig)
+    across = np.abs(points[1] - points[0]) / placed[index].scale
+    if across[1] <= PARALLEL * real:
+        _add(jobs[index].below, Linear(points[:, 0], points[:, 1], words))
+    elif across[0] <= PARALLEL * real:
+        _add(jobs[index].left, Linear(points[:, 1], points[:, 0], words))
+    else:
+        jobs[index].notes.append(Note(points.mean(axis=0), 0.0, words))
+
+
+def _add(lane: list[Linear], new: Linear) -> None:
+    """A length that is there already is not said twice."""
+    for old in lane:
+        if old.words == new.words and np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
+            return
+    lane.append(new)
+
+
+def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Sequence[Hole]) -> None:
+    """Centre marks, one leader for all equal holes, and where they are: from the part's edge and from each other."""
+    centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
+    radius = group[0].diameter_mm / 2.0 * placed.scale
+    arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
+    marks = [centre + turned for centre in centres for turned in (arms, arms[:, ::-1])]
+    sheet.lines(marks, 0.13, INK, CENTRE_DASHES_MM)
+    count = f"{len(group)}x " if len(group) > 1 else ""
+    # The hole whose leader is shortest.
+    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
+    low = placed.box[0]
+    for coordinate, lane in ((0, job.below), (1, job.left)):
+        places = np.unique(np.round(centres[:, coordinate], 3))
+        if len(places) > 4:
+            continue
+        nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in places]
+        stops = [(float(low[coordinate]), float(low[1 - coordinate]))]
+        stops += [(float(at), float(start)) for at, start in zip(places, nearest, strict=True)]
+        for (here, from_here), (there, from_there) in pairwise(stops):
+            if there - here < 1e-3:
+                continue
+            ends = np.array([here, there])
+            _add(lane, Linear(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
+
+
+def _draw_lanes(sheet: Sheet, box: FloatArray, linears: Sequence[Linear], *, upright: bool) -> None:
+    """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line."""
+    lanes: list[list[tuple[float, float]]] = []
+    chosen = []
+    for linear in sorted(linears, key=lambda item: (item.span, item.along.min(), item.words)):
+        width = text_width_mm(linear.words, TEXT_MM)
+        low, high = _covers(linear, width)
+        busy = [k for k, lane in enumerate(lanes) if any(low < b + 1.0 and high > a - 1.0 for a, b in lane)]
+        level = max(busy) + 1 if busy else 0
+        if level == len(lanes):
+            lanes.append([])
+        lanes[level].append((low, high))
+        chosen.append((level, linear, width))
+    pitch = min(LANE_PITCH_MM, (LANES_MM - FIRST_LANE_MM) / max(len(lanes) - 1, 1))
+    edge = float(box[0, 0 if upright else 1])
+    for level, linear, width in chosen:
+        _draw_linear(sheet, linear, edge - FIRST_LANE_MM - level * pitch, width, upright=upright)
+
+
+def _fits(linear: Linear, width: float) -> bool:
+    return linear.span >= width + 2.0 * ARROW_MM[0] + 1.0
+
+
+def _covers(linear: Linear, width: float) -> tuple[float, float]:
+    """What a dimension line and its words take of a lane."""
+    low, high = float(linear.along.min()), float(linear.along.max())
+    return (low, high) if _fits(linear, width) else (low - ARROW_MM[0] - 1.5, high + ARROW_MM[0] + width + 2.0)
+
+
+def _draw_linear(sheet: Sheet, linear: Linear, lane: float, width: float, *, upright: bool) -> None:
+    def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
+        array = np.array(points)
+        return array[:, ::-1] if upright else array
+
+    order = np.argsort(linear.along)
+    (low, high), starts = linear.along[order], linear.across[order]
+    lines = [
+        on_sheet([(at, start - BESIDE_MM), (at, lane - 1.5)]) for at, start in zip((low, high), starts, strict=True)
+    ]
+    inside = _fits(linear, width)
+    reach = 0.0 if inside else ARROW_MM[0] + 1.5
+    end = high + reach + (0.0 if inside else width)
+    lines.append(on_sheet([(low - reach, lane), (end, lane)]))
+    sheet.lines(lines, LINE_MM)
+    sign = -1.0 if inside else 1.0
+    for tip, direction in ((low, sign), (high, -sign)):
+        sheet.arrow_head(on_sheet([(tip, lane)])[0], on_sheet([(direction, 0.0)])[0])
+    middle = (low + high) / 2.0 if inside else high + reach + width / 2.0
+    if upright:
+        sheet.text((lane - 0.9, middle), linear.words, TEXT_MM, align="center", upwards=True)
+    else:
+        sheet.text((middle, lane + 0.9), linear.words, TEXT_MM, align="center")
+
+
+def _draw_notes(sheet: Sheet, box: FloatArray, notes: Sequence[Note]) -> None:
+    """Words above the view, the rightmost lowest: then no leader crosses words or another leader."""
+    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM) / max(len(notes) - 1, 1))
+    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
+    steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
+    for row, note in enumerate(ordered):
+        height = float(box[1, 1]) + FIRST_WORDS_MM + row * pitch
+        tip = note.point + note.radius * steep
+        knee = np.array([tip[0] + LEAN * (height - tip[1]), height])
+        width = text_width_mm(note.words, TEXT_MM)
+        sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
+        sheet.arrow_head(tip, -steep)
+        sheet.text(knee + np.array([1.0, 0.8]), note.words, TEXT_MM)

@@ -1,0 +1,171 @@
+"""The drawing of a part: three views and an isometric on an A3 sheet, dimensions, tables and title block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from build123d import Part
+
+from cad.documents.annotation import LANES_MM, WORDS_MM, annotate
+from cad.documents.dimension import Dimensioned, Hole, Length, Table
+from cad.documents.holder_sheet import holder_holes, seat_names, seat_table
+from cad.documents.projection import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
+from cad.documents.sheet import SOFT, Sheet, text_width_mm
+from cad.hardware import Printer
+from cad.holder.plan import HolderPlan
+from cad.part import PartPlan
+from optics.values import FloatArray
+
+A3_MM = (420.0, 297.0)
+BORDER_MM = 10.0
+BLOCK_MM = 26.0
+SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+VISIBLE_MM, HIDDEN_MM, THIN_MM, FRAME_MM = 0.35, 0.18, 0.18, 0.5
+HIDDEN_DASHES_MM = (1.6, 0.8)
+HIDDEN_COLOUR = "#5d6778"
+TEXT_MM, NOTE_MM = 2.5, 2.0
+ROW_MM = 4.4
+
+
+def write_drawing(folder: Path, solid: Part, part: PartPlan, printer: Printer) -> tuple[Path, Path]:
+    """Write NAME.svg and NAME.pdf into `folder`: the part as it lies on the printer's bed, third-angle projection."""
+    return draw(solid, part, printer).write(folder / part.name, f"{part.number} {part.title}")
+
+
+def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
+    """The sheet of a part."""
+    bed_from_rig = part.print_from_rig[:3, :3]
+    top, front, right, isometric = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT, ISOMETRIC))
+    tables = (seat_table(part.plan),) if isinstance(part.plan, HolderPlan) else ()
+    sheet = Sheet(*A3_MM)
+    table_left = _draw_tables(sheet, tables)
+    placed, scale = _arrange(top, front, right, table_left)
+    corner = _isometric(isometric, placed, table_left)
+    for view in (*placed, corner):
+        visible, hidden = on_paper(view.view, view.scale)
+        if view is not corner:
+            sheet.lines([line + view.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
+        sheet.lines([line + view.shift for line in visible], VISIBLE_MM if view is not corner else 0.25)
+    annotate(sheet, placed, dimensions_of(part, solid))
+    if isinstance(part.plan, HolderPlan):
+        for name, middle in seat_names(part.plan):
+            sheet.text(placed[0].paper(middle) - (0.0, TEXT_MM / 2.0), name, TEXT_MM, align="center", colour=SOFT)
+    _title_block(sheet, part, printer, scale)
+    return sheet
+
+
+def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
+    """What the plan offers, less what lies on another piece of a part that is split."""
+    offered: tuple[Length | Hole, ...] = holder_holes(part.plan) if isinstance(part.plan, HolderPlan) else ()
+    if isinstance(part.plan, Dimensioned):
+        offered = (*offered, *part.plan.dimensions)
+    box = solid.bounding_box()
+    low, high = np.array(tuple(box.min)) - 0.1, np.array(tuple(box.max)) + 0.1
+
+    def inside(dimension: Length | Hole) -> bool:
+        points = dimension.points_in_rig if isinstance(dimension, Length) else dimension.centre_in_rig[None]
+        return bool(((points >= low) & (points <= high)).all())
+
+    return tuple(dimension for dimension in offered if inside(dimension))
+
+
+def _arrange(top: View, front: View, right: View, right_end: float) -> tuple[tuple[Placed, Placed, Placed], float]:
+    """Place the views at the largest scale of the standard that leaves room for their dimensions."""
+    bottom = BORDER_MM + BLOCK_MM
+    room = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
+    wide, deep = np.ptp(top.box, axis=0)
+    high = float(np.ptp(front.box, axis=0)[1])
+    spare = room - (2 * LANES_MM + 12.0, 2 * LANES_MM + 2 * WORDS_MM)
+    scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
+    # What is left over goes around the views in equal shares.
+    loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
+    left = BORDER_MM + LANES_MM + min(loose[0], 30.0)
+    low = bottom + LANES_MM + min(loose[1], 20.0)
+    upper = low + scale * high + WORDS_MM + LANES_MM + min(loose[1], 20.0)
+    beside = left + scale * wide + LANES_MM + 4.0 + min(loose[0], 30.0)
+
+    def at(view: View, x: float, y: float) -> Placed:
+        return Placed(view, scale, np.array([x, y]) - view.box[0] * scale)
+
+    return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale
+
+
+def _isometric(view: View, placed: Sequence[Placed], right_end: float) -> Placed:
+    """The isometric fills what is free above the view from the right."""
+    top, _, right = placed
+    low = np.array([top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0])
+    high = np.array([right_end - 6.0, A3_MM[1] - BORDER_MM - 8.0])
+    scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * top.scale)
+    return Placed(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
+
+
+def _draw_tables(sheet: Sheet, tables: Sequence[Table]) -> float:
+    """Draw tables in the upper right corner, below each other; returns where the room left of them ends."""
+    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    left = right
+    for table in tables:
+        cells = [table.head, *table.rows]
+        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0) / (len(cells) + 1))
+        height = min(TEXT_MM, 0.6 * pitch)
+        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.head))]
+        lines = [
+            text_width_mm(table.title, TEXT_MM, bold=True),
+            *(text_width_mm(line, NOTE_MM) for line in table.notes),
+        ]
+        start = right - max(sum(widths), max(lines) + 4.0)
+        sheet.text((start + 1.5, top - 5.0), table.title, TEXT_MM, bold=True)
+        y = top - 7.0
+        ends = right - sum(widths) + np.cumsum(widths)
+        for number, row in enumerate(cells):
+            for end, cell in zip(ends, row, strict=True):
+                sheet.text((end - 1.5, y - 0.72 * pitch), cell, height, align="right", bold=number == 0)
+            y -= pitch
+            sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
+        for line in table.notes:
+            sheet.text((start + 1.5, y - 4.0), line, NOTE_MM)
+            y -= 3.6
+        left, top = min(left, start), y - 6.0
+    if tables:
+        left -= 6.0
+        sheet.lines([np.array([(left, BORDER_MM + BLOCK_MM), (left, A3_MM[1] - BORDER_MM)])], 0.1, SOFT)
+    return left
+
+
+def _title_block(sheet: Sheet, part: PartPlan, printer: Printer, scale: float) -> None:
+    """The frame of the sheet, and below the views what the drawing is of and how it is to be read."""
+    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    sheet.rectangle((BORDER_MM, BORDER_MM), (right, top), FRAME_MM)
+    head = BORDER_MM + BLOCK_MM
+    sheet.lines([np.array([(BORDER_MM, head), (right, head)])], FRAME_MM)
+    ratio = f"{scale:g} : 1" if scale >= 1.0 else f"1 : {1.0 / scale:g}"
+    columns: tuple[tuple[float, tuple[tuple[str, str, bool], ...]], ...] = (
+        (96.0, (("Title", part.title, True), ("Project", "MirrorCam", False))),
+        (46.0, (("Drawing number", part.number, True), ("Sheet", "1 / 1, A3", False))),
+        (56.0, (("Material", f"{printer.plastic}, printed", False), ("Licence", "Apache-2.0", False))),
+        (52.0, (("Scale (views)", ratio, True), ("Units", "mm", False))),
+        (92.0, (("Tolerances", "ISO 2768-m; printed ± 0.2", False), ("Numbers of the plan", part.identity, False))),
+    )
+    x = BORDER_MM
+    for width, fields in columns:
+        for row, (label, value, bold) in enumerate(fields):
+            y = head - 13.0 * row
+            sheet.text((x + 2.0, y - 4.0), label, 1.8, colour=SOFT)
+            sheet.text((x + 2.0, y - 10.0), value, 3.5 if bold else 2.8, bold=bold)
+        x += width
+        sheet.lines([np.array([(x, BORDER_MM), (x, head)])], 0.25)
+    sheet.lines([np.array([(BORDER_MM, head - 13.0), (x, head - 13.0)])], 0.25)
+    sheet.text((x + 2.0, head - 4.0), "Projection: third angle", 1.8, colour=SOFT)
+    _third_angle(sheet, np.array([(x + right) / 2.0, BORDER_MM + 10.0]))
+
+
+def _third_angle(sheet: Sheet, middle: FloatArray) -> None:
+    """The symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 65)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    left, side = middle + np.array([[-11.0, 0.0], [9.0, 0.0]])
+    cone = np.array([(-6.0, 2.2), (6.0, 4.4), (6.0, -4.4), (-6.0, -2.2), (-6.0, 2.2)])
+    sheet.lines([left + 4.4 * circle, left + 2.2 * circle, side + cone], VISIBLE_MM)
+    axis = np.array([(-18.0, 0.0), (18.0, 0.0)])
+    sheet.lines([middle + axis, left + np.array([(0.0, -5.8), (0.0, 5.8)])], 0.13, HIDDEN_COLOUR, (2.4, 0.5, 0.5, 0.5))
