@@ -32,18 +32,18 @@ def read_3mf(path: Path) -> trimesh.Trimesh:
     if unit != "millimeter":
         raise ValueError(f"{path}: unit {unit}, expected millimeter")
     objects = {entry.get("id"): entry for entry in model.iter(f"{CORE_3MF}object")}
-    meshes = []
+    points, corners = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     for item in model.iter(f"{CORE_3MF}item"):
         body = objects[item.get("objectid")].find(f"{CORE_3MF}mesh")
         if body is None:
             raise ValueError(f"{path}: object {item.get('objectid')} has no mesh of its own")
-        vertices = [[float(v.attrib[axis]) for axis in "xyz"] for v in body.iter(f"{CORE_3MF}vertex")]
+        vertices = np.array([[float(v.attrib[axis]) for axis in "xyz"] for v in body.iter(f"{CORE_3MF}vertex")])
         faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in body.iter(f"{CORE_3MF}triangle")]
         # Twelve numbers, row by row, of the matrix that a row vector (x, y, z, 1) is multiplied by from the left.
         place = np.array(item.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64).reshape(4, 3)
-        meshes.append(trimesh.Trimesh(np.array(vertices) @ place[:3] + place[3], np.array(faces)))
-    together: trimesh.Trimesh = trimesh.util.concatenate(meshes)
-    return together
+        corners.append(np.array(faces) + sum(map(len, points)))
+        points.append(vertices @ place[:3] + place[3])
+    return trimesh.Trimesh(np.concatenate(points), np.concatenate(corners))
 
 
 def solid_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
