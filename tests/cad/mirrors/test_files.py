@@ -1,0 +1,114 @@
+"""The sheets as files: DXF and SVG say the same, in mm, and the same sheet gives the same bytes."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import ezdxf.filemanagement
+import numpy as np
+import pytest
+from ezdxf.entities.lwpolyline import LWPolyline
+
+from cad.hardware import HARDWARE
+from cad.mirrors.dxf import read_cuts, write_dxf
+from cad.mirrors.sheets import MirrorSheet, plan_sheets
+from cad.mirrors.svg import write_svg
+from optics.layout import Layout
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def sheet(default_layout: Layout) -> MirrorSheet:
+    (sheet,) = plan_sheets(default_layout, HARDWARE.cutting)
+    return sheet
+
+
+def test_the_dxf_gives_every_mirror_back(sheet: MirrorSheet, tmp_path: Path) -> None:
+    write_dxf(tmp_path / "mirrors.dxf", sheet)
+    found = read_cuts(tmp_path / "mirrors.dxf")
+    assert sorted(found) == sorted(cut.name for cut in sheet.cuts)
+    for cut in sheet.cuts:
+        np.testing.assert_allclose(found[cut.name].outline, cut.outline, atol=1e-9)
+        assert len(found[cut.name].strokes) == len(cut.strokes)
+
+
+def test_an_open_cut_is_not_taken_for_a_mirror(sheet: MirrorSheet, tmp_path: Path) -> None:
+    write_dxf(tmp_path / "mirrors.dxf", sheet)
+    drawing = ezdxf.filemanagement.readfile(tmp_path / "mirrors.dxf")
+    line = drawing.modelspace().query('LWPOLYLINE[layer=="CUT"]').first
+    assert isinstance(line, LWPolyline)
+    line.closed = False
+    drawing.saveas(tmp_path / "open.dxf")
+    assert len(read_cuts(tmp_path / "open.dxf")) == len(sheet.cuts) - 1
+
+
+def test_the_dxf_says_its_unit_side_kerf_sheet_and_layout(
+    sheet: MirrorSheet, default_layout: Layout, tmp_path: Path
+) -> None:
+    write_dxf(tmp_path / "mirrors.dxf", sheet)
+    drawing = ezdxf.filemanagement.readfile(tmp_path / "mirrors.dxf")
+    assert drawing.header["$INSUNITS"] == 4
+    texts = drawing.modelspace().query("TEXT")
+    assert {text.dxf.layer for text in texts} == {"NOTES"}
+    words = " ".join(text.dxf.text for text in texts)
+    for word in (
+        "BACK",
+        "kerf 0.2 included",
+        "first-surface acrylic mirror, 1 mm",
+        "300 x 200",
+        default_layout.identity,
+    ):
+        assert word in words
+    assert {entity.dxf.layer for entity in drawing.modelspace()} == {"CUT", "ENGRAVE", "NOTES"}
+    cuts = list(drawing.modelspace().query('LWPOLYLINE[layer=="CUT"]'))
+    assert all(isinstance(line, LWPolyline) and line.closed for line in cuts)
+    assert len(cuts) == len(sheet.cuts)
+    assert not drawing.audit().errors
+
+
+def test_the_svg_draws_what_the_dxf_does(sheet: MirrorSheet, tmp_path: Path) -> None:
+    write_svg(tmp_path / "mirrors.svg", sheet)
+    root = ElementTree.parse(tmp_path / "mirrors.svg").getroot()
+    width, height, total = (float(root.get("viewBox", "").split()[i]) for i in (2, 3, 3))
+    assert (root.get("width"), root.get("height")) == (f"{width:g}mm", f"{total:g}mm")
+    assert width == HARDWARE.cutting.sheet_mm[0]
+    assert height > HARDWARE.cutting.sheet_mm[1]
+    layers = {group.get("id"): group for group in root.findall(f"{SVG}g")}
+    assert list(layers) == ["NOTES", "ENGRAVE", "CUT"]
+    assert layers["CUT"].get("stroke") == "#ff0000"
+    assert layers["ENGRAVE"].get("stroke") == "#0000ff"
+    assert float(layers["CUT"].get("stroke-width", "1")) < 0.05
+    paths = {path.get("id"): path.get("d", "") for path in layers["CUT"].findall(f"{SVG}path")}
+    for cut in sheet.cuts:
+        data = paths[f"mirror_{cut.name}"]
+        assert data.endswith("Z")
+        points = np.array([float(number) for number in re.findall(r"-?\d+\.\d+", data)]).reshape(-1, 2)
+        flipped = np.column_stack([points[:, 0], HARDWARE.cutting.sheet_mm[1] - points[:, 1]])
+        np.testing.assert_allclose(flipped, cut.outline, atol=5.1e-5)
+    engraved = layers["ENGRAVE"].findall(f"{SVG}path")[0].get("d", "")
+    assert engraved.count("M") == sum(len(cut.strokes) for cut in sheet.cuts)
+
+
+def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
+    default_layout: Layout, tmp_path: Path
+) -> None:
+    default_layout.save(tmp_path / "layout.json")
+    program = (
+        "import sys; from pathlib import Path; from optics.layout import Layout; from cad.hardware import HARDWARE;"
+        "from cad.mirrors.dxf import write_dxf; from cad.mirrors.sheets import plan_sheets;"
+        "from cad.mirrors.svg import write_svg;"
+        "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), HARDWARE.cutting); out = Path(sys.argv[2]);"
+        "write_dxf(out.with_suffix('.dxf'), sheet); write_svg(out.with_suffix('.svg'), sheet)"
+    )
+    for seed in (1, 2, 7):
+        command = [sys.executable, "-c", program, str(tmp_path / "layout.json"), str(tmp_path / f"{seed}")]
+        subprocess.run(command, check=True, env=os.environ | {"PYTHONHASHSEED": f"{seed}"})
+    for suffix in ("dxf", "svg"):
+        assert len({file.read_bytes() for file in tmp_path.glob(f"*.{suffix}")}) == 1
+        assert len(list(tmp_path.glob(f"*.{suffix}"))) == 3
