@@ -1,0 +1,91 @@
+"""The assembled device as GLB: a node for every piece, with its name, number, colour and way out when exploded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from trimesh.exchange.gltf import export_glb
+from trimesh.graph import smooth_shade
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from cad.pieces import Kind, Piece
+from cad.threemf import DESIGNER, LICENCE
+from optics.files import atomic
+from optics.values import FloatArray
+
+ROOT = "device"
+GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
+    [[-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1000.0]]
+)
+"""glTF is in metres, +Y up, its front towards +Z: the device stands with the rig's z up and looks along the rig's y."""
+
+# Metallic and roughness of what a piece is made of.
+FINISH: dict[Kind, tuple[float, float]] = {
+    "part": (0.0, 0.75),
+    "mirror": (1.0, 0.04),
+    "camera": (0.0, 0.45),
+    "screw": (0.9, 0.35),
+    "insert": (0.9, 0.35),
+    "nut": (0.9, 0.35),
+    "pin": (0.9, 0.35),
+}
+# Edges sharper than this stay edges; the facets of a round hole melt into each other.
+CREASE_RAD = np.radians(30.0)
+
+
+def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
+    """Write the pieces as binary glTF 2.0.
+
+    The node `device` carries `GLTF_FROM_RIG`; the nodes below it, one per piece and named like it, are in rig, mm.
+    Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in rig: to explode the device, move each
+    node by a share of it.
+    """
+    scene = trimesh.Scene()
+    scene.graph.update(ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)  # type: ignore[no-untyped-call]
+    for piece in pieces:
+        extras = {
+            "kind": piece.kind,
+            "number": piece.number,
+            "title": piece.title,
+            "explode_mm": [round(float(length), 4) for length in piece.explode_mm],
+        }
+        scene.add_geometry(
+            _shaded(piece), node_name=piece.name, geom_name=piece.name, parent_node_name=ROOT, metadata=extras
+        )
+    colours = {piece.name: [*linear(np.array(piece.rgb)).round(6).tolist(), 1.0] for piece in pieces}
+
+    def finish(tree: dict[str, Any]) -> None:
+        tree["asset"]["copyright"] = f"{DESIGNER}, {LICENCE}"
+        # trimesh keeps colours in steps of 1/255.
+        for material in tree["materials"]:
+            material["pbrMetallicRoughness"]["baseColorFactor"] = colours[material["name"]]
+
+    data = export_glb(scene, include_normals=True, tree_postprocessor=finish)  # type: ignore[no-untyped-call]
+    with atomic(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _shaded(piece: Piece) -> trimesh.Trimesh:
+    """The mesh of a piece, its vertices doubled along sharp edges, with its material."""
+    mesh = smooth_shade(piece.mesh, angle=CREASE_RAD, facet_minarea=None)
+    metallic, roughness = FINISH[piece.kind]
+    material = PBRMaterial(  # type: ignore[no-untyped-call]
+        name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
+    )
+    return trimesh.Trimesh(
+        mesh.vertices,
+        mesh.faces,
+        vertex_normals=mesh.vertex_normals,
+        visual=TextureVisuals(material=material),  # type: ignore[no-untyped-call]
+        process=False,
+    )
+
+
+def linear(srgb: FloatArray) -> FloatArray:
+    """Linear light of sRGB values 0 to 1 (IEC 61966-2-1): glTF's colours are linear."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
