@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import trimesh
@@ -45,7 +45,7 @@ class Piece:
     """One thing in its place: `mesh` in rig, mm; `explode_mm` (3,) in rig is where it goes in an exploded view.
 
     `name` is unique: of a part the stem of its files, of a mirror "mirror_ROW-COLUMN". `number` is a part's or a
-    mirror's, "" of what is bought.
+    mirror's, "" of what is bought; `item` is the fastener that a piece shows.
     """
 
     name: str
@@ -56,6 +56,10 @@ class Piece:
     explode_mm: FloatArray
     mesh: trimesh.Trimesh
     mass: MassProperties
+    item: BoughtItem | None = None
+
+
+PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
 
 
 def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
@@ -76,12 +80,10 @@ def _printed(part: BuiltPart) -> Piece:
 
 def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
     """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
-    holders = [piece for piece in printed if piece.name.startswith("mirror_holder")]
     pieces = []
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
         mesh = mesh_of(sheet(mirror))
-        centre = mirror.outline_in_rig_mm.mean(axis=0)
-        nearest = min(holders, key=lambda piece: float(np.linalg.norm(piece.mass.centre_in_rig_mm - centre)))
+        nearest = holder_under(mirror, printed)
         pieces.append(
             Piece(
                 name=f"mirror_{name}",
@@ -97,6 +99,13 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
     return tuple(pieces)
 
 
+def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
+    """The holder, or of a split one the piece whose centre of mass is nearest to the middle of a mirror."""
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    holders = [part for part in parts if part.name.startswith("mirror_holder")]
+    return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
+
+
 def camera_piece(device: Device) -> Piece:
     """The camera, of the mass that its maker says."""
     camera = device.hardware.camera
@@ -106,12 +115,10 @@ def camera_piece(device: Device) -> Piece:
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
-    """Fasteners, numbered in their order: "screw_01"."""
-    counted: Counter[str] = Counter()
+    """Fasteners in their places."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
     pieces = []
-    for item in items:
-        counted[item.kind] += 1
+    for name, item in zip(item_names(items), items, strict=True):
         key = (item.kind, item.size, item.length_mm)
         if key not in meshes:
             meshes[key] = tessellated(item_solid(item))
@@ -119,7 +126,7 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
         mesh.apply_transform(item.rig_from_item)
         pieces.append(
             Piece(
-                name=f"{item.kind}_{counted[item.kind]:02d}",
+                name=name,
                 kind=item.kind,
                 number="",
                 title=item_title(item),
@@ -127,9 +134,20 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
                 explode_mm=item.explode_mm,
                 mesh=mesh,
                 mass=mass_of(mesh, BRASS if item.kind == "insert" else STEEL),
+                item=item,
             )
         )
     return tuple(pieces)
+
+
+def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
+    """Names of fasteners, numbered by kind: "screw_01"."""
+    counted: Counter[str] = Counter()
+    names = []
+    for item in items:
+        counted[item.kind] += 1
+        names.append(f"{item.kind}_{counted[item.kind]:02d}")
+    return tuple(names)
 
 
 def item_title(item: BoughtItem) -> str:

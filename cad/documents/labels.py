@@ -1,0 +1,120 @@
+"""Names around a picture, each with a line to what it names; no line crosses another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from cad.documents.render import Pixels, Shot
+from optics.values import FloatArray
+
+INK = (28, 33, 45)
+SOFT = (104, 112, 128)
+TEXT_PX = 24
+SMALLEST_TEXT_PX = 15
+ROW_OF_TEXT = 1.9
+MARGIN_PX = 26
+SHIFT = 4
+
+
+@dataclass(frozen=True)
+class Label:
+    """A name for a body (by its index) of a picture."""
+
+    body: int
+    text: str
+
+
+@dataclass(frozen=True)
+class _Line:
+    start: FloatArray
+    end: FloatArray
+
+    def crosses(self, other: _Line) -> bool:
+        def side(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+            return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+        return (
+            side(self.start, self.end, other.start) * side(self.start, self.end, other.end) < 0.0
+            and side(other.start, other.end, self.start) * side(other.start, other.end, self.end) < 0.0
+        )
+
+
+def anchor(shot: Shot, body: int) -> FloatArray | None:
+    """The pixel (column, row) deepest inside of what is seen of a body, or None where it is hidden."""
+    seen = (shot.bodies == body).astype(np.uint8)
+    if not seen.any():
+        return None
+    inside = cv2.distanceTransform(np.pad(seen, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(inside.argmax()), inside.shape)
+    return np.array([column, row], dtype=np.float64)
+
+
+def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
+    """The picture with its names in columns at its left and right sides; what is hidden gets none."""
+    found = [(label, point) for label in labels if (point := anchor(shot, label.body)) is not None]
+    image = shot.image.copy()
+    height, width = image.shape[:2]
+    # Halved by where they are, lines to the left and to the right never meet.
+    found.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
+    half = (len(found) + 1) // 2
+    rows = max(half, len(found) - half)
+    size = int(min(TEXT_PX, max(SMALLEST_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / ROW_OF_TEXT)))
+    font = cv2.FontFace("sans")
+    for left, group in ((True, found[:half]), (False, found[half:])):
+        group = sorted(group, key=lambda item: (item[1][1], item[0].text))
+        places = _rows([float(point[1]) for _, point in group], size * ROW_OF_TEXT, height)
+        boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size) for label, _ in group]
+        starts = [
+            np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, place])
+            for box, place in zip(boxes, places, strict=True)
+        ]
+        order = uncrossed(starts, [point for _, point in group])
+        # A name that changes rows keeps its own width.
+        for place, index in zip(places, order, strict=True):
+            label, point = group[index]
+            box = boxes[index]
+            x = MARGIN_PX if left else width - MARGIN_PX - box[2]
+            start = np.array([x + box[2] + 8.0 if left else x - 8.0, place])
+            _leader(image, start, point)
+            cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size)
+    return image
+
+
+def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
+    """Which end each start leads to, so that no two lines cross: crossing ones swap ends, which makes both shorter."""
+    order = list(range(len(starts)))
+    swapped = True
+    while swapped:
+        swapped = False
+        for i, j in combinations(range(len(order)), 2):
+            if _Line(starts[i], ends[order[i]]).crosses(_Line(starts[j], ends[order[j]])):
+                order[i], order[j] = order[j], order[i]
+                swapped = True
+    return order
+
+
+def _rows(wanted: Sequence[float], pitch: float, height: int) -> list[float]:
+    """Rows near the wanted ones (ascending), at least a pitch apart, inside the picture."""
+    low, high = MARGIN_PX + pitch / 2.0, height - MARGIN_PX - pitch / 2.0
+    rows: list[float] = []
+    for value in wanted:
+        rows.append(max(value, low if not rows else rows[-1] + pitch))
+    limit = high
+    for index in reversed(range(len(rows))):
+        rows[index] = min(rows[index], limit)
+        limit = rows[index] - pitch
+    return rows
+
+
+def _leader(image: Pixels, start: FloatArray, end: FloatArray) -> None:
+    scale = 1 << SHIFT
+    tail, tip = ([round(float(value) * scale) for value in point] for point in (start, end))
+    cv2.line(image, tail, tip, (255, 255, 255), 4, cv2.LINE_AA, SHIFT)
+    cv2.line(image, tail, tip, SOFT, 1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, tip, 5 * scale, (255, 255, 255), -1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, tip, 4 * scale, INK, -1, cv2.LINE_AA, SHIFT)

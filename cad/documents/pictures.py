@@ -1,0 +1,280 @@
+"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cad.device import Device
+from cad.documents.labels import Label, annotate
+from cad.documents.render import Body, Rgb, Screen, render
+from cad.part import BuiltPart
+from cad.pieces import Piece
+from optics.files import write_image
+from optics.layout import Layout
+from optics.transforms import transform
+from optics.values import FloatArray
+
+PICTURE_PX = (1600, 1200)
+# Room for the names at both sides.
+MARGINS_PX = (330, 60)
+BARE_MARGINS_PX = (80, 70)
+# Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
+IN_FRONT = (0.95, 0.12, 1.0)
+BELOW = (0.55, 0.75, 1.0)
+BEHIND = (-0.80, -0.35, -1.0)
+LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
+GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
+PALE = 0.55
+RAY_BEYOND_MIRROR = 1.1
+BED_GAP_MM = 14.0
+# In the picture of a step what is new stands off by this share of its way in the exploded view.
+STEP_SHARE = 0.8
+INSERT_OUT_MM = 12.0
+FASTENERS = ("screw", "insert", "nut", "pin")
+
+
+@dataclass(frozen=True)
+class Item:
+    """A body of a picture where it is drawn, in rig, its name there ("" for none), and its path from its place."""
+
+    body: Body
+    label: str
+    path: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture before it is drawn: file stem, what it shows, the viewer's axes (3, 3) in rig, bodies, rays."""
+
+    name: str
+    title: str
+    axes: FloatArray
+    items: tuple[Item, ...]
+    rays: tuple[FloatArray, ...] = ()
+
+    @property
+    def path(self) -> str:
+        """Where it lies below a device's folder."""
+        return f"pictures/{self.name}.png"
+
+
+def write_picture(folder: Path, picture: Picture) -> None:
+    """Draw a picture and write it below a device's folder."""
+    bodies = [item.body for item in picture.items]
+    labelled = [Label(index, item.label) for index, item in enumerate(picture.items) if item.label]
+    points = np.concatenate([*(body.triangles.reshape(-1, 3) for body in bodies), *picture.rays])
+    screen = Screen.around(points, picture.axes, PICTURE_PX, MARGINS_PX if labelled else BARE_MARGINS_PX)
+    lines: list[tuple[FloatArray, Rgb, float]] = [
+        (item.path, GUIDE_RGB, 1.5) for item in picture.items if item.path is not None
+    ]
+    lines += [(ray, LIGHT_RGB, 2.0) for ray in picture.rays]
+    write_image(folder / picture.path, annotate(render(bodies, screen, lines), labelled))
+
+
+def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[Picture, ...]:
+    """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
+    layout = device.layout
+    front, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, BELOW, BEHIND))
+    whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
+    bare = tuple(_item(piece) for piece in pieces)
+    rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
+    apart = tuple(_moved(piece, piece.explode_mm, _big_label(piece)) for piece in pieces)
+    stages = _Stages(pieces)
+    return (
+        Picture("assembled", "The device, assembled", front, whole),
+        Picture("exploded", "Exploded view", front, apart),
+        Picture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
+        Picture("behind", "The device from behind", behind, bare),
+        Picture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
+        Picture("inserts", "Where the inserts go", behind, stages.threads()),
+        Picture("mirrors", "Which mirror goes where", below, stages.mirrors()),
+        Picture("holder", "Mirror holder and mount", behind, stages.holder()),
+        Picture("camera", "Camera and clip", front, stages.camera()),
+        Picture("clip", "Clip and mount", front, stages.clip()),
+        Picture("adapter", "The clamp", front, stages.adapter()),
+    )
+
+
+def view_axes(layout: Layout, viewer_in_view: Sequence[float]) -> FloatArray:
+    """Rows right, up and towards the viewer (3, 3) in rig; up is the scene's."""
+    towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
+    towards /= np.linalg.norm(towards)
+    up = -layout.view_from_rig[1]
+    up = up - (up @ towards) * towards
+    up /= np.linalg.norm(up)
+    return np.array([np.cross(up, towards), up, towards])
+
+
+# The printer's bed from the front right, above: z is up.
+ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matrix()
+
+
+def middle_ray(layout: Layout, index: int) -> FloatArray:
+    """Pupil, middle of a mirror, and a point on the way to the scene: (3, 3) in rig, mm."""
+    mirror = layout.mirrors[index]
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    direction = middle - mirror.virtual_centre_in_rig_mm
+    length = RAY_BEYOND_MIRROR * np.linalg.norm(layout.mirrors[layout.central_index].outline_in_rig_mm.mean(axis=0))
+    return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
+
+
+def joins_of(piece: Piece) -> tuple[str, ...]:
+    """The parts that a fastener joins, outer part first; () of anything else."""
+    return piece.item.joins if piece.item else ()
+
+
+class _Stages:
+    """What stands together at each step of the guide."""
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.pieces = pieces
+
+    def _named(self, *stems: str) -> list[Piece]:
+        return [piece for piece in self.pieces if piece.kind == "part" and piece.name.startswith(stems)]
+
+    def _kind(self, *kinds: str) -> list[Piece]:
+        return [piece for piece in self.pieces if piece.kind in kinds]
+
+    def _fixing(self, stem: str, *others: str) -> list[Piece]:
+        """Screws, nuts and pins between a part and others."""
+        return [
+            piece
+            for piece in self._kind("screw", "nut", "pin")
+            if any(name.startswith(stem) for name in joins_of(piece))
+            and any(name.startswith(others) for name in joins_of(piece))
+        ]
+
+    def _pressed_in(self, parts: Iterable[Piece]) -> list[Piece]:
+        names = {part.name for part in parts}
+        return [piece for piece in self._kind("insert") if names & set(joins_of(piece))]
+
+    def threads(self) -> tuple[Item, ...]:
+        inserts = self._kind("insert", "nut")
+        parts = [piece for piece in self._kind("part") if any(piece.name in joins_of(insert) for insert in inserts)]
+        by_name = {part.name: part for part in parts}
+        items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
+        for insert in inserts:
+            home = next(by_name[name].explode_mm for name in reversed(joins_of(insert)) if name in by_name)
+            items.append(_moved(insert, home + INSERT_OUT_MM * _axis(insert), line_from=home))
+        return tuple(items)
+
+    def mirrors(self) -> tuple[Item, ...]:
+        holder = self._named("mirror_holder")
+        lifted = [_lifted(piece, holder) for piece in self._kind("mirror")]
+        return (*(_item(piece, pale=True) for piece in holder), *lifted)
+
+    def holder(self) -> tuple[Item, ...]:
+        holder, mount = self._named("mirror_holder"), self._named("mount")
+        rest = [*holder, *self._kind("mirror"), *self._pressed_in(holder)]
+        return _joined(rest, mount, self._fixing("mount", "mirror_holder"), holder)
+
+    def camera(self) -> tuple[Item, ...]:
+        clip, camera = self._named("camera_clip"), self._kind("camera")
+        screws = [piece for piece in self._kind("screw") if set(joins_of(piece)) <= {"camera_clip", "camera"}]
+        return _joined([*clip, *self._pressed_in(clip)], camera, screws, clip)
+
+    def clip(self) -> tuple[Item, ...]:
+        holder, mount = self._named("mirror_holder"), self._named("mount")
+        clip = self._named("camera_clip")
+        rest = [*holder, *mount, *self._kind("mirror"), *self._pressed_in((*holder, *mount))]
+        new = [*clip, *self._kind("camera"), *self._pressed_in(clip)]
+        return _joined(rest, new, self._fixing("camera_clip", "mount"), mount, together=clip)
+
+    def adapter(self) -> tuple[Item, ...]:
+        adapter, mount = self._named("adapter"), self._named("mount")
+        rest = [
+            piece
+            for piece in self.pieces
+            if piece not in adapter and not any(name.startswith("adapter") for name in joins_of(piece))
+        ]
+        fixing = [
+            piece for piece in self._kind(*FASTENERS) if any(name.startswith("adapter") for name in joins_of(piece))
+        ]
+        return _joined(rest, adapter, fixing, mount)
+
+
+def _joined(
+    rest: Sequence[Piece],
+    new: Sequence[Piece],
+    fasteners: Sequence[Piece],
+    still: Sequence[Piece],
+    together: Sequence[Piece] = (),
+) -> tuple[Item, ...]:
+    """What is there already, pale, and what is new, away from it as in the exploded view in which `still` rests."""
+    base = _mean([piece.explode_mm for piece in still])
+    block = _mean([piece.explode_mm for piece in together]) - base if together else None
+    items = [_item(piece, _big_label(piece), pale=True) for piece in rest]
+    for piece in new:
+        away = (piece.explode_mm - base if block is None else block) * STEP_SHARE
+        items.append(_moved(piece, away, _big_label(piece)))
+    items += [_moved(piece, (piece.explode_mm - base) * STEP_SHARE) for piece in fasteners]
+    return tuple(items)
+
+
+def _lifted(piece: Piece, holder: Sequence[Piece]) -> Item:
+    away = piece.explode_mm - min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
+    return _moved(piece, away, piece.name.removeprefix("mirror_"))
+
+
+def _distance(move: FloatArray, piece: Piece) -> float:
+    return float(np.linalg.norm(piece.explode_mm - move))
+
+
+def _axis(piece: Piece) -> FloatArray:
+    """Where a fastener came from: out of its hole."""
+    return piece.item.rig_from_item[:3, 2] if piece.item else np.zeros(3)
+
+
+def _mean(vectors: Sequence[FloatArray]) -> FloatArray:
+    return np.mean(vectors, axis=0) if vectors else np.zeros(3)
+
+
+def _item(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
+    rgb = piece.rgb
+    if pale and piece.kind != "mirror":
+        red, green, blue = (PALE * 0.93 + (1.0 - PALE) * channel for channel in rgb)
+        rgb = (red, green, blue)
+    return Item(Body(_triangles(piece), rgb, shine=piece.kind == "mirror"), label)
+
+
+def _moved(
+    piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, line_from: FloatArray | None = None
+) -> Item:
+    """A piece drawn `away` (3,) mm from its place, with the path from there (or from `line_from`)."""
+    here = _item(piece, label, pale=pale)
+    start = np.zeros(3) if line_from is None else line_from
+    centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+    path = np.array([centre + start, centre + away]) if np.linalg.norm(away - start) > 1.0 else None
+    return Item(Body(here.body.triangles + away, here.body.rgb, here.body.shine), label, path)
+
+
+def _triangles(piece: Piece) -> FloatArray:
+    return np.asarray(piece.mesh.triangles, dtype=np.float64)
+
+
+def _big_label(piece: Piece) -> str:
+    return f"{piece.number} {piece.title}".strip() if piece.kind in ("part", "camera") else ""
+
+
+def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
+    """The parts as printed, in rows on a floor, as wide as deep."""
+    import trimesh
+
+    meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
+    laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
+    sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in laid]
+    row_end = 1.25 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
+    x = y = deepest = 0.0
+    items = []
+    for (part, triangles), size in zip(laid, sizes, strict=True):
+        if x > 0.0 and x + size[0] > row_end:
+            x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
+        shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)
+        items.append(Item(Body(triangles + shift, part.rgb), f"{part.number} {part.title}"))
+        x, deepest = x + size[0] + BED_GAP_MM, max(deepest, float(size[1]))
+    return tuple(items)

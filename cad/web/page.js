@@ -1,0 +1,254 @@
+"use strict";
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const stage = document.getElementById("stage");
+  const label = document.getElementById("label");
+  const list = document.getElementById("pieces");
+  const slider = document.getElementById("explode");
+
+  const fail = (reason) => {
+    stage.classList.add("flat");
+    document.getElementById("flat-reason").textContent = reason;
+    for (const control of document.querySelectorAll(".tools input, .tools button")) control.disabled = true;
+  };
+
+  let renderer;
+  try {
+    renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+  } catch (error) {
+    fail("This browser shows no 3-D graphics (WebGL), so here is a picture of the model instead.");
+    return;
+  }
+
+  const scene = new THREE.Scene();
+  const camera = new THREE.PerspectiveCamera(30, 1, 0.01, 50);
+  const controls = new THREE.OrbitControls(camera, renderer.domElement);
+  controls.enableDamping = true;
+  controls.dampingFactor = 0.12;
+  const surroundings = new THREE.PMREMGenerator(renderer).fromScene(new THREE.RoomEnvironment(), 0.04).texture;
+  scene.environment = surroundings;
+  scene.environmentIntensity = 0.55;
+  const sun = new THREE.DirectionalLight(0xffffff, 2.1);
+  const fill = new THREE.DirectionalLight(0xffffff, 0.7);
+  scene.add(sun, fill, new THREE.HemisphereLight(0xffffff, 0x8a8f9a, 0.5));
+  renderer.domElement.setAttribute("role", "img");
+  renderer.domElement.setAttribute("aria-label", "The assembled device in 3-D: drag to turn, scroll or pinch to zoom");
+  stage.prepend(renderer.domElement);
+
+  const finish = {
+    part: { metalness: 0.0, roughness: 0.62 },
+    mirror: { metalness: 1.0, roughness: 0.04 },
+    camera: { metalness: 0.1, roughness: 0.45 },
+    bought: { metalness: 0.9, roughness: 0.35 },
+  };
+  const accent = new THREE.Color(0xf0821e);
+  const pieces = new Map();
+  const rays = new THREE.Group();
+  const home = new THREE.Sphere();
+  let frameWanted = false;
+
+  const draw = () => {
+    if (frameWanted) return;
+    frameWanted = true;
+    requestAnimationFrame(() => {
+      frameWanted = false;
+      // The lights stand behind the viewer's shoulders.
+      sun.position.copy(camera.position).add(new THREE.Vector3(-0.6, 1.0, 0.4).multiplyScalar(home.radius * 3));
+      fill.position.copy(camera.position).multiplyScalar(-1);
+      if (controls.update()) draw();
+      renderer.render(scene, camera);
+    });
+  };
+
+  const look = (direction) => {
+    const [x, y, z] = direction;
+    const distance = (home.radius / Math.sin((camera.fov * Math.PI) / 360)) * 1.02 * Math.max(1, 1 / camera.aspect);
+    controls.target.copy(home.center);
+    camera.position.copy(home.center).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
+    draw();
+  };
+
+  const measure = () => {
+    const box = new THREE.Box3();
+    for (const piece of pieces.values()) if (piece.node.visible) box.expandByObject(piece.node);
+    if (!box.isEmpty()) box.getBoundingSphere(home);
+  };
+
+  const explode = (share) => {
+    for (const { node, away, rest } of pieces.values()) node.position.copy(rest).addScaledVector(away, share);
+    rays.visible = rays.userData.wanted && share < 0.02;
+    draw();
+  };
+
+  let chosen = null;
+  const light = (piece, on) => {
+    piece.node.traverse((child) => {
+      if (!child.isMesh) return;
+      child.material.emissive.copy(on ? accent : new THREE.Color(0));
+      child.material.emissiveIntensity = on ? 0.55 : 0;
+    });
+    piece.row?.classList.toggle("on", on);
+    draw();
+  };
+  const choose = (piece, follow) => {
+    if (chosen) light(chosen, false);
+    chosen = piece === chosen ? null : piece;
+    label.hidden = !chosen;
+    if (!chosen) return;
+    light(chosen, true);
+    label.textContent = [chosen.number, chosen.title].filter(Boolean).join("  ");
+    if (follow) chosen.row?.scrollIntoView({ block: "nearest", behavior: "smooth" });
+  };
+
+  const groups = [
+    ["part", "Printed parts"],
+    ["mirror", "Mirrors"],
+    ["camera", "Camera"],
+    ["bought", "Screws and inserts"],
+  ];
+  const kindOf = (kind) => (["part", "mirror", "camera"].includes(kind) ? kind : "bought");
+
+  const addRow = (group, piece) => {
+    const row = document.createElement("li");
+    const box = document.createElement("input");
+    box.type = "checkbox";
+    box.checked = true;
+    box.setAttribute("aria-label", `show ${piece.title} ${piece.number}`);
+    box.addEventListener("change", () => {
+      piece.node.visible = box.checked;
+      draw();
+    });
+    const name = document.createElement("button");
+    name.type = "button";
+    const dot = document.createElement("i");
+    dot.style.background = `#${piece.colour.getHexString()}`;
+    const number = document.createElement("span");
+    number.textContent = piece.number;
+    name.append(dot, piece.title, number);
+    name.addEventListener("click", () => choose(piece, false));
+    row.addEventListener("pointerenter", () => piece !== chosen && light(piece, true));
+    row.addEventListener("pointerleave", () => piece !== chosen && light(piece, false));
+    row.append(box, name);
+    group.append(row);
+    piece.row = row;
+    piece.box = box;
+  };
+
+  const build = (gltf) => {
+    const root = gltf.scene;
+    scene.add(root);
+    const nodes = [];
+    root.traverse((node) => node.userData.kind && nodes.push(node));
+    for (const node of nodes) {
+      const { kind, number = "", title = node.name, explode_mm: away = [0, 0, 0] } = node.userData;
+      const piece = { node, kind: kindOf(kind), number, title, away: new THREE.Vector3(...away) };
+      piece.rest = node.position.clone();
+      const meshes = [];
+      node.traverse((child) => child.isMesh && meshes.push(child));
+      for (const mesh of meshes) {
+        const look = { ...finish[piece.kind], flatShading: true, color: mesh.material.color };
+        mesh.material = new THREE.MeshStandardMaterial(look);
+        piece.colour = mesh.material.color.clone();
+        const edges = new THREE.EdgesGeometry(mesh.geometry, 24);
+        const ink = new THREE.LineBasicMaterial({ color: 0x0c1018, transparent: true, opacity: 0.38 });
+        mesh.add(new THREE.LineSegments(edges, ink));
+      }
+      pieces.set(node.name, piece);
+    }
+    const device = nodes[0].parent;
+    const paths = new THREE.LineBasicMaterial({ color: accent });
+    for (const path of data.rays_mm) {
+      const points = path.map((point) => new THREE.Vector3(...point));
+      rays.add(new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), paths));
+    }
+    rays.userData.wanted = false;
+    rays.visible = false;
+    device.add(rays);
+
+    for (const [kind, title] of groups) {
+      const members = [...pieces.values()].filter((piece) => piece.kind === kind);
+      if (!members.length) continue;
+      const group = document.createElement("details");
+      group.open = kind === "part";
+      const summary = document.createElement("summary");
+      const box = document.createElement("input");
+      box.type = "checkbox";
+      box.checked = true;
+      box.setAttribute("aria-label", `show ${title}`);
+      box.addEventListener("click", (event) => event.stopPropagation());
+      box.addEventListener("change", () => {
+        for (const piece of members) piece.node.visible = piece.box.checked = box.checked;
+        draw();
+      });
+      summary.append(box, `${title} `, Object.assign(document.createElement("span"), { textContent: members.length }));
+      const rows = document.createElement("ul");
+      group.append(summary, rows);
+      for (const piece of members) addRow(rows, piece);
+      list.append(group);
+    }
+    measure();
+    resize();
+    look([0.95, 0.35, 1.0]);
+    stage.dataset.ready = String(pieces.size);
+  };
+
+  const resize = () => {
+    const { clientWidth: width, clientHeight: height } = stage;
+    renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    renderer.setSize(width, height, false);
+    camera.aspect = width / height;
+    camera.updateProjectionMatrix();
+    draw();
+  };
+  new ResizeObserver(resize).observe(stage);
+
+  const caster = new THREE.Raycaster();
+  let pressed = null;
+  renderer.domElement.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
+  renderer.domElement.addEventListener("click", (event) => {
+    // The end of a drag is no choice.
+    if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 5) return;
+    const box = renderer.domElement.getBoundingClientRect();
+    const at = new THREE.Vector2(
+      ((event.clientX - box.left) / box.width) * 2 - 1,
+      1 - ((event.clientY - box.top) / box.height) * 2,
+    );
+    caster.setFromCamera(at, camera);
+    const shown = [...pieces.values()].filter((piece) => piece.node.visible);
+    const hit = caster.intersectObjects(shown.map((piece) => piece.node), true).find(({ object }) => object.isMesh);
+    const piece = hit && shown.find(({ node }) => node === hit.object || node.getObjectById(hit.object.id));
+    if (piece) choose(piece, true);
+    else if (chosen) choose(chosen, false);
+  });
+  controls.addEventListener("change", draw);
+  slider.addEventListener("input", () => explode(slider.valueAsNumber / 100));
+  document.getElementById("rays").addEventListener("change", (event) => {
+    rays.userData.wanted = event.target.checked;
+    explode(slider.valueAsNumber / 100);
+  });
+  for (const button of document.querySelectorAll("[data-look]")) {
+    button.addEventListener("click", () => {
+      measure();
+      look(JSON.parse(button.dataset.look));
+    });
+  }
+  // For a link to a view: index.html#explode=60
+  const asked = /explode=(\d+)/.exec(location.hash);
+
+  const text = document.getElementById("glb").textContent;
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  new THREE.GLTFLoader().parse(
+    bytes.buffer,
+    "",
+    (gltf) => {
+      build(gltf);
+      if (asked) {
+        slider.value = asked[1];
+        explode(slider.valueAsNumber / 100);
+        measure();
+        look([0.95, 0.35, 1.0]);
+      }
+    },
+    (error) => fail(`The 3-D model could not be read: ${error.message ?? error}`),
+  );
+})();
