@@ -1,99 +1,156 @@
-"""Seats of the mirrors, read back from an exported STEP and measured against the layout."""
+"""Seats and pockets of the mirrors, read back from exported STEP files and measured against the layout."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from build123d import Compound, Face, GeomType, import_step
-from shapely import Point, Polygon
+from build123d import GeomType, Shape, Wire
+from shapely import Polygon, get_parts, maximum_inscribed_circle, unary_union
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
+from cad.hardware import Hardware
 from cad.seats import back_height_mm, outline_at, seat_distance_mm
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.values import FloatArray, Metric
 
-# A face this far from where a seat belongs (mm, and cosine of the angle) is not taken for that seat.
-SEAT_SEARCH_MM = 5.0
-SEAT_SEARCH_COSINE = 0.9
+# A face this far from where a seat belongs is not taken for that seat, but for what lies behind it.
+SEAT_SEARCH_MM = 0.25
+SEAT_SEARCH_DEG = 0.5
 # A seat may lose this much of the mirror it bears to a neighbour's light and pocket, at its edge.
 SEAT_COVER = 0.99
-
-
-def check_step(path: Path, layout: Layout) -> dict[str, Metric]:
-    """One valid solid, and the worst seat: how far its plane is from the layout's, and how much of the mirror it bears.
-
-    The offset is the largest distance of a corner of the mirror's back from the seat face.
-    """
-    shape = import_step(path)
-    solids = shape.solids()
-    found = [find_seat(shape, mirror) for mirror in layout.mirrors]
-    seats = [(mirror, seat) for mirror, seat in zip(layout.mirrors, found, strict=True) if seat is not None]
-    return {
-        "solids": Metric(value=len(solids), unit="", limit=1),
-        "invalid_solids": Metric(value=sum(not solid.is_valid for solid in solids) if solids else 1, unit="", limit=0),
-        "seats_missing": Metric(value=len(found) - len(seats), unit="", limit=0),
-        "seat_offset_um": Metric(value=max((s.offset_um(m) for m, s in seats), default=0.0), unit="um", limit=1.0),
-        "seat_angle_deg": Metric(value=max((s.angle_deg(m) for m, s in seats), default=0.0), unit="deg", limit=0.001),
-        "seat_cover": Metric(
-            value=min((s.cover(m) for m, s in seats), default=0.0),
-            unit="",
-            limit=SEAT_COVER,
-            lower_is_better=False,
-        ),
-        "volume_cm3": Metric(value=sum(solid.volume for solid in solids) / 1000.0, unit="cm3"),
-    }
+# A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
+WALL_SEARCH_MM = 0.1
+WALL_SEARCH_DEG = 0.1
+CURVE_POINTS = 17
 
 
 @dataclass(frozen=True)
-class SeatFace:
-    """A flat face of the part: a point (3,) and the outward unit normal (3,) of its plane, its area in mirror axes."""
+class FlatFace:
+    """A flat face of a solid: its outward unit normal (3,), and its loops of corners (n, 3), the outer one first."""
 
-    point: FloatArray
     normal: FloatArray
-    area: Polygon
+    loops: tuple[FloatArray, ...]
 
-    def offset_um(self, mirror: Mirror) -> float:
-        """Largest distance of the corners of the mirror's back from the face's plane."""
-        corners = outline_at(mirror, back_height_mm(mirror))
-        return float(np.abs((corners - self.point) @ self.normal).max()) * 1000.0
+    def seen_from(self, frame: FloatArray) -> Polygon:
+        """Its area in the x and y of a frame (4, 4)."""
+        outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
+        return Polygon(outer, holes)
 
-    def angle_deg(self, mirror: Mirror) -> float:
-        """Angle between the face's normal and the mirror's."""
-        across = np.linalg.norm(np.cross(self.normal, mirror.normal_in_rig))
-        return float(np.degrees(np.arctan2(across, self.normal @ mirror.normal_in_rig)))
-
-    def cover(self, mirror: Mirror) -> float:
-        """Share of the mirror's outline that lies on the face."""
-        outline = Polygon(mirror.outline_in_plane_mm)
-        return float(self.area.intersection(outline).area / outline.area)
+    def angle_deg(self, direction: FloatArray) -> float:
+        """Angle between its normal and a unit vector (3,)."""
+        across = np.linalg.norm(np.cross(self.normal, direction))
+        return float(np.degrees(np.arctan2(across, self.normal @ direction)))
 
 
-def find_seat(shape: Compound, mirror: Mirror) -> SeatFace | None:
-    """The flat face behind the middle of a mirror that is nearest to where its seat belongs."""
-    frame = mirror.rig_from_plane
-    nearest: tuple[float, SeatFace] | None = None
-    for face in shape.faces().filter_by(GeomType.PLANE):
-        normal = np.array(tuple(face.normal_at()))
-        if normal @ mirror.normal_in_rig < SEAT_SEARCH_COSINE:
+def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
+    """All flat faces of some solids."""
+    return [
+        FlatFace(np.array(tuple(face.normal_at())), (_loop(face.outer_wire()), *map(_loop, face.inner_wires())))
+        for shape in shapes
+        for face in shape.faces().filter_by(GeomType.PLANE)
+    ]
+
+
+def _loop(wire: Wire) -> FloatArray:
+    """Corners (n, 3) of a closed line; curved edges are points."""
+    points: list[tuple[float, ...]] = []
+    for edge in wire.order_edges():
+        count = 1 if edge.geom_type == GeomType.LINE else CURVE_POINTS
+        points += [tuple(edge @ (place / count)) for place in range(count)]
+    return np.array(points)
+
+
+def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float) -> list[FlatFace]:
+    """The faces whose normals are within an angle of a unit vector (3,)."""
+    normals = np.array([face.normal for face in faces]).reshape(-1, 3)
+    return [faces[place] for place in np.flatnonzero(normals @ direction > np.cos(np.radians(within_deg))).tolist()]
+
+
+@dataclass(frozen=True)
+class Seat:
+    """What is found of a mirror's seat.
+
+    `offset_mm` is how far the planes of its faces are, at most, from the corners of the mirror's back; `angle_deg` how
+    far they are tilted; `cover` the share of the outline that bears the mirror; `span_mm` the diameter of the largest
+    circle on the mirror that nothing bears.
+    """
+
+    offset_mm: float
+    angle_deg: float
+    cover: float
+    span_mm: float
+
+
+def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
+    """The seat of a mirror: all faces about in the plane of its back, behind its outline; None where there is none."""
+    outline = Polygon(mirror.outline_in_plane_mm)
+    back = outline_at(mirror, back_height_mm(mirror))
+    bearing: list[tuple[FlatFace, BaseGeometry]] = []
+    for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
+        heights = face.loops[0] @ mirror.normal_in_rig + seat_distance_mm(mirror)
+        if np.abs(heights).min() > SEAT_SEARCH_MM:
             continue
-        point = np.array(tuple(face.vertices()[0]))
-        middle = frame[:3, 3] - (seat_distance_mm(mirror) - mirror.distance_mm) * mirror.normal_in_rig
-        away = abs(float((middle - point) @ normal))
-        if away > SEAT_SEARCH_MM or (nearest and away >= nearest[0]):
-            continue
-        area = _face_polygon(face, frame)
-        if area.contains(Point(0.0, 0.0)):
-            nearest = (away, SeatFace(point, normal, area))
-    return nearest[1] if nearest else None
+        area = face.seen_from(mirror.rig_from_plane).intersection(outline)
+        if area.area > 0.0:
+            bearing.append((face, area))
+    if not bearing:
+        return None
+    borne = unary_union([area for _, area in bearing])
+    free = [area for area in get_parts(outline.difference(borne)) if area.area > 0.0]
+    return Seat(
+        offset_mm=max(float(np.abs((back - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing),
+        angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in bearing),
+        cover=float(borne.area / outline.area),
+        span_mm=max((2.0 * maximum_inscribed_circle(area, tolerance=0.01).length for area in free), default=0.0),
+    )
 
 
-def _face_polygon(face: Face, frame: FloatArray) -> Polygon:
-    """A face with straight edges, in the x and y of a frame (4, 4) and seen along its z."""
+def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> list[float]:
+    """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the sheet."""
+    frame, back = mirror.rig_from_plane, back_height_mm(mirror)
+    corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)
+    gaps = []
+    for start, end in pairwise(corners):
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / length
+        outward = np.array([along[1], -along[0]])
+        for face in _facing(faces, -frame[:3, :2] @ outward, WALL_SEARCH_DEG):
+            local = (face.loops[0] - frame[:3, 3]) @ frame[:3, :3]
+            away = (local[:, :2] - start) @ outward
+            if np.abs(away - fit_mm).max() > WALL_SEARCH_MM:
+                continue
+            beside = (local[:, :2] - start) @ along
+            # Not the wall of a neighbour's pocket that happens to be in line with this edge.
+            within = beside.max() > 0.0 and beside.min() < length
+            if within and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
+                gaps += [float(away.min()), float(away.max())]
+    return gaps
 
-    def loop(wire: object) -> FloatArray:
-        corners = np.array([tuple(edge @ 0) for edge in wire.order_edges()])  # type: ignore[attr-defined]
-        return (corners - frame[:3, 3]) @ frame[:3, :2]
 
-    return Polygon(loop(face.outer_wire()), [loop(wire) for wire in face.inner_wires()])
+def check_seats(faces: Sequence[FlatFace], layout: Layout, hardware: Hardware) -> dict[str, Metric]:
+    """The worst seat and the worst wall of a pocket."""
+    fit = hardware.fit.free_mm
+    seats = [find_seat(faces, mirror) for mirror in layout.mirrors]
+    found = [seat for seat in seats if seat is not None]
+    gaps = [gap for mirror in layout.mirrors for gap in pocket_gaps_mm(faces, mirror, fit)]
+    return {
+        "seats_missing": Metric(value=len(seats) - len(found), unit="", limit=0),
+        "seat_offset_um": Metric(
+            value=max((seat.offset_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+        "seat_angle_deg": Metric(value=max((seat.angle_deg for seat in found), default=0.0), unit="deg", limit=0.001),
+        "seat_cover": Metric(
+            value=min((seat.cover for seat in found), default=0.0), unit="", limit=SEAT_COVER, lower_is_better=False
+        ),
+        "seat_span_mm": Metric(value=max((seat.span_mm for seat in found), default=0.0), unit="mm"),
+        "pocket_walls": Metric(value=len(gaps) // 2, unit=""),
+        "pocket_error_um": Metric(
+            value=max((abs(gap - fit) for gap in gaps), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+    }

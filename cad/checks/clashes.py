@@ -1,0 +1,124 @@
+"""Whether solids of the device stand in each other, which touch, and how near the others come. All in rig, mm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import manifold3d
+import numpy as np
+
+from optics.values import Metric
+
+# Where faces touch, numbers rounded in a file let them sink into each other by this much at most.
+ROUNDING_MM = 1e-4
+# Round shapes of one diameter are meshes with different corners: they sink into each other, or leave as much between.
+PRESSED_MM = 0.1
+TOUCH_MM = 0.08
+# How far apart solids further from each other than this are is not looked for.
+NEAR_MM = 10.0
+# Fasteners by the beginning of their names, and what a screw holds in.
+FASTENERS = ("screw", "insert", "nut", "pin")
+THREADS = ("insert", "nut")
+HOLDER = "mirror_holder"
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Two solids by name: the volume that both fill, and the gap between them."""
+
+    names: tuple[str, str]
+    common_mm3: float
+    gap_mm: float
+
+    @property
+    def touch(self) -> bool:
+        return self.gap_mm <= TOUCH_MM
+
+
+def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
+    """Every pair of solids that comes nearer than `NEAR_MM`."""
+    boxes = {name: np.array(solid.bounding_box()).reshape(2, 3) for name, solid in solids.items()}
+    found = []
+    for pair in combinations(solids, 2):
+        (first_low, first_high), (second_low, second_high) = (boxes[name] for name in pair)
+        apart = float(np.maximum(first_low - second_high, second_low - first_high).max())
+        if apart >= NEAR_MM:
+            continue
+        first, second = (solids[name] for name in pair)
+        gap = first.min_gap(second, NEAR_MM)
+        depth = PRESSED_MM if _pressed(*pair) else ROUNDING_MM
+        if gap < NEAR_MM:
+            found.append(Meeting(pair, common_mm3(first, second, depth) if apart <= 0.0 else 0.0, gap))
+    return found
+
+
+def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm: float = ROUNDING_MM) -> float:
+    """Volume that both solids fill, without pieces that are, on average, thinner than `depth_mm`: there they touch.
+
+    A thin piece is as thick as twice its volume over its surface.
+    """
+    pieces = (first ^ second).decompose()
+    return float(sum(piece.volume() for piece in pieces if 2.0 * piece.volume() > depth_mm * piece.surface_area()))
+
+
+def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) -> dict[str, Metric]:
+    """Volume that two solids fill; gaps between those that do not touch; fasteners that hold nothing.
+
+    Of each part and the camera, and of each mirror and fastener in the way. A gap of less than `least_mm` is
+    neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
+    """
+    met = meetings(solids)
+    fasteners = [name for name in solids if name.startswith(FASTENERS)]
+    others = [name for name in solids if name not in fasteners]
+    common = dict.fromkeys(solids, 0.0)
+    gaps = dict.fromkeys(others, NEAR_MM)
+    touched: dict[str, set[str]] = {name: set() for name in solids}
+    for meeting in met:
+        for name, other in (meeting.names, meeting.names[::-1]):
+            common[name] += meeting.common_mm3
+            if meeting.touch:
+                touched[name].add(other)
+            elif name in gaps and other in gaps:
+                gaps[name] = min(gaps[name], meeting.gap_mm)
+    mirrors = [name for name in others if is_mirror(name)]
+    threadless = [
+        name for name in fasteners if name.startswith("screw") and not any(t.startswith(THREADS) for t in touched[name])
+    ]
+    return {
+        "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
+        "device.clearance_mm": _gap(min(gaps.values(), default=NEAR_MM), least_mm),
+        "device.mirrors_off_their_seats": Metric(
+            value=sum(not any(n.startswith(HOLDER) for n in touched[name]) for name in mirrors),
+            unit="",
+            limit=0,
+        ),
+        "device.fasteners_loose": Metric(value=sum(not touched[name] for name in fasteners), unit="", limit=0),
+        "device.screws_without_thread": Metric(value=len(threadless), unit="", limit=0),
+        **{
+            f"{name}.clash_mm3": Metric(value=volume, unit="mm3", limit=0.0)
+            for name, volume in common.items()
+            if volume > 0.0 or not (is_mirror(name) or name in fasteners)
+        },
+        **{f"{name}.clearance_mm": _gap(gap, least_mm) for name, gap in gaps.items() if not is_mirror(name)},
+    }
+
+
+def is_mirror(name: str) -> bool:
+    """Whether a piece of this name is a mirror."""
+    return name.startswith("mirror_") and not name.startswith(HOLDER)
+
+
+def _gap(gap_mm: float, least_mm: float) -> Metric:
+    return Metric(value=round(gap_mm, 4), unit="mm", limit=least_mm, lower_is_better=False)
+
+
+def _pressed(first: str, second: str) -> bool:
+    """Whether one sits in the other's hole of its own diameter: an insert or pin in a part, a screw in its thread."""
+    for inner, outer in ((first, second), (second, first)):
+        if inner.startswith(("insert", "pin")) and not outer.startswith(FASTENERS):
+            return True
+        if inner.startswith("screw") and outer.startswith(THREADS):
+            return True
+    return False

@@ -1,0 +1,141 @@
+"""Checks of the whole device: mirrors in their seats, the light, and what stands in what; of the files as written."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import trimesh
+from build123d import import_step
+from shapely import Polygon
+
+from cad.catalogue import bought_items
+from cad.checks.clashes import FASTENERS, HOLDER, check_clashes, common_mm3, is_mirror
+from cad.checks.cuts import Fit, check_cuts, mirror_fits, prism, read_cuts, sheets_as_cut
+from cad.checks.light import check_light
+from cad.checks.mesh import is_manifold, read_stl, solid_of
+from cad.checks.seats import check_seats, flat_faces
+from cad.device import Device
+from cad.hardware import Hardware
+from cad.mirrors.sheets import mirror_names
+from cad.part import BuiltPart
+from cad.pieces import ACRYLIC, BRASS, COUPON, STEEL, composed, mass_of
+from cad.seats import back_height_mm
+from optics.layout import Layout
+from optics.values import Metric
+
+ASSEMBLY = "assembly.glb"
+CAMERA = "camera"
+# How far off its seat a mirror is let down from, in thicknesses of its sheet.
+DROP_OF_SHEET = 4.0
+# The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
+ROUNDING_MM = 1e-3
+
+
+def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
+    """All checks of the device in the folder of a build: `mirrors/*.dxf`, `assembly.glb`, STEP and STL of its parts.
+
+    Parts are taken as printed, mirrors as cut, camera and fasteners as they are in the assembly. Names of checks begin
+    with what they are of: `device`, `mirrors`, or a piece's name.
+    """
+    layout, hardware = device.layout, device.hardware
+    printed = [part for part in parts if part.name != COUPON]
+    sheets = sorted((folder / "mirrors").glob("*.dxf"))
+    laid = mirror_fits(read_cuts(sheets)[0], layout, hardware.cutting)
+    assembly = read_glb(folder / ASSEMBLY)
+    solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
+    solids |= {f"mirror_{name}": solid for name, solid in sheets_as_cut(laid, layout).items()}
+    solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
+    sound = {name: solid for name, solid in solids.items() if is_manifold(solid)}
+    sound_parts = {part.name: sound[part.name] for part in printed if part.name in sound}
+    sheets_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
+    of_mirrors = {
+        **check_cuts(sheets, layout, hardware.cutting),
+        **check_seats(
+            flat_faces(import_step(part.step) for part in printed if part.name.startswith(HOLDER)), layout, hardware
+        ),
+        **check_drop(laid, layout, list(sound_parts.values()), hardware.fit.free_mm),
+    }
+    return {
+        "device.pieces_amiss": Metric(value=len(_names_expected(device, printed) ^ set(assembly)), unit="", limit=0),
+        "device.meshes_broken": Metric(value=len(solids) - len(sound), unit="", limit=0),
+        **check_mass(hardware, assembly),
+        **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
+        **check_light(layout, hardware, sound_parts, sheets_in_place, sound.get(CAMERA)),
+        **check_clashes(sound, hardware.fit.press_mm),
+    }
+
+
+def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
+    """What the pieces of the assembly are to be called."""
+    counted: Counter[str] = Counter()
+    names = {*(part.name for part in printed), *(f"mirror_{name}" for name in mirror_names(device.layout)), CAMERA}
+    for item in bought_items(device):
+        counted[item.kind] += 1
+        names.add(f"{item.kind}_{counted[item.kind]:02d}")
+    return names
+
+
+def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> dict[str, Metric]:
+    """Mass and centre in rig of all that is in the assembly, plastic solid and without the camera's cable."""
+    weighed = []
+    density: float
+    for name, mesh in assembly.items():
+        if name == CAMERA:
+            density = hardware.camera.mass_g / (mesh.volume / 1000.0)
+        elif is_mirror(name):
+            density = ACRYLIC
+        elif name.startswith(FASTENERS):
+            density = BRASS if name.startswith("insert") else STEEL
+        else:
+            density = hardware.printer.plastic_g_per_cm3
+        weighed.append(mass_of(mesh, density))
+    whole = composed(weighed)
+    return {
+        "device.mass_g": Metric(value=round(whole.mass_g, 2), unit="g"),
+        **{
+            f"device.centre_{axis}_mm": Metric(value=round(float(centre), 2), unit="mm")
+            for axis, centre in zip("xyz", whole.centre_in_rig_mm, strict=True)
+        },
+    }
+
+
+def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
+    """The pieces of a GLB file by name, in rig, mm: seen from the node `device`, whatever the file's units and axes."""
+    scene = trimesh.load_scene(path)
+    rig_from_file = np.linalg.inv(scene.graph.get("device")[0])
+    meshes = {}
+    for name in scene.graph.nodes_geometry:
+        file_from_piece, geometry = scene.graph.get(name)
+        mesh = scene.geometry[geometry].copy()
+        mesh.apply_transform(rig_from_file @ file_from_piece)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        meshes[name] = mesh
+    return meshes
+
+
+def check_drop(
+    laid: Mapping[str, Fit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
+) -> dict[str, Metric]:
+    """Whether the mirrors, as cut, go down to their seats along the normal, and have the stated room around them.
+
+    Both are volumes of a part in the way: of the sheet's path, and of the sheet grown by the room to its sides.
+    """
+    together = manifold3d.Manifold.compose(list(parts))
+    in_path = in_room = 0.0
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        if name not in laid:
+            continue
+        corners, thickness = laid[name].corners, mirror.thickness_mm
+        low = back_height_mm(mirror) + ROUNDING_MM
+        grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
+        in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_SHEET * thickness))
+        in_room += common_mm3(together, prism(mirror, grown, low, low + thickness))
+    return {
+        "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),
+        "room_clash_mm3": Metric(value=in_room, unit="mm3", limit=0.0),
+        "room_mm": Metric(value=fit_mm, unit="mm"),
+    }
