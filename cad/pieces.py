@@ -17,6 +17,7 @@ from cad.mirrors.sheets import mirror_names
 from cad.part import BoughtItem, BuiltPart, MassProperties, Rgb
 from cad.reference import camera_solid, item_solid
 from cad.seats import Frustum, sheet
+from optics.mirror import Mirror
 from optics.values import FloatArray
 
 Kind = Literal["part", "mirror", "camera", "screw", "insert", "nut", "pin"]

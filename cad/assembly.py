@@ -1,0 +1,100 @@
+"""The assembled device as one STEP file: a labelled, coloured tree, put together by joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import deepcopy
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from build123d import Color, Compound, Face, Location, Plane, RigidJoint, Solid, Vector, Wire, import_step
+
+from cad.catalogue import bought_items
+from cad.device import Device
+from cad.exports import write_step
+from cad.mirrors.sheets import mirror_names
+from cad.part import BuiltPart, Rgb
+from cad.pieces import CAMERA_RGB, COUPON, ITEM_RGB, MIRROR_RGB, holder_under, item_names
+from cad.reference import camera_solid, item_solid
+from cad.seats import back_height_mm
+from cad.step import ordered_step
+from optics.files import write_text
+from optics.mirror import Mirror
+from optics.values import FloatArray
+
+ROOT = "mirrorcam"
+
+
+def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> None:
+    """Write the device as STEP, its printed parts read from their own STEP files.
+
+    The tree: `mirrorcam` over `printed`, `mirrors`, `bought`; below these the pieces, named and coloured as in the GLB.
+    """
+    assembly = assemble(device, parts)
+    with TemporaryDirectory() as folder:
+        raw = Path(folder) / path.name
+        write_step(raw, assembly)
+        write_text(path, ordered_step(raw.read_text(encoding="utf-8")))
+
+
+def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
+    """The device in rig: mirrors, camera and fasteners are made in frames of their own and joined to printed parts."""
+    fitted = [part for part in parts if part.name != COUPON]
+    printed = {part.name: _printed(part) for part in fitted}
+    mirrors, bought = [], []
+    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+        sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)
+        seat = mirror.rig_from_plane.copy()
+        seat[:3, 3] += back_height_mm(mirror) * mirror.normal_in_rig
+        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], sheet, seat))
+    camera = _coloured(camera_solid(device.hardware.camera).solid(), "camera", CAMERA_RGB)
+    bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
+    items = bought_items(device)
+    for name, item in zip(item_names(items), items, strict=True):
+        solid = _coloured(item_solid(item).solid(), name, ITEM_RGB[item.kind])
+        bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
+    groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
+    return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
+
+
+def _printed(part: BuiltPart) -> Solid:
+    return _coloured(import_step(part.step).solid(), part.name, part.rgb)
+
+
+def _coloured(solid: Solid | None, label: str, rgb: Rgb) -> Solid:
+    """A copy of its own: solids that share their geometry share their name in STEP."""
+    if solid is None:
+        raise ValueError(f"{label}: expected one solid")
+    solid = deepcopy(solid)
+    solid.label, solid.color = label, Color(*rgb)
+    return solid
+
+
+def _sheet(mirror: Mirror) -> Solid:
+    """A mirror as cut, in its own frame but for its height: the back at z = 0."""
+    corners = [Vector(x, y, 0.0) for x, y in mirror.outline_in_plane_mm]
+    face = Face(Wire.make_polygon(corners))
+    return Solid.extrude(face, Vector(0.0, 0.0, mirror.thickness_mm))
+
+
+def _joined(bearer: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
+    """The solid, joined by its own frame's origin to a place on its bearer."""
+    place = RigidJoint(solid.label, bearer, location_of(rig_from_solid))
+    place.connect_to(RigidJoint("origin", solid, Location()))
+    return solid
+
+
+def _bearer(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
+    """The printed part of the first of some names that there is, or a piece of it."""
+    for name in names:
+        for label, solid in printed.items():
+            if label == name or label.startswith(f"{name}_"):
+                return solid
+    raise ValueError(f"{names=} are no printed parts, expected one of {', '.join(printed)}")
+
+
+def location_of(rig_from_frame: FloatArray) -> Location:
+    """A rigid transform (4, 4) as a location."""
+    x_axis, _, z_axis, origin = (tuple(column) for column in rig_from_frame[:3].T)
+    return Plane(origin=origin, x_dir=x_axis, z_dir=z_axis).location

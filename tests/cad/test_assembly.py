@@ -1,0 +1,133 @@
+"""The STEP assembly, read back: labels, colours, volumes and places; and its text in one order."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from build123d import CenterOf, Shape, import_step
+from shapely import Polygon
+
+import cad.assembly
+from cad.assembly import write_assembly
+from cad.device import Device, plan_device
+from cad.hardware import HARDWARE
+from cad.mirrors.sheets import mirror_names
+from cad.part import BoughtItem, BuiltPart
+from cad.pieces import MIRROR_RGB
+from cad.step import ordered_step
+from optics.layout import Layout
+
+SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def screw(place: np.ndarray, *joins: str) -> BoughtItem:
+    return BoughtItem("screw", "M3", 12.0, place, np.zeros(3), joins)
+
+
+@pytest.fixture(scope="module")
+def device(default_layout: Layout) -> Device:
+    return plan_device(default_layout, HARDWARE)
+
+
+@pytest.fixture(scope="module")
+def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
+    """The block in the stead of every part."""
+    folder = tmp_path_factory.mktemp("assembly")
+    names = ("mirror_holder_1", "mirror_holder_2", "camera_clip", "fit_coupon")
+    for name in names:
+        shutil.copy(built_block.step, folder / f"{name}.step")
+    return [built_block.replaced(name=name, folder=folder) for name in names]
+
+
+@pytest.fixture
+def screws(monkeypatch: pytest.MonkeyPatch) -> None:
+    items = (screw(SCREW_AT, "mirror_holder"), screw(np.eye(4), "camera_clip", "mount"))
+    monkeypatch.setattr(cad.assembly, "bought_items", lambda _: items)
+
+
+def rgb_of(shape: Shape) -> list[float]:
+    assert shape.color is not None
+    return list(tuple(shape.color))[:3]
+
+
+def leaves(path: Path) -> dict[str, Shape]:
+    root = import_step(path)
+    assert root.label == "mirrorcam"
+    assert [group.label for group in root.children] == ["printed", "mirrors", "bought"]
+    return {leaf.label: leaf for group in root.children for leaf in group.children}
+
+
+@pytest.mark.usefixtures("screws")
+def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
+    write_assembly(tmp_path / "assembly.step", device, parts)
+    found = leaves(tmp_path / "assembly.step")
+    mirrors = [f"mirror_{name}" for name in mirror_names(device.layout)]
+    assert list(found) == [
+        *("mirror_holder_1", "mirror_holder_2", "camera_clip", *mirrors, "camera", "screw_01", "screw_02")
+    ]
+    for name in ("mirror_holder_1", "camera_clip"):
+        assert found[name].volume == pytest.approx(18000.0)
+        np.testing.assert_allclose(tuple(found[name].center(CenterOf.MASS)), [31.0, 17.0, 8.0], atol=1e-6)
+        np.testing.assert_allclose(rgb_of(found[name]), parts[0].rgb, atol=1e-3)
+    for name, mirror in zip(mirrors, device.layout.mirrors, strict=True):
+        outline = Polygon(mirror.outline_in_plane_mm)
+        assert found[name].volume == pytest.approx(outline.area * mirror.thickness_mm, rel=1e-6)
+        np.testing.assert_allclose(rgb_of(found[name]), MIRROR_RGB, atol=1e-3)
+        corners = np.array([tuple(vertex) for vertex in found[name].vertices()])
+        for corner in mirror.outline_in_rig_mm:
+            assert np.linalg.norm(corners - corner, axis=1).min() < 1e-6
+        # A first-surface sheet lies behind its reflecting plane.
+        heights = corners @ mirror.normal_in_rig + mirror.distance_mm
+        np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-6)
+    # The screw's z is the rig's x: 12 mm of shank, 3 mm of head.
+    box = found["screw_01"].bounding_box()
+    np.testing.assert_allclose([box.min.X, box.max.X], [-2.0, 13.0], atol=1e-6)
+    np.testing.assert_allclose(tuple(box.center())[1:], [20.0, 30.0], atol=1e-6)
+
+
+@pytest.mark.usefixtures("screws")
+def test_the_same_device_gives_the_same_bytes_whatever_was_made_before(
+    device: Device, parts: list[BuiltPart], tmp_path: Path
+) -> None:
+    for name in ("first", "second", "third"):
+        write_assembly(tmp_path / f"{name}.step", device, parts)
+    assert len({file.read_bytes() for file in tmp_path.glob("*.step")}) == 1
+
+
+def test_a_screw_in_no_printed_part_is_a_bug(
+    device: Device, parts: list[BuiltPart], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cad.assembly, "bought_items", lambda _: (screw(np.eye(4), "adapter_cap"),))
+    with pytest.raises(ValueError, match=r"names=\('adapter_cap',\) are no printed parts, expected one of mirror_hol"):
+        write_assembly(tmp_path / "assembly.step", device, parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+GEOMETRY = """#1 = SOLID('it''s #3',#2);
+#2 = POINT('',(0.,1.),
+  $);
+#3 = SOLID('b',#2);
+#4 = NEXT_ASSEMBLY_USAGE_OCCURRENCE('{0}','a','',#1,#3,$);
+#5 = NEXT_ASSEMBLY_USAGE_OCCURRENCE('{1}','b','',#3,#1,$);
+"""
+COLOUR = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
+
+
+def step(counts: tuple[int, int], colours: str) -> str:
+    return f"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n{GEOMETRY.format(*counts)}{colours}ENDSEC;\nEND-ISO-10303-21;\n"
+
+
+def test_counts_and_the_order_of_colours_leave_no_trace() -> None:
+    colours = (
+        f"#6 = {COLOUR}((#7));\n#7 = ITEM(#8,#{{}});\n#8 = RGB(1.);\n#9 = {COLOUR}((#10));\n#10 = ITEM(#8,#{{}});\n"
+    )
+    one, two = step((1, 2), colours.format(1, 3)), step((7, 8), colours.format(3, 1))
+    assert one != two
+    assert ordered_step(one) == ordered_step(two)
+    assert "#1 = SOLID('it''s #3',#2);\n#2 = POINT('',(0.,1.),$);" in ordered_step(two)
+    assert "OCCURRENCE('1','a'" in ordered_step(two)
+    # What differs in more than that still differs.
+    assert ordered_step(step((1, 2), colours.format(1, 1))) != ordered_step(two)
