@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,12 +49,12 @@ def screws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cad.assembly, "bought_items", lambda _: items)
 
 
-def rgb_of(shape: Shape) -> list[float]:
+def rgb_of(shape: Shape[Any]) -> list[float]:
     assert shape.color is not None
-    return list(tuple(shape.color))[:3]
+    return list(shape.color)[:3]
 
 
-def leaves(path: Path) -> dict[str, Shape]:
+def leaves(path: Path) -> dict[str, Shape[Any]]:
     root = import_step(path)
     assert root.label == "mirrorcam"
     assert [group.label for group in root.children] == ["printed", "mirrors", "bought"]
