@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from ezdxf import options  # type: ignore[attr-defined]  # public, but ezdxf does not declare what it exports
 from ezdxf.document import Drawing
-from ezdxf.entities.lwpolyline import LWPolyline
-from ezdxf.filemanagement import new, readfile
+from ezdxf.filemanagement import new
 
-from cad.mirrors.sheets import CutMirror, MirrorSheet
+from cad.mirrors.sheets import MirrorSheet
 from optics.files import atomic
 
 DXF_MM = 4
@@ -27,7 +25,10 @@ def write_dxf(path: Path, sheet: MirrorSheet) -> None:
 
 
 def draw_sheet(sheet: MirrorSheet) -> Drawing:
-    """The DXF drawing of a sheet: its lower left corner at the origin, the notes below it."""
+    """The DXF drawing of a sheet: its lower left corner at the origin, the notes below it.
+
+    Every mirror is a group `mirror_ROW-COLUMN` of its closed line on CUT and its strokes on ENGRAVE.
+    """
     drawing = new("R2010")
     drawing.header["$INSUNITS"] = DXF_MM
     drawing.header["$MEASUREMENT"] = 1
@@ -48,23 +49,6 @@ def draw_sheet(sheet: MirrorSheet) -> Drawing:
     for name in sorted(drawing.entitydb.dxf_types_in_use()):
         drawing.classes.add_class(name)
     return drawing
-
-
-def read_cuts(path: Path) -> dict[str, CutMirror]:
-    """The mirrors of a file by their names, as they are drawn: every group's closed line on CUT, and its strokes.
-
-    A group without exactly one closed line on CUT is left out.
-    """
-    found = {}
-    for group_name, group in readfile(path).groups:
-        name = group_name.removeprefix("mirror_")
-        lines = [line for line in group if isinstance(line, LWPolyline)]
-        cuts = [line for line in lines if line.dxf.layer == "CUT" and line.closed]
-        if name == group_name or len(cuts) != 1:
-            continue
-        strokes = tuple(np.array(line.get_points("xy")) for line in lines if line.dxf.layer == "ENGRAVE")
-        found[name] = CutMirror(name, np.array(cuts[0].get_points("xy")), strokes)
-    return found
 
 
 @contextmanager
