@@ -61,6 +61,8 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     }
     return {
         "device.pieces_amiss": Metric(value=len(_names_expected(device, printed) ^ set(assembly)), unit="", limit=0),
+        # As many as there are where a slicer is installed, whose own checks are each part's.
+        "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
         "device.meshes_broken": Metric(value=len(solids) - len(sound), unit="", limit=0),
         **check_mass(hardware, assembly),
         **{f"mirrors.{name}": check for name, check in of_mirrors.items()},

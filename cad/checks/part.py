@@ -14,6 +14,7 @@ from cad.checks.walls import thinnest_wall_mm
 from cad.exports import STL_TOLERANCE_MM
 from cad.hardware import Printer
 from cad.part import PartPlan
+from cad.slicer import check_slicing
 from optics.values import Metric
 
 # A 3MF file has its numbers as decimals, an STL file as 32-bit numbers.
@@ -25,7 +26,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     """All checks of NAME.step, NAME.stl and NAME.3mf in a folder.
 
     Where a mesh is not manifold, nothing measured on it proves anything: its wall counts as nothing, and all of its
-    surface as in need of support.
+    surface as in need of support. Where there is no slicer, nothing is said about slicing.
     """
     shape = import_step(folder / f"{part.name}.step")
     solids = shape.solids()
@@ -50,6 +51,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
             if is_manifold(lying)
             else {"overhang_mm2": Metric(value=float(printed.area), unit="mm2", limit=0.0)}
         ),
+        **check_slicing(folder / f"{part.name}.3mf", printer),
     }
 
 
