@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from cad.device import Device
 from cad.documents.labels import Label, annotate
 from cad.documents.render import Body, Rgb, Screen, render
+from cad.documents.stages import Stages, joins_of
 from cad.part import BuiltPart
 from cad.pieces import Piece
 from optics.files import write_image
@@ -35,7 +36,6 @@ BED_GAP_MM = 14.0
 # In the picture of a step what is new stands off by this share of its way in the exploded view.
 STEP_SHARE = 0.8
 INSERT_OUT_MM = 12.0
-FASTENERS = ("screw", "insert", "nut", "pin")
 
 
 @dataclass(frozen=True)
@@ -84,19 +84,19 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     bare = tuple(_item(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
     apart = tuple(_moved(piece, piece.explode_mm, _big_label(piece)) for piece in pieces)
-    stages = _Stages(pieces)
+    stages = Stages(pieces)
     return (
         Picture("assembled", "The device, assembled", front, whole),
         Picture("exploded", "Exploded view", front, apart),
         Picture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
         Picture("behind", "The device from behind", behind, bare),
         Picture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
-        Picture("inserts", "Where the inserts go", behind, stages.threads()),
-        Picture("mirrors", "Which mirror goes where", below, stages.mirrors()),
-        Picture("holder", "Mirror holder and mount", behind, stages.holder()),
-        Picture("camera", "Camera and clip", front, stages.camera()),
-        Picture("clip", "Clip and mount", front, stages.clip()),
-        Picture("adapter", "The clamp", front, stages.adapter()),
+        Picture("inserts", "Where the inserts go", behind, _threads(stages)),
+        Picture("mirrors", "Which mirror goes where", below, _seating(stages)),
+        Picture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
+        Picture("camera", "Camera and clip", front, _camera_in_clip(stages)),
+        Picture("clip", "Clip and mount", front, _clip_on_mount(stages)),
+        Picture("adapter", "The clamp", front, _adapter_on_mount(stages)),
     )
 
 
@@ -123,79 +123,42 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
     return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
 
 
-def joins_of(piece: Piece) -> tuple[str, ...]:
-    """The parts that a fastener joins, outer part first; () of anything else."""
-    return piece.item.joins if piece.item else ()
+def _threads(stages: Stages) -> tuple[Item, ...]:
+    """Parts away from each other, their inserts and nuts before their holes."""
+    homes = {part.name: part for part in stages.of_kind("part") if stages.threads_in([part])}
+    items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in homes.values()]
+    for thread in stages.threads:
+        home = homes[joins_of(thread)[-1]].explode_mm
+        items.append(_moved(thread, home + INSERT_OUT_MM * _axis(thread), line_from=home))
+    return tuple(items)
 
 
-class _Stages:
-    """What stands together at each step of the guide."""
+def _seating(stages: Stages) -> tuple[Item, ...]:
+    """The mirrors before their seats."""
+    lifted = [_lifted(piece, stages.holder) for piece in stages.mirrors]
+    return (*(_item(piece, pale=True) for piece in stages.holder), *lifted)
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
-        self.pieces = pieces
 
-    def _named(self, *stems: str) -> list[Piece]:
-        return [piece for piece in self.pieces if piece.kind == "part" and piece.name.startswith(stems)]
+def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.holder, *stages.mirrors, *stages.threads_in(stages.holder)]
+    return _joined(rest, stages.mount, stages.holder_screws, stages.holder)
 
-    def _kind(self, *kinds: str) -> list[Piece]:
-        return [piece for piece in self.pieces if piece.kind in kinds]
 
-    def _fixing(self, stem: str, *others: str) -> list[Piece]:
-        """Screws, nuts and pins between a part and others."""
-        return [
-            piece
-            for piece in self._kind("screw", "nut", "pin")
-            if any(name.startswith(stem) for name in joins_of(piece))
-            and any(name.startswith(others) for name in joins_of(piece))
-        ]
+def _camera_in_clip(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.clip, *stages.threads_in(stages.clip)]
+    return _joined(rest, stages.camera, stages.camera_screws, stages.clip)
 
-    def _pressed_in(self, parts: Iterable[Piece]) -> list[Piece]:
-        names = {part.name for part in parts}
-        return [piece for piece in self._kind("insert") if names & set(joins_of(piece))]
 
-    def threads(self) -> tuple[Item, ...]:
-        inserts = self._kind("insert", "nut")
-        parts = [piece for piece in self._kind("part") if any(piece.name in joins_of(insert) for insert in inserts)]
-        by_name = {part.name: part for part in parts}
-        items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
-        for insert in inserts:
-            home = next(by_name[name].explode_mm for name in reversed(joins_of(insert)) if name in by_name)
-            items.append(_moved(insert, home + INSERT_OUT_MM * _axis(insert), line_from=home))
-        return tuple(items)
+def _clip_on_mount(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.holder, *stages.mount, *stages.mirrors, *stages.holder_screws]
+    new = [*stages.clip, *stages.camera, *stages.camera_screws, *stages.threads_in(stages.clip)]
+    return _joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
 
-    def mirrors(self) -> tuple[Item, ...]:
-        holder = self._named("mirror_holder")
-        lifted = [_lifted(piece, holder) for piece in self._kind("mirror")]
-        return (*(_item(piece, pale=True) for piece in holder), *lifted)
 
-    def holder(self) -> tuple[Item, ...]:
-        holder, mount = self._named("mirror_holder"), self._named("mount")
-        rest = [*holder, *self._kind("mirror"), *self._pressed_in(holder)]
-        return _joined(rest, mount, self._fixing("mount", "mirror_holder"), holder)
-
-    def camera(self) -> tuple[Item, ...]:
-        clip, camera = self._named("camera_clip"), self._kind("camera")
-        screws = [piece for piece in self._kind("screw") if set(joins_of(piece)) <= {"camera_clip", "camera"}]
-        return _joined([*clip, *self._pressed_in(clip)], camera, screws, clip)
-
-    def clip(self) -> tuple[Item, ...]:
-        holder, mount = self._named("mirror_holder"), self._named("mount")
-        clip = self._named("camera_clip")
-        rest = [*holder, *mount, *self._kind("mirror"), *self._pressed_in((*holder, *mount))]
-        new = [*clip, *self._kind("camera"), *self._pressed_in(clip)]
-        return _joined(rest, new, self._fixing("camera_clip", "mount"), mount, together=clip)
-
-    def adapter(self) -> tuple[Item, ...]:
-        adapter, mount = self._named("adapter"), self._named("mount")
-        rest = [
-            piece
-            for piece in self.pieces
-            if piece not in adapter and not any(name.startswith("adapter") for name in joins_of(piece))
-        ]
-        fixing = [
-            piece for piece in self._kind(*FASTENERS) if any(name.startswith("adapter") for name in joins_of(piece))
-        ]
-        return _joined(rest, adapter, fixing, mount)
+def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.threads_in(stages.adapter))}
+    rest = [piece for piece in stages.pieces if piece.name not in new]
+    return _joined(rest, stages.adapter, [*stages.adapter_screws, *stages.threads_in(stages.adapter)], stages.mount)
 
 
 def _joined(

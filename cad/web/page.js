@@ -27,20 +27,22 @@
   controls.dampingFactor = 0.12;
   const surroundings = new THREE.PMREMGenerator(renderer).fromScene(new THREE.RoomEnvironment(), 0.04).texture;
   scene.environment = surroundings;
-  scene.environmentIntensity = 0.55;
-  const sun = new THREE.DirectionalLight(0xffffff, 2.1);
-  const fill = new THREE.DirectionalLight(0xffffff, 0.7);
-  scene.add(sun, fill, new THREE.HemisphereLight(0xffffff, 0x8a8f9a, 0.5));
+  scene.environmentIntensity = 0.45;
+  const sun = new THREE.DirectionalLight(0xffffff, 1.5);
+  const fill = new THREE.DirectionalLight(0xffffff, 0.45);
+  scene.add(sun, fill, new THREE.HemisphereLight(0xffffff, 0x8a8f9a, 0.35));
   renderer.domElement.setAttribute("role", "img");
   renderer.domElement.setAttribute("aria-label", "The assembled device in 3-D: drag to turn, scroll or pinch to zoom");
   stage.prepend(renderer.domElement);
 
   const finish = {
     part: { metalness: 0.0, roughness: 0.62 },
-    mirror: { metalness: 1.0, roughness: 0.04 },
+    mirror: { metalness: 0.85, roughness: 0.08, emissive: 0x4f7fa8, emissiveIntensity: 0.3 },
     camera: { metalness: 0.1, roughness: 0.45 },
     bought: { metalness: 0.9, roughness: 0.35 },
   };
+  // From the right of the scene, a little above: glTF has the rig's x to the left.
+  const HOME = [-0.95, 0.08, 1.0];
   const accent = new THREE.Color(0xf0821e);
   const pieces = new Map();
   const rays = new THREE.Group();
@@ -84,8 +86,9 @@
   const light = (piece, on) => {
     piece.node.traverse((child) => {
       if (!child.isMesh) return;
-      child.material.emissive.copy(on ? accent : new THREE.Color(0));
-      child.material.emissiveIntensity = on ? 0.55 : 0;
+      const { emissive, emissiveIntensity } = child.userData.quiet;
+      child.material.emissive.copy(on ? accent : emissive);
+      child.material.emissiveIntensity = on ? 0.55 : emissiveIntensity;
     });
     piece.row?.classList.toggle("on", on);
     draw();
@@ -146,8 +149,9 @@
       const meshes = [];
       node.traverse((child) => child.isMesh && meshes.push(child));
       for (const mesh of meshes) {
-        const look = { ...finish[piece.kind], flatShading: true, color: mesh.material.color };
-        mesh.material = new THREE.MeshStandardMaterial(look);
+        const flatShading = !mesh.geometry.attributes.normal;
+        mesh.material = new THREE.MeshStandardMaterial({ ...finish[piece.kind], flatShading, color: mesh.material.color });
+        mesh.userData.quiet = { emissive: mesh.material.emissive.clone(), emissiveIntensity: mesh.material.emissiveIntensity };
         piece.colour = mesh.material.color.clone();
         const edges = new THREE.EdgesGeometry(mesh.geometry, 24);
         const ink = new THREE.LineBasicMaterial({ color: 0x0c1018, transparent: true, opacity: 0.38 });
@@ -188,7 +192,7 @@
     }
     measure();
     resize();
-    look([0.95, 0.35, 1.0]);
+    look(HOME);
     stage.dataset.ready = String(pieces.size);
   };
 
@@ -246,7 +250,7 @@
         slider.value = asked[1];
         explode(slider.valueAsNumber / 100);
         measure();
-        look([0.95, 0.35, 1.0]);
+        look(HOME);
       }
     },
     (error) => fail(`The 3-D model could not be read: ${error.message ?? error}`),
