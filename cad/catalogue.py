@@ -1,35 +1,173 @@
-"""The printed parts of a device: name, number, how each is made, how it lies on the bed."""
+"""The printed parts of a device: name, number, how each is made, how it lies on the bed; and all that is bought."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from cad.device import Device
+from cad.hardware import Lips
 from cad.holder.solid import make_holder
 from cad.part import BoughtItem, PartPlan
+from cad.parts.fasteners import Stack
+from cad.parts.solids import make_clip, make_coupon, make_mount, make_ring
+from optics.transforms import transform
 from optics.values import FloatArray
+
+# Which way a part stands when printed: rows are the bed's x, y and z in rig.
+X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+Z_UP = np.eye(3)
+
+EXPLODE = {
+    "mirror_holder": (0.0, 30.0, 60.0),
+    "mount": (0.0, -60.0, 0.0),
+    "camera_clip": (0.0, 20.0, -20.0),
+    "adapter_saddle": (0.0, -60.0, -45.0),
+    "adapter_cap": (0.0, -60.0, -95.0),
+    "fit_coupon": (0.0, 0.0, 0.0),
+}
 
 
 def parts_of(device: Device) -> tuple[PartPlan, ...]:
     """Every part to print, in the order of their numbers."""
-    holder = device.holder
+    mount, clip, adapter, coupon = device.mount, device.clip, device.adapter, device.coupon
     return (
-        PartPlan(
-            name="mirror_holder",
-            title="Mirror holder",
-            number="MC-01",
-            plan=holder,
-            make=make_holder,
-            print_from_rig=lying_on(holder.rig_from_mount),
-            explode_mm=np.zeros(3),
-            rgb=(0.36, 0.39, 0.44),
+        _part(
+            "mirror_holder",
+            "Mirror holder",
+            1,
+            device.holder,
+            make_holder,
+            lying_on(device.holder.rig_from_mount),
+            (0.36, 0.39, 0.44),
         ),
+        _part("mount", "Mount", 2, mount, make_mount, standing(X_UP, -mount.half_width_mm), (0.16, 0.46, 0.62)),
+        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
+        _part(
+            "adapter_saddle",
+            "Adapter saddle",
+            4,
+            adapter.saddle,
+            make_ring,
+            standing(Y_DOWN, -adapter.saddle.band_mm[1]),
+            (0.35, 0.60, 0.42),
+        ),
+        _part(
+            "adapter_cap",
+            "Adapter cap",
+            5,
+            adapter.cap,
+            make_ring,
+            standing(Y_DOWN, -adapter.cap.band_mm[1]),
+            (0.55, 0.74, 0.52),
+        ),
+        _part(
+            "fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.segment[2]), (0.72, 0.66, 0.82)
+        ),
+    )
+
+
+def _part(
+    name: str,
+    title: str,
+    number: int,
+    plan: Any,
+    make: Any,
+    print_from_rig: FloatArray,
+    rgb: tuple[float, float, float],
+) -> PartPlan:
+    return PartPlan(
+        name=name,
+        title=title,
+        number=f"MC-{number:02d}",
+        plan=plan,
+        make=make,
+        print_from_rig=print_from_rig,
+        explode_mm=np.array(EXPLODE[name]),
+        rgb=rgb,
     )
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     """Every screw, insert, nut and pin of the device, in its place."""
-    return ()
+    mount, clip, adapter = device.mount, device.clip, device.adapter
+    head_z = -mount.rig_from_head[:3, 2]
+    holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
+    slide = np.array(
+        [(x, clip.slide_y_mm - clip.slide.grip_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)]
+    )
+    down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+    return (
+        *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder")),
+        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip")),
+        *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
+        *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle")),
+        *_camera_screws(device),
+    )
+
+
+def _screws(
+    device: Device, heads: FloatArray, out: FloatArray, stack: Stack, joins: tuple[str, str]
+) -> Iterator[BoughtItem]:
+    """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head."""
+    screw = device.hardware.screw
+    outer, inner = (np.array(EXPLODE[name]) for name in joins)
+    for head in heads:
+        yield BoughtItem("screw", "M3", stack.length_mm, _along(head, out), outer + 25.0 * out, joins)
+        mouth = head - stack.grip_mm * out
+        if screw.kind == "insert":
+            yield BoughtItem("insert", "M3", screw.insert_mm, _along(mouth, out), inner + 12.0 * out, joins[1:])
+        else:
+            near = mouth - (stack.wall_mm - screw.nut_height_mm) * out
+            yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out), inner - 12.0 * out, joins[1:])
+
+
+def _camera_screws(device: Device) -> Iterator[BoughtItem]:
+    """What holds the camera in its clip: set screws behind a body, or a board's own screws."""
+    clip, hardware = device.clip, device.hardware
+    screw, above = hardware.screw, np.array([0.0, 0.0, 1.0])
+    apart = np.array(EXPLODE["camera_clip"])
+    if not isinstance(hardware.camera.held_by, Lips):
+        for head in clip.board_screws:
+            size = f"M{hardware.camera.held_by.screw_mm:g}"
+            yield BoughtItem(
+                "screw",
+                size,
+                hardware.camera.held_by.screw_length_mm,
+                _along(head, above),
+                apart + 20.0 * above,
+                ("camera_clip",),
+            )
+        return
+    for tip in clip.set_screw_tips:
+        outer = tip - hardware.clip.set_screw_mm * above
+        yield BoughtItem(
+            "screw", "M3 set", hardware.clip.set_screw_mm, _along(outer, -above), apart - 30.0 * above, ("camera_clip",)
+        )
+        mouth = tip - hardware.clip.behind_mm * above
+        length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
+        yield BoughtItem(screw.kind, "M3", length, _along(mouth, above), apart + 15.0 * above, ("camera_clip",))
+
+
+def _along(origin: FloatArray, z_axis: FloatArray) -> FloatArray:
+    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x across it, along the rig's x if it can be."""
+    x_axis = np.array([1.0, 0.0, 0.0]) - z_axis[0] * z_axis
+    matrix = np.eye(4)
+    matrix[:3, 0] = x_axis / np.linalg.norm(x_axis)
+    matrix[:3, 1] = np.cross(z_axis, matrix[:3, 0])
+    matrix[:3, 2], matrix[:3, 3] = z_axis, origin
+    return matrix
+
+
+def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
+    """The transform (4, 4) to the bed of a part that stands as a rotation (3, 3) says, its foot at `low_mm`."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = bed_from_rig
+    matrix[2, 3] = -low_mm
+    return matrix
 
 
 def lying_on(rig_from_face: FloatArray) -> FloatArray:

@@ -35,6 +35,9 @@ class Printer(Value):
     bridge_mm: float = Field(default=10.0, gt=0, description="longest flat ceiling between two walls")
     plastic: str = Field(default="PLA", description="what is printed")
     plastic_g_per_cm3: float = Field(default=1.24, gt=0, description="its density")
+    plastic_mpa: float = Field(
+        default=2300.0, gt=0, description="its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
+    )
 
 
 class Fastening(Value):
@@ -45,10 +48,15 @@ class Fastening(Value):
     head_mm: float = Field(default=5.7, gt=0, description="diameter of a socket cap head (ISO 4762)")
     head_height_mm: float = Field(default=3.0, gt=0, description="height of the head")
     insert_hole_mm: float = Field(default=4.0, gt=0, description="hole for a heat-set insert (outer diameter 4.6)")
+    insert_mm: float = Field(default=5.7, gt=0, description="length of a heat-set insert")
     insert_depth_mm: float = Field(default=6.7, gt=0, description="insert of 5.7 mm and room for melted plastic")
     insert_wall_mm: float = Field(default=2.0, gt=0, description="material around an insert or a nut")
     nut_flats_mm: float = Field(default=5.5, gt=0, description="nut across flats (ISO 4032)")
     nut_height_mm: float = Field(default=2.4, gt=0, description="height of the nut")
+    engaged_mm: float = Field(default=4.0, gt=0, description="shortest thread in an insert that holds")
+    lengths_mm: tuple[float, ...] = Field(
+        default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="screws that one can buy (ISO 4762)"
+    )
 
 
 class HolderDimensions(Value):
@@ -61,7 +69,50 @@ class HolderDimensions(Value):
     rim_length_mm: float = Field(default=3.0, gt=0, description="shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
     mount_step_mm: float = Field(default=2.0, gt=0, description="steps in which the rectangle of mount holes is tried")
+    cell_mm: float = Field(default=16.0, gt=0, description="largest width of a hollow behind the mirrors")
+    web_mm: float = Field(default=2.0, gt=0, description="thickness of the webs between hollows, and of the outer wall")
+    groove_mm: float = Field(default=1.0, gt=0, description="width of a groove that takes surplus glue")
+    groove_depth_mm: float = Field(default=0.6, gt=0, description="its depth below the seat")
+    groove_pitch_mm: float = Field(default=7.0, gt=0, description="distance of such grooves from one to the next")
+    shade_mm: float = Field(default=1.6, gt=0, description="thickness of the walls that keep stray light out")
+    shade_out_mm: float = Field(default=12.0, ge=0, description="how far those walls may stand outside the rims")
+    shade_step_mm: float = Field(default=5.0, gt=0, description="length of their straight pieces")
+    pin_mm: tuple[float, float] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = Field(default=500.0, gt=0, description="working distance of a layout without a spec")
+
+
+class MountDimensions(Value):
+    """The mount between camera and mirror holder: two skins with a truss of webs between them."""
+
+    skin_mm: float = Field(default=3.0, gt=0, description="thickness of both skins: what screw heads rest on")
+    web_mm: float = Field(default=1.6, gt=0, description="thickness of the webs between the skins")
+    deepest_mm: float = Field(default=80.0, gt=0, description="largest distance of the skins that is tried")
+    clearance_mm: float = Field(default=1.0, gt=0, description="gap to the mirror holder, off its back")
+    tilt_deg: float = Field(
+        default=0.02,
+        gt=0,
+        description="how far the mirrors may tilt by their weight when the device is turned: 1 px of a C920's image",
+    )
+    cable_window_mm: tuple[float, float] = Field(
+        default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"
+    )
+    tie_mm: tuple[float, float] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
+    tripod_hole_mm: float = Field(default=6.6, gt=0, description="hole for a 1/4 in tripod screw")
+    tripod_flats_mm: float = Field(default=11.11, gt=0, description="1/4 in nut across flats (7/16 in)")
+    tripod_height_mm: float = Field(default=5.56, gt=0, description="height of that nut (7/32 in)")
+
+
+class ClipDimensions(Value):
+    """The camera clip and how far it slides along the mount."""
+
+    wall_mm: float = Field(default=2.8, gt=0, description="walls, lips and the floor under a bare board")
+    travel_mm: float = Field(
+        default=4.0, gt=0, description="how far the clip slides either way from the nominal depth of the pupil"
+    )
+    behind_mm: float = Field(default=1.0, gt=0, description="room behind the body, for the tips of the set screws")
+    rib_mm: float = Field(default=2.0, gt=0, description="height of the V rib that guides the clip")
+    screws_apart_mm: float = Field(default=56.0, gt=0, description="distance of the two screws that hold the clip")
+    set_screw_mm: float = Field(default=10.0, gt=0, description="length of the M3 set screws (ISO 4026)")
 
 
 class Cutting(Value):
@@ -89,6 +140,8 @@ class BoardHoles(Value):
     )
     hole_mm: float = Field(gt=0, description="diameter of the holes")
     post_mm: float = Field(gt=0, description="height of the posts: room for what is soldered to the board's back")
+    screw_mm: float = Field(default=2.0, gt=0, description="thread of the screws, which cut it in the posts themselves")
+    screw_length_mm: float = Field(default=6.0, gt=0, description="length of these screws")
 
 
 class CameraBody(Value):
@@ -109,6 +162,9 @@ class CameraBody(Value):
     lens_ring_mm: float = Field(gt=0, description="diameter of the lens ring or barrel (measure me)")
     lens_protrusion_mm: float = Field(ge=0, description="lens ring or barrel before the front (measure me)")
     hinge_mm: float = Field(default=0.0, ge=0, description="width along x of what sticks out of the body's scene side")
+    hinge_from_back_mm: float = Field(
+        default=0.0, ge=0, description="how far from the back the hinge reaches along the lens axis (measure me)"
+    )
     cable_mm: float = Field(gt=0, description="diameter of the cable")
     cable_x_mm: float = Field(default=0.0, description="where the cable leaves the back, from the lens axis along x")
     mass_g: float = Field(gt=0, description="mass of the camera without its cable")
@@ -124,6 +180,9 @@ class Wrist(Value):
     band_mm: float = Field(default=8.0, gt=0, description="width of the clamp: the joint ring leaves 7 mm and a taper")
     ring_mm: float = Field(default=4.0, gt=0, description="thickness of the clamp's ring")
     gap_mm: float = Field(default=2.0, gt=0, description="gap between the clamp's halves, closed by its screws")
+    length_mm: float = Field(default=17.0, gt=0, description="length of the cylindrical shell")
+    riser_mm: float = Field(default=16.0, gt=0, description="material between the shell and the mount's foot")
+    joint_mm: float = Field(default=6.0, gt=0, description="room over the shell beside the clamp, for the joint's ring")
 
 
 def read_camera(name: str) -> CameraBody:
@@ -148,6 +207,8 @@ class Hardware(Value):
     printer: Printer = Printer()
     screw: Fastening = Fastening()
     holder: HolderDimensions = HolderDimensions()
+    mount: MountDimensions = MountDimensions()
+    clip: ClipDimensions = ClipDimensions()
     cutting: Cutting = Cutting()
     wrist: Wrist = Wrist()
     camera: Annotated[CameraBody, BeforeValidator(_named)] = Field(

@@ -26,6 +26,8 @@ ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
 BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)
 HINGE_MM = 7.8
 CABLE_STUB_MM = 20.0
+# A set screw (ISO 4026) has no head: its origin is at the end with the socket.
+SET = " set"
 # ISO 4762 and ISO 4032: head and flats of a thread, over its diameter.
 HEAD, FLATS = 5.5 / 3.0, 5.5 / 3.0
 
@@ -55,7 +57,8 @@ def item_solid(item: BoughtItem) -> Part:
     with BuildPart() as body:
         if item.kind == "screw":
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
-            Cylinder(HEAD * diameter / 2.0, diameter, align=ABOVE)
+            if not item.size.endswith(SET):
+                Cylinder(HEAD * diameter / 2.0, diameter, align=ABOVE)
         elif item.kind == "nut":
             with BuildSketch(Plane.XY.offset(-item.length_mm)):
                 RegularPolygon(FLATS * diameter / 2.0, 6, major_radius=False)

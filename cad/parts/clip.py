@@ -1,0 +1,202 @@
+"""The camera clip: holds a camera's body with its entrance pupil at the origin, and slides along the mount."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.hardware import BoardHoles, CameraBody, Hardware, Lips
+from cad.parts.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
+from cad.parts.prisms import along_y, box
+from cad.seats import Frustum
+from optics.values import FloatArray, InputError
+
+UP = np.array([1.0, 0.0, 0.0])
+SCENE = np.array([0.0, 1.0, 0.0])
+ABOVE = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class BodyBox:
+    """A camera's body in rig, mm: a box from `low` (3,) to `high` (3,), its front at the right depth of the pupil."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def solid(self) -> Frustum:
+        return box(tuple(self.low), tuple(self.high))
+
+
+def body_box(camera: CameraBody) -> BodyBox:
+    """Where the body is when the entrance pupil is at the origin."""
+    half = np.array([camera.width_mm, camera.height_mm]) / 2.0
+    middle = -np.array([camera.lens_x_mm, camera.lens_y_mm])
+    front = camera.pupil_behind_front_mm
+    return BodyBox(np.append(middle - half, front - camera.depth_mm), np.append(middle + half, front))
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """A camera clip in rig, mm: convex pieces, what is cut from them, and where it slides.
+
+    It stands at the nominal depth of the pupil, its wall (towards -y) against the mount at y = `slide_y_mm`; the two
+    slide screws are at x = +-`slide_x_mm`, z = `slide_z_mm`, and it moves by up to `travel_mm` either way along z. A
+    rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below `bottom_mm` and above `top_mm` there is
+    none of it. `set_screw_tips` (n, 3) are where set screws press on the body's back, `board_screws` (n, 3) where the
+    heads of a board's own screws rest.
+    """
+
+    pieces: tuple[Frustum, ...]
+    cuts: tuple[Frustum | Bore | Hexagon, ...]
+    slide: Stack
+    slide_x_mm: float
+    slide_y_mm: float
+    slide_z_mm: float
+    travel_mm: float
+    rib_mm: float
+    from_x_mm: float
+    to_x_mm: float
+    bottom_mm: float
+    top_mm: float
+    set_screw_tips: FloatArray
+    board_screws: FloatArray
+
+
+def plan_clip(hardware: Hardware) -> ClipPlan:
+    """Lay out the clip of a camera; raises InputError with the measure that breaks where it cannot be made."""
+    camera, clip = hardware.camera, hardware.clip
+    body = body_box(camera)
+    slide = stack(hardware.mount.skin_mm, hardware)
+    reach = clip.screws_apart_mm / 2.0 + hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    from_x = min(float(body.low[0]) - clip.wall_mm, -reach)
+    to_x = max(float(body.high[0]), reach)
+    held = camera.held_by
+    pieces, cuts, bottom, top, set_screws, board_screws = (
+        _by_lips(camera, held, body, from_x, to_x, hardware)
+        if isinstance(held, Lips)
+        else _by_board(camera, held, body, from_x, to_x, hardware)
+    )
+    # The wall that slides: the body's side is its datum.
+    inner_y = float(body.low[1]) - (0.0 if isinstance(held, Lips) else hardware.fit.slide_mm)
+    outer_y = inner_y - slide.wall_mm
+    top = max(top, bottom + 2.0 * (hardware.screw.insert_hole_mm + hardware.screw.insert_wall_mm))
+    pieces = [box((from_x, outer_y, bottom), (to_x, inner_y, top)), *pieces]
+    slide_z = (bottom + top) / 2.0
+    for side in (-1.0, 1.0):
+        mouth = np.array([side * clip.screws_apart_mm / 2.0, outer_y, slide_z])
+        cuts += thread(mouth, SCENE, UP, slide.wall_mm, hardware.screw)
+    deep = clip.rib_mm + hardware.fit.slide_mm
+    groove = np.array(
+        [[-deep - OUTSIDE_MM, outer_y - OUTSIDE_MM], [deep + OUTSIDE_MM, outer_y - OUTSIDE_MM], [0.0, outer_y + deep]]
+    )
+    base = np.column_stack([groove, np.full(3, bottom - 1.0)])
+    cuts.append(Frustum(base, base + (top - bottom + 2.0) * ABOVE))
+    return ClipPlan(
+        pieces=tuple(pieces),
+        cuts=tuple(cuts),
+        slide=slide,
+        slide_x_mm=clip.screws_apart_mm / 2.0,
+        slide_y_mm=outer_y,
+        slide_z_mm=slide_z,
+        travel_mm=clip.travel_mm,
+        rib_mm=clip.rib_mm,
+        from_x_mm=from_x,
+        to_x_mm=to_x,
+        bottom_mm=bottom,
+        top_mm=top,
+        set_screw_tips=set_screws,
+        board_screws=board_screws,
+    )
+
+
+Held = tuple[list[Frustum], list[Frustum | Bore | Hexagon], float, float, FloatArray, FloatArray]
+
+
+def _by_lips(camera: CameraBody, lips: Lips, body: BodyBox, from_x: float, to_x: float, hardware: Hardware) -> Held:
+    """A channel that the body is slid into from +x; set screws in its floor press the body against the lips."""
+    clip, screw = hardware.clip, hardware.screw
+    low_y, high_y = float(body.low[1]), float(body.high[1])
+    back, front = float(body.low[2]), float(body.high[2])
+    if (clear := camera.height_mm / 2.0 - abs(camera.lens_y_mm) - lips.lip_mm - camera.lens_ring_mm / 2.0) < 0.0:
+        raise InputError(
+            f"camera clip's lips reach {-clear:.1f} mm over the lens ring ({camera.lens_ring_mm:g} mm across), "
+            f"expected them beside it: lip_mm at most {lips.lip_mm + clear:.1f}"
+        )
+    inner_y = high_y + 2.0 * hardware.fit.slide_mm
+    outer_y = inner_y + clip.wall_mm
+    floor_top = back - clip.behind_mm
+    # An insert in the floor is pressed in from the body's side: the set screw pushes it against a shoulder.
+    holds = screw.insert_mm + 0.3 if screw.kind == "insert" else screw.nut_height_mm + 0.2
+    bottom = floor_top - holds - hardware.printer.wall_mm * 1.5
+    top = front + clip.wall_mm
+    cable = camera.cable_mm / 2.0 + hardware.fit.free_mm
+    # Off the end wall all material is in reach of the bed: the hinge and the cable slide in from the open end.
+    hinge_from = -camera.hinge_mm / 2.0 - hardware.fit.free_mm if camera.hinge_mm else to_x
+    cable_from = camera.cable_x_mm - cable
+    patch = hinge_from - float(body.low[0])
+    if camera.hinge_mm and patch < 10.0:
+        raise InputError(f"camera clip holds {patch:.1f} mm of the body beside its hinge, expected at least 10 mm")
+    hinge_top = back + camera.hinge_from_back_mm + hardware.fit.free_mm if camera.hinge_mm else bottom
+    if camera.hinge_mm and front - hinge_top < 2.0 * clip.wall_mm:
+        raise InputError(
+            f"camera clip's wall over the hinge is {front - hinge_top:.1f} mm, expected {2.0 * clip.wall_mm:g} mm"
+        )
+    pieces = [
+        box((from_x, low_y, bottom), (float(body.low[0]), outer_y, top)),
+        box((from_x, low_y, front), (to_x, low_y + lips.lip_mm, top)),
+        box((from_x, high_y - lips.lip_mm, front), (to_x, outer_y, top)),
+        box((from_x, inner_y, bottom), (hinge_from, outer_y, top)),
+        box((from_x, low_y, bottom), (cable_from, outer_y if hinge_from >= cable_from else inner_y, floor_top)),
+        box((from_x, low_y, bottom), (to_x, -cable, floor_top)),
+    ]
+    if hinge_from < to_x:
+        pieces.append(box((from_x, inner_y, hinge_top), (to_x, outer_y, top)))
+    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    third = camera.width_mm / 3.0
+    middle_x = float(body.low[0] + body.high[0]) / 2.0
+    below, above = (low_y - cable) / 2.0, (high_y + cable) / 2.0
+    if (width := -cable - low_y) < 2.0 * around:
+        raise InputError(f"camera clip's floor beside the cable is {width:.1f} mm wide, expected {2.0 * around:g} mm")
+    spots = np.array([(middle_x - third, below), (middle_x + third, below), (middle_x - third, above)])
+    set_screws = np.column_stack([spots, np.full(3, back)])
+    cuts: list[Frustum | Bore | Hexagon] = []
+    for spot in spots:
+        inside = np.array([*spot, floor_top])
+        cuts.append(Bore(inside + OUTSIDE_MM * ABOVE, -ABOVE, screw.clearance_hole_mm / 2.0, 99.0, UP))
+        if screw.kind == "insert":
+            cuts.append(Bore(inside + OUTSIDE_MM * ABOVE, -ABOVE, screw.insert_hole_mm / 2.0, holds + OUTSIDE_MM, UP))
+        else:
+            cuts.append(Hexagon(inside + OUTSIDE_MM * ABOVE, -ABOVE, UP, screw.nut_flats_mm + 0.2, holds + OUTSIDE_MM))
+    return pieces, cuts, bottom, top, set_screws, np.zeros((0, 3))
+
+
+def _by_board(
+    camera: CameraBody, holes: BoardHoles, body: BodyBox, from_x: float, to_x: float, hardware: Hardware
+) -> Held:
+    """Posts on a floor behind the board; each stands on a slope of 45 deg, since it lies when printed."""
+    clip = hardware.clip
+    back = float(body.low[2])
+    floor_top = back - holes.post_mm
+    bottom = floor_top - clip.wall_mm
+    radius = holes.hole_mm / 2.0 + 2.0
+    low_y = float(body.low[1]) - hardware.fit.slide_mm
+    pieces = [box((from_x, low_y, bottom), (to_x, float(body.high[1]), floor_top))]
+    cuts: list[Frustum | Bore | Hexagon] = []
+    centres = np.array(holes.holes_mm)
+    # A thread-forming screw cuts its thread into a hole of about 0.8 of its diameter.
+    pilot = 0.4 * holes.screw_mm
+    for x, y in centres:
+        profile = np.array(
+            [[x + radius, floor_top], [x + radius, back], [x - radius, back], [x - radius - holes.post_mm, floor_top]]
+        )
+        pieces.append(along_y(profile, y - radius, y + radius))
+        mouth = np.array([x, y, back])
+        cuts.append(Bore(mouth + OUTSIDE_MM * ABOVE, -ABOVE, pilot, holes.post_mm + OUTSIDE_MM, UP))
+    cable = camera.cable_mm / 2.0 + hardware.fit.free_mm
+    cuts.append(
+        Bore(np.array([camera.cable_x_mm, 0.0, floor_top + 1.0]), -ABOVE, max(cable, 4.0), clip.wall_mm + 2.0, UP)
+    )
+    board_screws = np.column_stack([centres, np.full(len(centres), back + camera.depth_mm)])
+    return pieces, cuts, bottom, float(body.high[2]), np.zeros((0, 3)), board_screws

@@ -1,0 +1,95 @@
+"""Screws and what they are driven into, as plain numbers: lengths, walls, and the holes that parts get for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cad.hardware import Fastening, Hardware
+from optics.values import FloatArray, InputError
+
+# A nut drops into a pocket this much wider and deeper than itself.
+NUT_FIT_MM = 0.2
+# Holes begin this far outside the material, so that no skin is left over their mouths.
+OUTSIDE_MM = 0.01
+
+
+@dataclass(frozen=True)
+class Bore:
+    """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
+
+    One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof of 45 deg with a flat ridge of
+    at most `bridge_mm`. `travel_mm` makes it a slot, as long as that between the middles of its ends, along
+    axis x up.
+    """
+
+    mouth: FloatArray
+    axis: FloatArray
+    radius_mm: float
+    depth_mm: float
+    up: FloatArray | None = None
+    travel_mm: float = 0.0
+    bridge_mm: float = 10.0
+
+    @property
+    def roof_mm(self) -> float:
+        """Height of the flat ridge over the middle."""
+        return max(self.radius_mm, self.travel_mm / 2.0 + self.radius_mm * np.sqrt(2.0) - self.bridge_mm / 2.0)
+
+
+@dataclass(frozen=True)
+class Hexagon:
+    """A pocket for a nut: the middle of its mouth, its axis, and `up` (all (3,), in rig), which a corner points to."""
+
+    mouth: FloatArray
+    axis: FloatArray
+    up: FloatArray
+    flats_mm: float
+    depth_mm: float
+
+
+@dataclass(frozen=True)
+class Stack:
+    """A screw through `grip_mm` of material into a wall of `wall_mm`, which holds an insert or a nut.
+
+    The insert sits at the face that the screw enters, the nut in the far face. `engaged_mm` is the thread that holds.
+    """
+
+    grip_mm: float
+    wall_mm: float
+    length_mm: float
+    engaged_mm: float
+
+
+def stack(grip_mm: float, hardware: Hardware) -> Stack:
+    """The screw and the wall for a grip; raises InputError where no screw on the list holds."""
+    screw = hardware.screw
+    if screw.kind == "insert":
+        fits = [length for length in screw.lengths_mm if length <= grip_mm + screw.insert_depth_mm - NUT_FIT_MM]
+        engaged = min(max(fits, default=0.0) - grip_mm, screw.insert_mm)
+        if engaged < screw.engaged_mm:
+            raise InputError(
+                f"M3 screws through {grip_mm:g} mm hold by {engaged:.1f} mm of thread, expected {screw.engaged_mm:g} mm"
+            )
+        return Stack(grip_mm, screw.insert_depth_mm + hardware.printer.wall_mm, max(fits), engaged)
+    # The tip is flush with the far face, the nut just below it; under the nut there is as much as two walls.
+    least = grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
+    fits = [length for length in screw.lengths_mm if length >= least]
+    if not fits:
+        raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
+    return Stack(grip_mm, min(fits) - grip_mm, min(fits), screw.nut_height_mm)
+
+
+def thread(
+    mouth: FloatArray, axis: FloatArray, up: FloatArray, wall_mm: float, screw: Fastening
+) -> tuple[Bore | Hexagon, ...]:
+    """What a wall gets for a screw that enters it at a mouth (3,) along an axis (3,)."""
+    start = mouth - OUTSIDE_MM * axis
+    if screw.kind == "insert":
+        return (Bore(start, axis, screw.insert_hole_mm / 2.0, screw.insert_depth_mm + OUTSIDE_MM, up),)
+    depth = screw.nut_height_mm + NUT_FIT_MM
+    return (
+        Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
+        Hexagon(mouth + (wall_mm - depth) * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM),
+    )
