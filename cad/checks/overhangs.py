@@ -126,7 +126,7 @@ def _spans(area: Polygon, turn_deg: float) -> FloatArray:
 def polygons(section: manifold3d.CrossSection) -> MultiPolygon:
     """A section of manifold3d as polygons with holes."""
     pieces = [sorted(piece.to_polygons(), key=lambda loop: -abs(Polygon(loop).area)) for piece in section.decompose()]
-    return MultiPolygon([(loops[0], loops[1:]) for loops in pieces])
+    return MultiPolygon([(loops[0], loops[1:]) for loops in pieces if loops])
 
 
 def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:

@@ -1,0 +1,96 @@
+"""What PrusaSlicer says of parts whose answer is known, and how its files are read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+
+from cad import slicer
+from cad.checks.mesh import read_3mf, solid_of
+from cad.checks.overhangs import check_overhangs
+from cad.hardware import HARDWARE
+from cad.part import BuiltPart, PartPlan
+from cad.slicer import Sliced, check_slicing, find_slicer, read_gcode, slice_3mf, slicer_version
+from cad.threemf import write_3mf
+
+PRINTER = HARDWARE.printer
+installed = pytest.mark.skipif(find_slicer() is None, reason="PrusaSlicer is not installed")
+
+
+@pytest.fixture
+def block_3mf(block: PartPlan, built_block: BuiltPart, tmp_path: Path) -> Path:
+    path = tmp_path / "block.3mf"
+    write_3mf(path, built_block.stl, block, PRINTER)
+    return path
+
+
+def test_time_grams_and_support_are_read_from_a_gcode_file() -> None:
+    text = (
+        ";TYPE:Perimeter\nG1 X1 Y2 E0.5\n;TYPE:Support material\nG1 X3 Y4 E0.25\nG1 E-0.8 F2100\nG1 X5 Y4 E0.125\n"
+        ";TYPE:Support material interface\nG1 X1 Y1 E1\n;TYPE:Perimeter\nG1 X2 Y2 E9\n"
+        "; filament used [g] = 12.34\n; estimated printing time (normal mode) = 1d 2h 3m 30s\n"
+    )
+    assert read_gcode(text) == Sliced(minutes=24 * 60 + 123.5, grams=12.34, support_mm=1.375)
+    assert read_gcode(text.replace("12.34", "0.00")) is None
+    assert read_gcode("") is None
+
+
+def test_without_a_slicer_nothing_is_said(block_3mf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slicer, "find_slicer", lambda: None)
+    assert check_slicing(block_3mf, PRINTER) == {}
+    with pytest.raises(FileNotFoundError, match="PrusaSlicer is not installed"):
+        slice_3mf(block_3mf, PRINTER)
+
+
+@installed
+def test_a_block_slices_to_between_its_shell_and_its_volume(block_3mf: Path) -> None:
+    """18 cm3 of PLA are 22.3 g; with an infill of 20 % it weighs more than a fifth of that."""
+    assert (slicer_version() or "").startswith("PrusaSlicer")
+    checks = check_slicing(block_3mf, PRINTER)
+    assert all(check.passed for check in checks.values())
+    assert 0.2 * 18.0 * 1.24 < checks["print_g"].value < 18.0 * 1.24
+    assert 10.0 < checks["print_minutes"].value < 300.0
+
+
+@installed
+def test_a_broken_file_does_not_slice(block_3mf: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.3mf"
+    broken.write_bytes(block_3mf.read_bytes()[:500])
+    checks = check_slicing(broken, PRINTER)
+    assert set(checks) == {"slices"}
+    assert not checks["slices"].passed
+
+
+@installed
+@pytest.mark.parametrize(
+    ("lean_deg", "ledge_mm", "span_mm"), [(45, 0, 9), (40, 0, 6), (47, 0, 9), (30, 3, 9), (30, 0, 8), (60, 0, 0)]
+)
+def test_the_slicer_supports_what_our_own_check_finds_hanging(
+    block: PartPlan, tmp_path: Path, lean_deg: float, ledge_mm: float, span_mm: float
+) -> None:
+    """A block with a leaning side, a ledge and a bridge, in any combination."""
+
+    def box(x: float, y: float, z: float, *at: float) -> manifold3d.Manifold:
+        return manifold3d.Manifold.cube((x, y, z)).translate(at)
+
+    reach = 10.0 * np.tan(np.radians(lean_deg))
+    section = manifold3d.CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
+    solid = section.extrude(20.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 20.0, 0.0))
+    solid += box(10 + ledge_mm, 20, 3, -ledge_mm, 0, 10)
+    if span_mm:
+        solid += box(5, 20, 16, 0, 0, 10) + box(5, 20, 16, 0, 20 + span_mm, 0) + box(5, 20 + span_mm + 20, 3, 0, 0, 26)
+        solid += box(5, 20, 26, 0, 20 + span_mm, 0)
+    mesh = solid.to_mesh64()
+    stl, path = tmp_path / "shape.stl", tmp_path / "shape.3mf"
+    trimesh.Trimesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts)).export(stl)
+    upright = replace(block, print_from_rig=np.eye(4))
+    write_3mf(path, stl, upright, PRINTER)
+    printed = read_3mf(path)
+    hangs = not check_overhangs(printed, solid_of(printed), PRINTER)["overhang_mm2"].passed
+    assert hangs == (lean_deg > 45 or ledge_mm > 0)
+    assert check_slicing(path, PRINTER)["support_filament_mm"].passed != hangs
