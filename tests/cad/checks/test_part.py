@@ -73,7 +73,7 @@ def test_two_solids_and_none_are_found(block: PartPlan, tmp_path: Path) -> None:
     checks = check_part(block, written(tmp_path, block, two), PRINTER)
     assert {"solids", "mesh_pieces"} <= failed(checks)
     write_step(tmp_path / "block.step", Compound([Face.make_rect(3.0, 4.0)]))
-    assert {"solids", "invalid_solids"} <= failed(check_part(block, tmp_path, PRINTER))
+    assert "invalid_solids" in failed(check_part(block, tmp_path, PRINTER))
 
 
 def test_a_solid_that_is_not_closed_is_invalid(block: PartPlan, tmp_path: Path) -> None:
