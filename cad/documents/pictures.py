@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from cad.device import Device
@@ -226,7 +227,6 @@ def _big_label(piece: Piece) -> str:
 
 def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
     """The parts as printed, in rows on a floor, as wide as deep."""
-    import trimesh
 
     meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
     laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]

@@ -43,11 +43,12 @@ def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
 
 
 class Sheet:
-    """A drawing sheet of `width_mm` x `height_mm`, filled from bottom left; knows which words it carries."""
+    """A drawing sheet of `width_mm` x `height_mm`, and what is on it: words, and lines with their width."""
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
         self.words: list[Words] = []
+        self.drawn: list[tuple[FloatArray, float]] = []
         self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
         self._axes.set(xlim=(0.0, width_mm), ylim=(0.0, height_mm))
@@ -57,6 +58,7 @@ class Sheet:
         self, lines: Sequence[FloatArray], width_mm: float, colour: str = INK, dashes_mm: Sequence[float] = ()
     ) -> None:
         """Draw polylines (n, 2); dashes are alternately drawn and left out."""
+        self.drawn += [(line, width_mm) for line in lines]
         width = width_mm * POINTS_PER_MM
         style: Any = (0.0, [dash / width_mm for dash in dashes_mm]) if dashes_mm else "solid"
         collection = LineCollection(

@@ -1,0 +1,131 @@
+"""Drawings: what they say, that nothing lies over anything, the same bytes, real files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapely import LineString, Polygon
+
+from cad.catalogue import parts_of
+from cad.device import plan_device
+from cad.documents.drawing import draw, write_drawing
+from cad.documents.sheet import Sheet
+from cad.hardware import HARDWARE
+from cad.part import PartPlan
+from optics.layout import Layout
+
+ROOT = Path(__file__).parents[3]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def overlaps(sheet: Sheet) -> list[tuple[str, str]]:
+    """Pairs of words that cover each other."""
+    boxes = [(words.text, Polygon(words.corners).buffer(-0.05)) for words in sheet.words]
+    return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
+
+
+def outside(sheet: Sheet) -> list[str]:
+    width, height = sheet.size_mm
+    low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
+    return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
+
+
+def crossed(sheet: Sheet) -> list[str]:
+    """Words that an edge of the part runs through."""
+    edges = [LineString(line) for line, width in sheet.drawn if width == pytest.approx(0.35)]
+    return [
+        words.text
+        for words in sheet.words
+        if any(Polygon(words.corners).buffer(-0.1).intersects(edge) for edge in edges)
+    ]
+
+
+def test_a_block_says_its_size_holes_and_places(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    said = [words.text for words in sheet.words]
+    # Length, depth and height, once each; two holes, 40 apart, 10 from the left edge and 15 from the lower one.
+    for text in ("60", "30", "40", "2x Ø6 through", "MC-99", "Block", part.identity, "Apache-2.0", "2 : 1"):
+        assert said.count(text) == 1, text
+    assert said.count("10") == 2
+    assert said.count("15") == 1
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+@pytest.mark.parametrize("size_mm", [(60.0, 30.0, 1.0), (200.0, 200.0, 240.0), (47.0, 12.0, 90.0)])
+def test_any_size_finds_its_scale_and_room(block: Callable[..., PartPlan], size_mm: tuple[float, float, float]) -> None:
+    part = block(size_mm)
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    there = sheet.words[0].corners[0]
+    sheet.text(there, "over it", 2.5)
+    sheet.text((415.0, 100.0), "beyond", 2.5)
+    edge = next(line for line, width in sheet.drawn if width == pytest.approx(0.35))
+    sheet.text(edge[0], "on an edge", 2.5)
+    assert len(overlaps(sheet)) > 0
+    assert "beyond" in outside(sheet)
+    assert "on an edge" in crossed(sheet)
+
+
+def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    left = replace(part, plan=part.plan)
+    from build123d import Box, Pos
+
+    half = part.make(part.plan) & (Pos(-30, 0, 0) * Box(60, 60, 60))
+    said = [words.text for words in draw(half, left, HARDWARE.printer).words]
+    assert "Ø6 through" in said
+    assert "2x Ø6 through" not in said
+    assert "40" not in said
+
+
+def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
+    part = block()
+    svg, pdf = write_drawing(tmp_path / "a", part.make(part.plan), part, HARDWARE.printer)
+    root = ET.parse(svg).getroot()
+    assert (root.get("width"), root.get("height")) == ("1190.551181pt", "841.889764pt")
+    assert len(root.findall(f".//{SVG}path")) > 20
+    assert pdf.read_bytes().startswith(b"%PDF-")
+    assert b"/MediaBox [ 0 0 1190.5511811024 841.8897637795 ]" in pdf.read_bytes()
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path;"
+        "from tests.cad.documents.conftest import block_part;"
+        "from cad.hardware import HARDWARE; from cad.documents.drawing import write_drawing;"
+        "part = block_part();"
+        "write_drawing(Path(sys.argv[2]), part.make(part.plan), part, HARDWARE.printer)"
+    )
+    subprocess.run([sys.executable, "-c", program, str(ROOT), str(tmp_path / "b")], check=True)
+    for path in (svg, pdf):
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_the_holder_has_its_seats_in_a_table(default_layout: Layout) -> None:
+    device = plan_device(default_layout, HARDWARE)
+    part = next(part for part in parts_of(device) if part.name == "mirror_holder")
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    said = [words.text for words in sheet.words]
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
+    back = part.print_from_rig[2, :3]
+    for index, mirror in enumerate(default_layout.mirrors):
+        tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
+        assert f"{tilt:.3f}" in said
+        assert said.count(f"{index // 3}-{index % 3}") == 2
