@@ -1,0 +1,71 @@
+"""All files of a device: first of its parts and mirrors, then of the whole, then what is read."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from pathlib import Path
+
+from cad.assembly import write_assembly
+from cad.bom import bill_of, write_bom
+from cad.catalogue import parts_of
+from cad.checks import check_device
+from cad.crew import Advance, Task, results
+from cad.device import Device
+from cad.documents.guide import write_guide
+from cad.documents.page import write_page
+from cad.documents.pictures import pictures_of, write_picture
+from cad.gltf import write_glb
+from cad.hardware import Cutting
+from cad.mirrors.dxf import write_dxf
+from cad.mirrors.sheets import MirrorSheet, plan_sheets, sheet_metrics
+from cad.mirrors.svg import write_svg
+from cad.part_files import make_part
+from cad.pieces import pieces_of
+from optics.files import write_metrics
+from optics.layout import Layout
+from optics.values import Metric
+
+
+def write_device(
+    device: Device, out: Path, previous: Path | None, executor: Executor | None, advance: Advance
+) -> dict[str, Metric]:
+    """Write everything into `out`; returns the checks by what they are of: `mount.wall_mm`, `device.rays_blocked`."""
+    plans = parts_of(device)
+    made: list[Task] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
+    done, total = 0, len(made) + 3
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        advance(done, total)
+
+    *parts, sheets = results(
+        executor, [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))], step
+    )
+    pieces = pieces_of(device, parts)
+    write_glb(out / "assembly.glb", pieces)
+    pictures = pictures_of(device, parts, pieces)
+    drawn: list[Task] = [(write_picture, (out, picture)) for picture in pictures]
+    total += len(drawn)
+    checks, *_ = results(
+        executor,
+        [(check_device, (device, parts, out)), (write_assembly, (out / "assembly.step", device, parts)), *drawn],
+        step,
+    )
+    for part in parts:
+        checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
+    checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
+    write_bom(out, bill_of(device, parts, sheets))
+    write_guide(out, device, parts, pieces)
+    write_page(out, device, parts, pictures, checks)
+    write_metrics(out / "checks.json", checks)
+    return checks
+
+
+def write_sheets(folder: Path, layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
+    """Nest the mirrors on sheets and write each as DXF and SVG."""
+    sheets = plan_sheets(layout, cutting)
+    for sheet in sheets:
+        write_dxf(folder / f"{sheet.stem}.dxf", sheet)
+        write_svg(folder / f"{sheet.stem}.svg", sheet)
+    return sheets

@@ -1,0 +1,122 @@
+"""One part from its plan to its files, once: what was made of the same numbers by the same code is taken over."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from cad.checks import check_part
+from cad.documents import write_drawing
+from cad.exports import mass_properties, write_step, write_stl
+from cad.hardware import Printer
+from cad.part import BuiltPart, PartPlan, plain
+from cad.slicer import slicer_version
+from cad.threemf import write_3mf
+from optics.files import write_text
+from optics.values import Value
+
+# Their change may change what is written.
+TOOLS = (
+    "numpy",
+    "build123d",
+    "cadquery-ocp-novtk",
+    "trimesh",
+    "manifold3d",
+    "shapely",
+    "lib3mf",
+    "matplotlib",
+    "ezdxf",
+)
+ROOT = Path(__file__).parents[1]
+
+
+class _Record(Value):
+    """Beside the files of a part: what decided about them, their sha256 by path, and what was measured."""
+
+    key: str
+    files: dict[str, str]
+    part: BuiltPart
+
+
+def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None) -> BuiltPart:
+    """Make and check the files of a part in `out`, or take them over from `previous`, an earlier folder.
+
+    `out/parts` gets NAME.step, .stl and .3mf, `out/drawings` NAME.svg and .pdf. Raises InputError where the part cannot
+    be made.
+    """
+    key = _key(part, printer)
+    if previous and (built := _take_over(part, key, out, previous)):
+        return built
+    solid = part.make(part.plan)
+    solid.label = part.name
+    folder = out / "parts"
+    step, stl, threemf = (folder / f"{part.name}{suffix}" for suffix in (".step", ".stl", ".3mf"))
+    write_step(step, solid)
+    write_stl(stl, solid)
+    write_3mf(threemf, stl, part, printer)
+    drawings = write_drawing(out / "drawings", solid, part, printer)
+    built = BuiltPart(
+        name=part.name,
+        title=part.title,
+        number=part.number,
+        folder=folder,
+        rgb=part.rgb,
+        print_from_rig=part.print_from_rig,
+        explode_mm=part.explode_mm,
+        mass=mass_properties(solid, printer.plastic_g_per_cm3),
+        checks=check_part(part, folder, printer),
+    )
+    files = {path.relative_to(out).as_posix(): _digest(path) for path in (step, stl, threemf, *drawings)}
+    record = _Record(key=key, files=files, part=built.replaced(folder=Path("parts")))
+    write_text(_record_path(out, part), record.model_dump_json(indent=1) + "\n")
+    return built
+
+
+def _take_over(part: PartPlan, key: str, out: Path, previous: Path) -> BuiltPart | None:
+    """The part as it lies in `previous`, copied, where it was made of the same and no file has changed since."""
+    path = _record_path(previous, part)
+    try:
+        record = _Record.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError, ValidationError):
+        return None
+    places = [previous / name for name in record.files]
+    if record.key != key or not all(place.is_file() for place in places):
+        return None
+    if [_digest(place) for place in places] != list(record.files.values()):
+        return None
+    for place in (*places, path):
+        copy = out / place.relative_to(previous)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(place, copy)
+    return record.part.replaced(folder=out / "parts")
+
+
+def _record_path(out: Path, part: PartPlan) -> Path:
+    return out / "parts" / f".{part.name}.json"
+
+
+def _key(part: PartPlan, printer: Printer) -> str:
+    """What decides about a part's files: its plan, how it lies and is called, the printer, our code, the libraries."""
+    deciding = {"part": plain(part), "printer": plain(printer), "made by": _makers()}
+    return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def _makers() -> str:
+    total = hashlib.sha256()
+    for path in sorted((*ROOT.glob("cad/**/*.py"), *ROOT.glob("optics/*.py"))):
+        total.update(f"{path.relative_to(ROOT).as_posix()} {_digest(path)}\n".encode())
+    versions = {tool: metadata.version(tool) for tool in TOOLS} | {"slicer": slicer_version()}
+    total.update(json.dumps(versions).encode())
+    return total.hexdigest()
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
