@@ -11,7 +11,7 @@ import numpy as np
 from build123d import Color, Compound, Face, Location, Plane, RigidJoint, Solid, Vector, Wire, import_step
 
 from cad.catalogue import bought_items
-from cad.device import Device
+from cad.device import Device, connections
 from cad.exports import write_step
 from cad.mirrors.sheets import mirror_names
 from cad.part import BuiltPart, Rgb
@@ -39,9 +39,16 @@ def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> No
 
 
 def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
-    """The device in rig: mirrors, camera and fasteners are made in frames of their own and joined to printed parts."""
+    """The device in rig: printed parts joined by their plans' connections, and to them all that has a frame of its own.
+
+    Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
+    """
     fitted = [part for part in parts if part.name != COUPON]
     printed = {part.name: _printed(part) for part in fitted}
+    for connection in connections(device):
+        parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
+        place = RigidJoint(connection.name, parent, location_of(connection.rig_from_parent_joint))
+        place.connect_to(RigidJoint(connection.name, child, location_of(connection.rig_from_child_joint)))
     mirrors, bought = [], []
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
         sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)

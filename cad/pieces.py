@@ -152,10 +152,12 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 
 def item_title(item: BoughtItem) -> str:
-    """What to buy: "M3 x 12 screw", "M3 nut"."""
+    """What to buy: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
     if item.kind == "nut":
         return f"{item.size} nut"
-    return f"{item.size} x {item.length_mm:g} {'heat-set insert' if item.kind == 'insert' else item.kind}"
+    thread, _, form = item.size.partition(" ")
+    name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
+    return f"{thread} x {item.length_mm:g} {name}"
 
 
 def mesh_of(volume: Frustum) -> trimesh.Trimesh:

@@ -12,8 +12,8 @@ from build123d import CenterOf, Shape, import_step
 from shapely import Polygon
 
 import cad.assembly
-from cad.assembly import write_assembly
-from cad.device import Device, plan_device
+from cad.assembly import assemble, write_assembly
+from cad.device import Connection, Device, plan_device
 from cad.hardware import HARDWARE
 from cad.mirrors.sheets import mirror_names
 from cad.part import BoughtItem, BuiltPart
@@ -22,6 +22,9 @@ from cad.step import ordered_step
 from optics.layout import Layout
 
 SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+PRINTED = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_saddle", "adapter_cap")
 
 
 def screw(place: np.ndarray, *joins: str) -> BoughtItem:
@@ -37,7 +40,7 @@ def device(default_layout: Layout) -> Device:
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
     """The block in the stead of every part."""
     folder = tmp_path_factory.mktemp("assembly")
-    names = ("mirror_holder_1", "mirror_holder_2", "camera_clip", "fit_coupon")
+    names = (*PRINTED, "fit_coupon")
     for name in names:
         shutil.copy(built_block.step, folder / f"{name}.step")
     return [built_block.replaced(name=name, folder=folder) for name in names]
@@ -66,10 +69,9 @@ def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list
     write_assembly(tmp_path / "assembly.step", device, parts)
     found = leaves(tmp_path / "assembly.step")
     mirrors = [f"mirror_{name}" for name in mirror_names(device.layout)]
-    assert list(found) == [
-        *("mirror_holder_1", "mirror_holder_2", "camera_clip", *mirrors, "camera", "screw_01", "screw_02")
-    ]
-    for name in ("mirror_holder_1", "camera_clip"):
+    assert list(found) == [*(*PRINTED, *mirrors, "camera", "screw_01", "screw_02")]
+    # The connections of the real device move nothing: every part is made where it belongs.
+    for name in PRINTED:
         assert found[name].volume == pytest.approx(18000.0)
         np.testing.assert_allclose(tuple(found[name].center(CenterOf.MASS)), [31.0, 17.0, 8.0], atol=1e-6)
         np.testing.assert_allclose(rgb_of(found[name]), parts[0].rgb, atol=1e-3)
@@ -101,10 +103,24 @@ def test_the_same_device_gives_the_same_bytes_whatever_was_made_before(
 def test_a_screw_in_no_printed_part_is_a_bug(
     device: Device, parts: list[BuiltPart], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cad.assembly, "bought_items", lambda _: (screw(np.eye(4), "adapter_cap"),))
-    with pytest.raises(ValueError, match=r"names=\('adapter_cap',\) are no printed parts, expected one of mirror_hol"):
+    monkeypatch.setattr(cad.assembly, "bought_items", lambda _: (screw(np.eye(4), "adapter_lid"),))
+    with pytest.raises(ValueError, match=r"names=\('adapter_lid',\) are no printed parts, expected one of mirror_hol"):
         write_assembly(tmp_path / "assembly.step", device, parts)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("screws")
+def test_parts_are_joined_by_their_connections(
+    device: Device, parts: list[BuiltPart], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parent, child = np.eye(4), np.eye(4)
+    parent[:3, 3], child[:3, 3] = [1.0, 2.0, 3.0], [1.0, 2.0, 5.0]
+    monkeypatch.setattr(
+        cad.assembly, "connections", lambda _: (Connection("slide", "mount", "camera_clip", parent, child),)
+    )
+    found = {leaf.label: leaf for group in assemble(device, parts).children for leaf in group.children}
+    np.testing.assert_allclose(tuple(found["mount"].center(CenterOf.MASS)), [31.0, 17.0, 8.0], atol=1e-9)
+    np.testing.assert_allclose(tuple(found["camera_clip"].center(CenterOf.MASS)), [31.0, 17.0, 6.0], atol=1e-9)
 
 
 GEOMETRY = """#1 = SOLID('it''s #3',#2);

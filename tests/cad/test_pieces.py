@@ -12,7 +12,18 @@ from shapely import Polygon
 from cad.device import Device, plan_device
 from cad.hardware import HARDWARE, read_camera
 from cad.part import BoughtItem, BuiltPart, MassProperties
-from cad.pieces import ACRYLIC, Kind, Piece, camera_piece, composed, item_pieces, mesh_of, mirror_pieces, pieces_of
+from cad.pieces import (
+    ACRYLIC,
+    Kind,
+    Piece,
+    camera_piece,
+    composed,
+    item_pieces,
+    item_title,
+    mesh_of,
+    mirror_pieces,
+    pieces_of,
+)
 from cad.reference import camera_solid, item_solid
 from cad.seats import Frustum
 from optics.layout import Layout
@@ -148,6 +159,13 @@ def test_fasteners_are_where_they_are_told(device: Device) -> None:
 )
 def test_fasteners_have_the_volume_of_their_formula(kind: Kind, size: str, length: float, volume: float) -> None:
     assert item_solid(item(kind, size, length)).volume == pytest.approx(volume, rel=1e-9)
+
+
+def test_what_is_bought_is_named_as_in_a_shop() -> None:
+    assert item_title(item("screw", "M3", 8.0)) == "M3 x 8 screw"
+    assert item_title(item("screw", "M3 set", 10.0)) == "M3 x 10 set screw"
+    assert item_title(item("nut", "M3", 2.4)) == "M3 nut"
+    assert item_title(item("pin", "3", 16.0)) == "3 x 16 pin"
 
 
 def test_a_size_without_a_diameter_is_refused() -> None:

@@ -1,0 +1,165 @@
+"""The robot's description, read back by its XML: masses, frames and files, in the units and axes that ROS expects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from cad.device import Device, plan_device
+from cad.hardware import HARDWARE
+from cad.part import BuiltPart
+from cad.pieces import Piece, camera_piece, composed, mirror_pieces
+from cad.robot import write_robot
+from optics.layout import Layout
+from optics.values import FloatArray
+
+
+@pytest.fixture(scope="module")
+def device(default_layout: Layout) -> Device:
+    return plan_device(default_layout, HARDWARE)
+
+
+@pytest.fixture(scope="module")
+def pieces(device: Device, built_block: BuiltPart) -> tuple[Piece, ...]:
+    mesh = trimesh.load_mesh(built_block.stl)
+    common = ("part", "MC-01", "Mirror holder", built_block.rgb, built_block.explode_mm, mesh, built_block.mass)
+    holder = Piece("mirror_holder", *common)  # type: ignore[arg-type]  # the kind is one
+    return holder, *mirror_pieces(device, [holder]), camera_piece(device)
+
+
+@pytest.fixture(scope="module")
+def folder(device: Device, pieces: tuple[Piece, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("device")
+    write_robot(out / "robot", device, pieces)
+    return out
+
+
+@pytest.fixture(scope="module")
+def urdf(folder: Path) -> Element:
+    return ElementTree.parse(folder / "robot" / "mirrorcam.urdf").getroot()
+
+
+def pose(origin: Element | None) -> FloatArray:
+    """A URDF pose: metres, and turns about the fixed axes x, y, z, one after the other."""
+    assert origin is not None
+    matrix = np.eye(4)
+    roll, pitch, yaw = (float(turn) for turn in origin.get("rpy", "0 0 0").split())
+    about = [Rotation.from_rotvec(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)]
+    matrix[:3, :3] = (about[2] * about[1] * about[0]).as_matrix()
+    matrix[:3, 3] = [float(length) for length in origin.get("xyz", "0 0 0").split()]
+    return matrix
+
+
+def root_from(urdf: Element, link: str) -> FloatArray:
+    """The pose (4, 4), m, of a link in the arm's, by composing the joints on the way."""
+    joints = {joint.find("child").get("link"): joint for joint in urdf.findall("joint")}  # type: ignore[union-attr]
+    matrix = np.eye(4)
+    while link in joints:
+        matrix = pose(joints[link].find("origin")) @ matrix
+        link = joints[link].find("parent").get("link")  # type: ignore[union-attr, assignment]
+    assert link == HARDWARE.wrist.link
+    return matrix
+
+
+def test_every_link_hangs_on_the_arm(urdf: Element, device: Device) -> None:
+    links = [link.get("name") for link in urdf.findall("link")]
+    assert len(set(links)) == len(links)
+    views = [f"mirrorcam_view_{row}_{column}" for row in range(3) for column in range(3)]
+    assert set(links) == {HARDWARE.wrist.link, "mirrorcam_link", "mirrorcam_camera_optical_frame", *views}
+    for link in links:
+        root_from(urdf, str(link))
+    assert all(joint.get("type") == "fixed" for joint in urdf.findall("joint"))
+
+
+def test_views_look_from_their_virtual_centres_to_the_scene(urdf: Element, device: Device) -> None:
+    camera_from_root = np.linalg.inv(root_from(urdf, "mirrorcam_camera_optical_frame"))
+    for index, centre in enumerate(device.layout.virtual_centres_in_rig_mm):
+        name = f"mirrorcam_view_{index // 3}_{index % 3}"
+        rig_from_view = camera_from_root @ root_from(urdf, name)
+        np.testing.assert_allclose(rig_from_view[:3, 3] * 1000.0, centre, atol=1e-6)
+        # Optical: z forward, x right, y down of the view.
+        np.testing.assert_allclose(rig_from_view[:3, :3], device.layout.view_from_rig.T, atol=1e-9)
+
+
+def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: Device) -> None:
+    link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
+    saddle = device.adapter.saddle
+    on_axis = np.array([0.0, saddle.band_mm.mean() / 1000.0, saddle.axis_z_mm / 1000.0, 1.0])
+    np.testing.assert_allclose(link_from_rig @ on_axis, [0.0, 0.0, 0.0, 1.0], atol=1e-9)
+    # REP 103: x forward (the rig's y), z up (the rig's z), y left.
+    np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
+    # The arm's fingers, and the scene, are towards its link's -z.
+    np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 0], [0.0, 0.0, -1.0], atol=1e-9)
+
+
+def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[Piece, ...]) -> None:
+    body = composed([piece.mass for piece in pieces])
+    (inertial,) = urdf.findall("link/inertial")
+    mass = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
+    assert mass == pytest.approx(body.mass_g / 1000.0)
+    link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
+    centre = pose(inertial.find("origin"))
+    np.testing.assert_allclose(centre[:3, :3], np.eye(3))
+    np.testing.assert_allclose(centre[:3, 3], (link_from_rig @ [*(body.centre_in_rig_mm / 1000.0), 1.0])[:3], atol=1e-9)
+    element = inertial.find("inertia")
+    assert element is not None
+    found = {name: float(value) for name, value in element.items()}
+    matrix = np.array([[found["i" + "".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
+    turn = link_from_rig[:3, :3]
+    np.testing.assert_allclose(matrix, turn @ body.inertia_g_mm2 @ turn.T * 1e-9, rtol=1e-6, atol=1e-12)
+    lengths = np.linalg.eigvalsh(matrix)
+    assert lengths[0] > 0.0
+    assert lengths[0] + lengths[1] >= lengths[2]
+
+
+def test_meshes_are_there_at_their_scale(urdf: Element, folder: Path, pieces: tuple[Piece, ...]) -> None:
+    (link,) = (link for link in urdf.findall("link") if link.get("name") == "mirrorcam_link")
+    files = {}
+    for kind in ("visual", "collision"):
+        for element in link.findall(kind):
+            mesh = element.find("geometry/mesh")
+            assert mesh is not None
+            assert mesh.get("scale") == "0.001 0.001 0.001"
+            files[mesh.get("filename", "")] = kind
+            np.testing.assert_allclose(pose(element.find("origin")), pose(link.find("visual/origin")))
+    assert files.pop("../parts/mirror_holder.stl") == "visual"
+    hulls = {"../robot/meshes/mirror_holder_hull.stl", "../robot/meshes/camera_hull.stl"}
+    assert {name for name, kind in files.items() if kind == "collision"} == hulls
+    assert set(files) - hulls == {"../robot/meshes/mirrors.stl", "../robot/meshes/camera.stl"}
+    for name in files:
+        assert trimesh.load_mesh(folder / "robot" / name).is_watertight
+    mirrors = trimesh.load_mesh(folder / "robot" / "meshes" / "mirrors.stl")
+    assert mirrors.volume == pytest.approx(sum(p.mass.volume_mm3 for p in pieces if p.kind == "mirror"), rel=1e-4)
+    assert trimesh.load_mesh(folder / "robot" / "meshes" / "camera_hull.stl").is_convex
+
+
+def test_the_macro_is_the_same_with_its_names_left_open(folder: Path, urdf: Element) -> None:
+    text = (folder / "robot" / "mirrorcam.xacro").read_text()
+    root = ElementTree.fromstring(text)
+    (macro,) = root
+    assert macro.tag == "{http://www.ros.org/wiki/xacro}macro"
+    assert macro.get("params") == "parent prefix:=mirrorcam mesh_root:=.. *origin"
+
+    def plain(element: Element) -> str:
+        filled = ElementTree.tostring(element, encoding="unicode").replace("${prefix}", "mirrorcam")
+        return ElementTree.canonicalize(filled.replace("${mesh_root}", ".."), strip_text=True)
+
+    # All but the arm's own link and the joint to it, whose origin the caller gives.
+    for ours, theirs in zip(list(macro)[1:], list(urdf)[2:], strict=True):
+        assert plain(ours).replace(' xmlns:xacro="http://www.ros.org/wiki/xacro"', "") == plain(theirs)
+
+
+def test_the_same_device_gives_the_same_bytes(
+    device: Device, pieces: tuple[Piece, ...], folder: Path, tmp_path: Path
+) -> None:
+    write_robot(tmp_path / "robot", device, pieces)
+    names = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
+    assert len(names) == 6
+    assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in names)
