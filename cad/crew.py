@@ -23,12 +23,9 @@ def crew(workers: int) -> Iterator[Executor | None]:
     if workers == 1:
         yield None
         return
-    if "forkserver" in get_all_start_methods():
-        context: BaseContext = get_context("forkserver")
-        # The kernel takes seconds to load: once, in the process that the others are copies of.
-        context.set_forkserver_preload(["cad.device_files"])
-    else:
-        context: BaseContext = get_context("spawn")
+    context: BaseContext = get_context("forkserver" if "forkserver" in get_all_start_methods() else "spawn")
+    # The kernel takes seconds to load: once, in the process that the others are copies of, where there is such a one.
+    context.set_forkserver_preload(["cad.device_files"])
     executor = ProcessPoolExecutor(
         workers, mp_context=context, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_DFL)
     )

@@ -86,20 +86,12 @@ def make_flat_pair() -> Callable[..., Layout]:
 def built_default(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The default 3x3 first-surface layout, the folder of its files, and its checks."""
     out = tmp_path_factory.mktemp("default")
-    return default_layout, out, build(default_layout, out)
-
-
-@pytest.fixture(scope="session")
-def built_pair(tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """A 1x2 first-surface layout: the smallest part, for tests that break it."""
-    layout = parabola(1, 2, scale_mm=50.0)
-    out = tmp_path_factory.mktemp("pair")
-    return layout, out, build(layout, out)
+    return default_layout, out, build(default_layout, out, workers=2)
 
 
 @pytest.fixture(scope="session")
 def built_second_surface(tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """A 2x2 layout of second-surface mirrors, 2 mm thick."""
+    """A 2x2 layout of second-surface mirrors, 2 mm thick, built in this process."""
     layout = parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
     out = tmp_path_factory.mktemp("second")
     return layout, out, build(layout, out)
