@@ -33,7 +33,8 @@ ITEM_RGB: dict[str, Rgb] = {
 # g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), brass CuZn39Pb3, steel.
 ACRYLIC, BRASS, STEEL = 1.19, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
-CAMERA_DOWN_MM = 45.0
+CAMERA_OUT_MM = 15.0
+BOARD_OUT_MM = 40.0
 COUPON = "fit_coupon"
 """A part to print that is no piece of the device."""
 
@@ -69,7 +70,7 @@ def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
     return (
         *printed,
         *mirror_pieces(device, printed),
-        camera_piece(device),
+        camera_piece(device, next(piece for piece in printed if piece.name.startswith("camera_clip"))),
         *item_pieces(bought_items(device)),
     )
 
@@ -107,12 +108,14 @@ def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
     return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
 
 
-def camera_piece(device: Device) -> Piece:
-    """The camera, of the mass that its maker says."""
+def camera_piece(device: Device, clip: Piece) -> Piece:
+    """The camera, of the mass that its maker says; it leaves its clip by the open end, a board by the front."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
-    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, np.array([0.0, 0.0, -CAMERA_DOWN_MM]), mesh, mass)
+    along_x = camera.held_by.kind == "lips"
+    out = (camera.width_mm + CAMERA_OUT_MM, 0.0, 0.0) if along_x else (0.0, 0.0, BOARD_OUT_MM)
+    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + out, mesh, mass)
 
 
 def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:

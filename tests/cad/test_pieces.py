@@ -37,11 +37,12 @@ def device(default_layout: Layout) -> Device:
 
 @pytest.fixture(scope="module")
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
-    """The block in the holder's stead (nothing here looks at its shape), and as the fit coupon."""
+    """The block in the stead of holder, clip and fit coupon: nothing here looks at their shape."""
     folder = tmp_path_factory.mktemp("pieces")
-    shutil.copy(built_block.stl, folder / "mirror_holder.stl")
-    shutil.copy(built_block.stl, folder / "fit_coupon.stl")
-    return [built_block.replaced(name=name, folder=folder) for name in ("mirror_holder", "fit_coupon")]
+    names = ("mirror_holder", "camera_clip", "fit_coupon")
+    for name in names:
+        shutil.copy(built_block.stl, folder / f"{name}.stl")
+    return [built_block.replaced(name=name, folder=folder) for name in names]
 
 
 def item(kind: Kind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
@@ -123,10 +124,14 @@ def test_a_mirror_goes_with_the_nearest_piece_of_a_split_holder(device: Device, 
             assert sideways == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("name", ["c920", "board_38"])
-def test_the_camera_has_its_mass_and_its_front_before_the_pupil(device: Device, name: str) -> None:
+@pytest.mark.parametrize(("name", "out"), [("c920", (94.0 + 15.0, 0.0, 0.0)), ("board_38", (0.0, 0.0, 40.0))])
+def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
+    device: Device, parts: list[BuiltPart], name: str, out: tuple[float, float, float]
+) -> None:
     camera = read_camera(name)
-    piece = camera_piece(replace(device, hardware=HARDWARE.replaced(camera=camera)))
+    clip = pieces_of(device, parts)[1]
+    piece = camera_piece(replace(device, hardware=HARDWARE.replaced(camera=camera)), clip)
+    np.testing.assert_allclose(piece.explode_mm, clip.explode_mm + out)
     assert piece.mass.mass_g == pytest.approx(camera.mass_g)
     assert piece.title == camera.name
     solid = camera_solid(camera)

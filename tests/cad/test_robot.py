@@ -30,7 +30,7 @@ def pieces(device: Device, built_block: BuiltPart) -> tuple[Piece, ...]:
     mesh = trimesh.load_mesh(built_block.stl)
     common = ("part", "MC-01", "Mirror holder", built_block.rgb, built_block.explode_mm, mesh, built_block.mass)
     holder = Piece("mirror_holder", *common)  # type: ignore[arg-type]  # the kind is one
-    return holder, *mirror_pieces(device, [holder]), camera_piece(device)
+    return holder, *mirror_pieces(device, [holder]), camera_piece(device, holder)
 
 
 @pytest.fixture(scope="module")
