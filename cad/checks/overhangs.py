@@ -29,8 +29,9 @@ from optics.values import FloatArray, Metric
 LAYER_MM = 0.2
 # An angle is read from a mesh: round shapes are facets, and numbers of a file are rounded.
 ANGLE_DEG = 0.5
-# What is smaller than a dot of a 0.4 mm nozzle is not printed as such.
-DOT_MM2 = 0.16
+# What stands out by no more than a layer of a face at the printer's angle does is borne by the layer below: a region
+# that is nowhere wider than this, seen from above, does not hang.
+STRIP_MM = 0.2
 # A ceiling is flat where it lies within this angle; a bridge's end is borne this near to what stands below it.
 FLAT_DEG = 1.0
 TOUCH_MM = 0.05
@@ -65,14 +66,14 @@ def overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printe
     flat = down & (-normals[:, 2] > np.cos(np.radians(FLAT_DEG)))
     hanging = bridged = longest = 0.0
     for faces in (*_regions(mesh, flat), *_regions(mesh, down & ~flat)):
-        size = float(mesh.area_faces[faces].sum())
-        if size < DOT_MM2:
+        area = unary_union([Polygon(triangle[:, :2]) for triangle in triangles[faces]])
+        if area.buffer(-STRIP_MM / 2.0).is_empty:
             continue
+        size = float(mesh.area_faces[faces].sum())
         length = None
         if flat[faces[0]]:
-            ceiling = unary_union([Polygon(triangle[:, :2]) for triangle in triangles[faces]])
             below = solid.slice(float(triangles[faces, :, 2].min()) - LAYER_MM / 2.0)
-            length = bridge_mm(ceiling, polygons(below), printer.bridge_mm)
+            length = bridge_mm(area, polygons(below), printer.bridge_mm)
         if length is None:
             hanging += size
         else:

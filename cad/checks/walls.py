@@ -12,22 +12,23 @@ from optics.values import FloatArray
 WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
 WALL_DOT_MM2 = 0.5
+# Walls thicker than this are not told apart.
+THICK_MM = 12.0
 # Rays start this far inside: the rounding of the STL's 32-bit numbers is 1e-5 mm.
 SURFACE_MM = 1e-3
 
 
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold) -> float:
-    """Smallest distance, straight into the material, between two faces that are parallel to 15 deg.
+    """Smallest distance, straight into the material, between two faces that are parallel to 15 deg; `THICK_MM` at most.
 
     Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing hangs on them.
     """
     points, normals, areas = _samples(np.array(mesh.triangles), np.array(mesh.face_normals))
-    reach = float(np.linalg.norm(mesh.extents))
-    walls = np.full(len(points), reach)
+    walls = np.full(len(points), THICK_MM)
     for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        hits = body.ray_cast(point - SURFACE_MM * normal, point - reach * normal)
+        hits = body.ray_cast(point - SURFACE_MM * normal, point - THICK_MM * normal)
         if hits and -np.dot(hits[0].normal, normal) >= WALL_COSINE:
-            walls[index] = SURFACE_MM + hits[0].distance * (reach - SURFACE_MM)
+            walls[index] = SURFACE_MM + hits[0].distance * (THICK_MM - SURFACE_MM)
     thinnest_first = np.argsort(walls, kind="stable")
     return float(walls[thinnest_first][np.argmax(np.cumsum(areas[thinnest_first]) > WALL_DOT_MM2)])
 

@@ -99,6 +99,14 @@ def test_a_ledge_and_a_table_are_no_bridges() -> None:
     assert measured(table)["overhang_mm2"] == pytest.approx(400.0 - 16.0)
 
 
+def test_a_ledge_as_narrow_as_a_layers_step_is_borne() -> None:
+    def ledge(width: float) -> float:
+        return measured(box(10, 20, 10) + box(10 + width, 20, 3, (0, 0, 10)))["overhang_mm2"]
+
+    assert ledge(0.19) == 0.0
+    assert ledge(0.21) == pytest.approx(4.2)
+
+
 def test_the_blind_end_of_an_upright_hole_bridges_but_a_step_in_a_bore_hangs() -> None:
     bore, wide = Solid.cylinder(6.0, 2.0, circular_segments=64), Solid.cylinder(3.0, 4.0, circular_segments=64)
     area = 32.0 * np.sin(2.0 * np.pi / 64)
@@ -110,12 +118,14 @@ def test_the_blind_end_of_an_upright_hole_bridges_but_a_step_in_a_bore_hangs() -
 
 
 def test_a_lying_round_hole_hangs_and_a_teardrop_does_not() -> None:
-    """A round ceiling hangs over 90 deg, without the flat 2 deg of its top; a roof of 45 deg over it nowhere."""
-    radius = 4.0
+    """Of a round ceiling hang the sides within 44.5 deg of its top, but the two at the top are flat and too narrow."""
+    radius, sides = 4.0, 400
     block = box(20, 10, 20, (-10, 0, 0))
-    hole = Solid.cylinder(10.0, radius, circular_segments=360).rotate((-90.0, 0.0, 0.0)).translate((0.0, 0.0, 10.0))
-    found = measured(block - hole)["overhang_mm2"]
-    assert found == pytest.approx(radius * np.radians(90.0 - 2.0) * 10.0, rel=1e-3)
+    hole = Solid.cylinder(10.0, radius, circular_segments=sides).rotate((-90.0, 0.0, 0.0)).translate((0.0, 0.0, 10.0))
+    from_top_deg = np.abs((np.arange(sides) + 0.5) * 360.0 / sides - 180.0)
+    hanging = np.count_nonzero((from_top_deg > 1.0) & (from_top_deg < 44.5))
+    expected = hanging * 2.0 * radius * np.sin(np.pi / sides) * 10.0
+    assert measured(block - hole)["overhang_mm2"] == pytest.approx(expected, rel=1e-3)
     tip = manifold3d.CrossSection([[(-4 / 2**0.5, 4 / 2**0.5), (4 / 2**0.5, 4 / 2**0.5), (0, 4 * 2**0.5)]])
     roof = tip.extrude(10.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 10.0, 10.0))
     assert measured(block - (hole + roof))["overhang_mm2"] == 0.0
