@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from optics.values import InputError
 
 MODULES = {
-    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf"),
+    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it"),
     "render": ("mitsuba", "drjit"),
     "cluster": ("dask", "distributed"),
     "parquet": ("pyarrow",),

@@ -30,13 +30,19 @@ def replaced(folder: Path, *, marker: str, keep_interrupted: bool = False) -> It
 
 
 @contextmanager
-def merged(folder: Path) -> Iterator[Path]:
+def merged(folder: Path, *, listing: str | None = None) -> Iterator[Path]:
     """An empty hidden folder whose files move into `folder` when the block ends well and vanish otherwise.
 
-    Files of the same name are replaced, each in one step; others in `folder` stay.
+    Files of the same name are replaced, each in one step; others in `folder` stay, except those that an earlier block
+    has written and this one has not: their names are in the file `listing`, where one is named.
     """
     with _unfinished(folder, keep_interrupted=False) as unfinished:
         yield unfinished
+        if listing:
+            names = sorted(path.relative_to(unfinished).as_posix() for path in unfinished.rglob("*") if path.is_file())
+            for name in _listed(folder / listing) - set(names):
+                (folder / name).unlink(missing_ok=True)
+            (unfinished / listing).write_text("\n".join(names) + "\n", encoding="utf-8")
         for path in sorted(unfinished.rglob("*")):
             place = folder / path.relative_to(unfinished)
             if path.is_dir():
@@ -67,6 +73,17 @@ def _unfinished(folder: Path, *, keep_interrupted: bool) -> Iterator[Path]:
             for parent in made:
                 if not any(parent.iterdir()):
                     parent.rmdir()
+
+
+def _listed(listing: Path) -> set[str]:
+    """Names in a listing that lie below its folder; none where there is no listing."""
+    try:
+        lines = listing.read_text(encoding="utf-8").splitlines()
+    except (FileNotFoundError, NotADirectoryError):
+        return set()
+    return {
+        line for line in lines if line and (listing.parent / line).resolve().is_relative_to(listing.parent.resolve())
+    }
 
 
 def clear(folder: Path) -> None:

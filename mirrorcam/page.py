@@ -76,7 +76,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
         ),
         part=_picture(
-            root, "cad/mirror_holder.png", "cad/mirror_holder.png", "The holder, its mirrors and the camera's pupil"
+            root, "cad/pictures/light.png", "cad/index.html", "The device, and the light from its lens to the scene"
         ),
         frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
         views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
@@ -89,10 +89,10 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         part_files=tuple(
             File(f"cad/{name}", purpose)
             for name, purpose in (
-                ("mirror_holder.step", "the solid, for any CAD program"),
-                ("mirror_holder.stl", "the mesh, for a printer"),
-                ("mirrors.dxf", "outlines of the mirrors, for a cutter"),
-                ("mirror_holder.svg", "a drawing of the holder"),
+                ("index.html", "all parts in 3-D, their files, drawings and checks"),
+                ("guide.md", "how to print, cut and assemble them"),
+                ("bom.md", "what to print, cut and buy"),
+                ("assembly.step", "the device, for any CAD program"),
             )
         ),
         files=(

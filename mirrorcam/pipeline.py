@@ -11,6 +11,7 @@ from mirrorcam.extras import require
 from mirrorcam.page import read_metrics, write_page, write_pictures
 from mirrorcam.progress import Advance, long_work, print_metrics, say
 from mirrorcam.stages import Stage, perform, staleness
+from mirrorcam.sweep_local import cores
 from optics.camera import Camera
 from optics.files import write_metrics
 from optics.layout import Layout
@@ -18,6 +19,7 @@ from optics.spec import DesignSpec
 from optics.targets import Charuco, Checkerboard, default_board
 
 # What decides about a result besides our own sources.
+CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2")
 SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
 # The frame that the page shows and decodes.
 SHOWN = 0
@@ -77,7 +79,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     def part(folder: Path, advance: Advance) -> None:
         from cad.build import build
 
-        build(Layout.load(nominal), folder)
+        build(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
 
     def render(folder: Path, advance: Advance) -> None:
         from optics.tolerances import Tolerances
@@ -121,10 +123,20 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         Stage(
             "cad",
             part,
-            doing="the mirror holder",
+            doing="every part, its files and checks",
+            unit="steps",
             reads=(nominal,),
             sources=("optics", "cad"),
-            tools=(*SOLVERS, "build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "matplotlib"),
+            tools=(
+                *SOLVERS,
+                "build123d",
+                "cadquery-ocp-novtk",
+                "trimesh",
+                "manifold3d",
+                "ezdxf",
+                "lib3mf",
+                "matplotlib",
+            ),
         ),
         Stage(
             "set",

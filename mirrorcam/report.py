@@ -278,7 +278,7 @@ _PAGE = """<!doctype html>
 <header>
 <p class="kicker"><b>MirrorCam</b> <span>$kind</span></p>
 <h1>A light field camera made of one webcam and $mirrors flat mirrors.</h1>
-<p class="lead">Its mirrors were laid out by an optimiser and turned into a printable part. A copy with the errors of a
+<p class="lead">Its mirrors were laid out by an optimiser and turned into printable parts. A copy with the errors of a
 real assembly then photographed a board; from those frames alone it was calibrated, checked against the sealed truth,
 and its light field decoded.</p>
 <p class="verdict $state">$verdict</p>
@@ -294,9 +294,9 @@ $before_after
 $design_table
 </section>
 <section>
-<h2><span>2</span> The part</h2>
-<p>One printable holder with a seat for each mirror, and a cutting file for the mirrors. The seats were read back from
-the exported solid and compared with the design.</p>
+<h2><span>2</span> The parts</h2>
+<p>A holder with a seat for each mirror, a mount, a clip for the camera and a clamp for a robot's wrist, to be printed;
+and cutting files for the mirrors. All were read back as exported and compared with the design.</p>
 $part
 <ul class="files">$part_files</ul>
 $part_checks

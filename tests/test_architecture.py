@@ -20,18 +20,7 @@ OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shape
 MAY_IMPORT = {
     "optics": OPTICS,
     "cad": OPTICS
-    | {
-        "optics",
-        "build123d",
-        "OCP",
-        "trimesh",
-        "manifold3d",
-        "ezdxf",
-        "bd_warehouse",
-        "lib3mf",
-        "matplotlib",
-        "jinja2",
-    },
+    | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2", "markdown_it"},
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR"},
     "mirrorcam": ROOMS | OPTICS | {"matplotlib", "rich", "tyro", "distributed", "pyarrow"},
 }

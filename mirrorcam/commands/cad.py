@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from pydantic import Field
@@ -12,12 +13,48 @@ from mirrorcam.folders import merged
 from mirrorcam.progress import count_text, long_work, print_metrics, say
 from optics.values import Value
 
+if TYPE_CHECKING:
+    from cad.hardware import Hardware
+
+LISTING = ".files.txt"
+# Of all checks those of the whole are printed, and every one that fails.
+SHOWN = ("device.", "mirrors.")
+
 
 class CadOptions(Value):
-    """Build and check the mirror holder of a layout: STEP, STL and DXF."""
+    """Build and check every part of a layout's device: files to print, cut, assemble and look at.
+
+    Open index.html in the folder. What has not changed since an earlier run into the same folder is taken over.
+    """
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
-    out: Path = Field(default=Path("output/cad"), description="folder for the parts")
+    out: Path = Field(default=Path("output/cad"), description="folder for everything that is written")
+    hardware: Path | None = Field(
+        default=None, description="TOML file that replaces any of the table of dimensions (docs/cad.md)"
+    )
+    camera: str | None = Field(
+        default=None,
+        description="body of the camera: c920, board_38 or a TOML file (default: c920, or as in --hardware)",
+    )
+    fasteners: Literal["insert", "nut"] | None = Field(
+        default=None, description="what M3 screws are driven into (default: insert, or as in --hardware)"
+    )
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
+        default=None, ge=1, description="processes that share the work"
+    )
+
+
+def hardware_of(options: CadOptions) -> Hardware:
+    """The table of dimensions that the options name; raises InputError for a file that is none."""
+    from cad.hardware import HARDWARE, Hardware, read_camera
+    from optics.files import read_model
+
+    hardware = read_model(Hardware, options.hardware) if options.hardware else HARDWARE
+    if options.camera:
+        hardware = hardware.replaced(camera=read_camera(options.camera))
+    if options.fasteners:
+        hardware = hardware.replaced(screw=hardware.screw.replaced(kind=options.fasteners))
+    return hardware
 
 
 def run(options: CadOptions) -> int:
@@ -25,11 +62,24 @@ def run(options: CadOptions) -> int:
     from optics.layout import Layout
 
     layout = Layout.load(options.layout)
+    hardware = hardware_of(options)
     require("cad")
     from cad.build import build
+    from mirrorcam.sweep_local import cores
 
-    with long_work("cad", f"a holder for {count_text(len(layout.mirrors), 'mirror')}"), merged(options.out) as folder:
-        checks = build(layout, folder)
-    print_metrics({"measured": checks})
-    say("cad", f"parts written to {options.out}")
-    return 0 if all(check.passed for check in checks.values()) else 1
+    doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
+    with long_work("cad", doing, "steps") as advance, merged(options.out, listing=LISTING) as folder:
+        checks = build(
+            layout,
+            folder,
+            hardware,
+            previous=options.out,
+            workers=options.workers or cores(),
+            advance=advance,
+        )
+    failed = {name for name, check in checks.items() if not check.passed}
+    print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
+    limited = sum(check.limit is not None for check in checks.values())
+    verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
+    say("cad", f"{verdict}; open {options.out / 'index.html'}")
+    return 1 if failed else 0

@@ -67,3 +67,22 @@ def test_an_interrupted_folder_is_kept_on_request_and_a_failed_one_is_not(tmp_pa
             raise error
     assert not out.exists()
     assert list(out.parent.iterdir()) == []
+
+
+def test_merged_removes_what_an_earlier_block_wrote_and_this_one_does_not(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for names in (("parts/half_1.stl", "parts/half_2.stl", "same.txt"), ("parts/whole.stl", "same.txt")):
+        with merged(out, listing=".files.txt") as folder:
+            (folder / "parts").mkdir()
+            for name in names:
+                (folder / name).write_text(name)
+        (out / "mine.txt").write_text("mine")
+    found = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert found == {".files.txt", "mine.txt", "parts/whole.stl", "same.txt"}
+    # A listing that somebody else has written reaches nothing outside the folder.
+    (out / ".files.txt").write_text("../outside.txt\n/etc/hostname\nparts/whole.stl\n")
+    (tmp_path / "outside.txt").write_text("theirs")
+    with merged(out, listing=".files.txt"):
+        pass
+    assert (tmp_path / "outside.txt").exists()
+    assert not (out / "parts" / "whole.stl").exists()
