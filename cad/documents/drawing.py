@@ -22,7 +22,7 @@ A3_MM = (420.0, 297.0)
 BORDER_MM = 10.0
 BLOCK_MM = 26.0
 SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
-VISIBLE_MM, HIDDEN_MM, THIN_MM, FRAME_MM = 0.35, 0.18, 0.18, 0.5
+VISIBLE_MM, SMALL_MM, HIDDEN_MM, FRAME_MM = 0.35, 0.25, 0.18, 0.5
 HIDDEN_DASHES_MM = (1.6, 0.8)
 HIDDEN_COLOUR = "#5d6778"
 TEXT_MM, NOTE_MM = 2.5, 2.0
@@ -47,7 +47,9 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
         visible, hidden = on_paper(view.view, view.scale)
         if view is not corner:
             sheet.lines([line + view.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
-        sheet.lines([line + view.shift for line in visible], VISIBLE_MM if view is not corner else 0.25)
+        # Small views have their edges close together.
+        width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
+        sheet.lines([line + view.shift for line in visible], width)
     annotate(sheet, placed, dimensions_of(part, solid))
     if isinstance(part.plan, HolderPlan):
         for name, middle in seat_names(part.plan):

@@ -14,7 +14,7 @@ from optics.values import FloatArray
 
 INK = (28, 33, 45)
 SOFT = (104, 112, 128)
-TEXT_PX = 24
+TEXT_PX = 22
 SMALLEST_TEXT_PX = 15
 ROW_OF_TEXT = 1.9
 MARGIN_PX = 26

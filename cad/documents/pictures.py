@@ -21,12 +21,13 @@ from optics.layout import Layout
 from optics.transforms import transform
 from optics.values import FloatArray
 
-PICTURE_PX = (1600, 1200)
+PICTURE_PX = (1400, 1050)
 # Room for the names at both sides.
-MARGINS_PX = (330, 60)
-BARE_MARGINS_PX = (80, 70)
+MARGINS_PX = (275, 50)
+BARE_MARGINS_PX = (60, 50)
 # Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
 IN_FRONT = (0.95, 0.12, 1.0)
+ABOVE = (0.80, -0.55, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
 LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
@@ -80,7 +81,7 @@ def write_picture(folder: Path, picture: Picture) -> None:
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[Picture, ...]:
     """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
     layout = device.layout
-    front, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, BELOW, BEHIND))
+    front, above, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, ABOVE, BELOW, BEHIND))
     whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
     bare = tuple(_item(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
@@ -95,7 +96,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
         Picture("inserts", "Where the inserts go", behind, _threads(stages)),
         Picture("mirrors", "Which mirror goes where", below, _seating(stages)),
         Picture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
-        Picture("camera", "Camera and clip", front, _camera_in_clip(stages)),
+        Picture("camera", "Camera and clip", above, _camera_in_clip(stages)),
         Picture("clip", "Clip and mount", front, _clip_on_mount(stages)),
         Picture("adapter", "The clamp", front, _adapter_on_mount(stages)),
     )
@@ -231,7 +232,7 @@ def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
     meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
     laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
     sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in laid]
-    row_end = 1.25 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
+    row_end = 1.05 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
     x = y = deepest = 0.0
     items = []
     for (part, triangles), size in zip(laid, sizes, strict=True):
