@@ -124,7 +124,7 @@ def _mirrors(device: Device, sheets: Sequence[MirrorSheet]) -> tuple[MirrorLine,
 
 
 def _bought(device: Device) -> tuple[BoughtLine, ...]:
-    items = bought_items(device)
+    items, mount = bought_items(device), device.hardware.mount
     counted = Counter((item.kind, item_title(item)) for item in items)
     joined = {
         key: sorted({name for item in items if (item.kind, item_title(item)) == key for name in item.joins})
@@ -135,6 +135,8 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         where = ", ".join(name.replace("_", " ") for name in joined[key])
         lines.append(BoughtLine(title=key[1], count=counted[key], note=where))
+    lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
+    lines.append(BoughtLine(title="1/4 in nut", count=1, note="mount, only to stand on a tripod"))
     area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors)
     millilitres = max(1, round(area * GLUE_MM / 1000.0))
     lines.append(

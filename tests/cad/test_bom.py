@@ -48,6 +48,8 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 12 screw", 2),
         ("M3 x 8 screw", 5),
         ("M3 x 5.7 heat-set insert", 4),
+        ("Cable tie, at most 4 mm wide", 1),
+        ("1/4 in nut", 1),
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
         ("Tool: soldering iron with a tip for M3 inserts", None),
     ]
