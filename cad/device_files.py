@@ -21,6 +21,7 @@ from cad.mirrors.sheets import MirrorSheet, plan_sheets, sheet_metrics
 from cad.mirrors.svg import write_svg
 from cad.part_files import make_part
 from cad.pieces import pieces_of
+from cad.robot import write_robot
 from optics.files import write_metrics
 from optics.layout import Layout
 from optics.values import Metric
@@ -55,6 +56,7 @@ def write_device(
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
     checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
+    write_robot(out / "robot", device, pieces)
     write_bom(out, bill_of(device, parts, sheets))
     write_guide(out, device, parts, pieces)
     write_page(out, device, parts, pictures, checks)
