@@ -34,6 +34,8 @@ FINISH: dict[Kind, tuple[float, float]] = {
     "nut": (0.9, 0.35),
     "pin": (0.9, 0.35),
 }
+# What glTF calls ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
+INDICES, VERTICES = 34963, 34962
 # Edges sharper than this stay edges; the facets of a round hole melt into each other.
 CREASE_RAD = np.radians(30.0)
 
@@ -64,10 +66,20 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
         # trimesh keeps colours in steps of 1/255.
         for material in tree["materials"]:
             material["pbrMetallicRoughness"]["baseColorFactor"] = colours[material["name"]]
+        for mesh in tree["meshes"]:
+            for primitive in mesh["primitives"]:
+                _set_target(tree, primitive["indices"], INDICES)
+                for accessor in primitive["attributes"].values():
+                    _set_target(tree, accessor, VERTICES)
 
     data = export_glb(scene, include_normals=True, tree_postprocessor=finish)  # type: ignore[no-untyped-call]
     with atomic(path) as temporary:
         temporary.write_bytes(data)
+
+
+def _set_target(tree: dict[str, Any], accessor: int, target: int) -> None:
+    """Say what an accessor's bytes are for, as viewers like to know before they read them."""
+    tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = target
 
 
 def _shaded(piece: Piece) -> trimesh.Trimesh:
@@ -77,10 +89,13 @@ def _shaded(piece: Piece) -> trimesh.Trimesh:
     material = PBRMaterial(  # type: ignore[no-untyped-call]
         name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
     )
+    normals = np.array(mesh.vertex_normals)
+    # The corners of a facet without area have none; nothing is seen of it, but glTF wants unit vectors.
+    normals[np.linalg.norm(normals, axis=1) < 0.5] = (0.0, 0.0, 1.0)
     return trimesh.Trimesh(
         mesh.vertices,
         mesh.faces,
-        vertex_normals=mesh.vertex_normals,
+        vertex_normals=normals,
         visual=TextureVisuals(material=material),  # type: ignore[no-untyped-call]
         process=False,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,24 @@ def test_flat_faces_look_flat(written: Path) -> None:
     assert sorted({tuple(normal) for normal in np.round(block.vertex_normals).astype(int).tolist()}) == sorted(
         [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
     )
+
+
+def test_normals_are_units_even_where_a_facet_has_no_area(pieces: tuple[Piece, ...], tmp_path: Path) -> None:
+    # A square of which one side is split by a point on it: one facet is a line.
+    corners = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0], [4.0, 0.0, 0.0]])
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3], [0, 4, 1]], process=False)
+    write_glb(tmp_path / "flat.glb", [replace(pieces[0], mesh=mesh)])
+    found = trimesh.load_scene(tmp_path / "flat.glb", process=False).geometry["block"]
+    assert len(found.faces) == 3
+    np.testing.assert_allclose(np.linalg.norm(found.vertex_normals, axis=1), 1.0, atol=1e-6)
+
+
+def test_bytes_say_what_they_are_for(written: Path) -> None:
+    tree = tree_of(written)
+    for mesh in tree["meshes"]:
+        (primitive,) = mesh["primitives"]
+        for accessor, target in ((primitive["indices"], 34963), (primitive["attributes"]["NORMAL"], 34962)):
+            assert tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] == target
 
 
 def test_the_same_pieces_give_the_same_bytes_and_no_path(
