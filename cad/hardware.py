@@ -69,13 +69,13 @@ class HolderDimensions(Value):
     rim_length_mm: float = Field(default=3.0, gt=0, description="shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
     mount_step_mm: float = Field(default=2.0, gt=0, description="steps in which the rectangle of mount holes is tried")
-    cell_mm: float = Field(default=16.0, gt=0, description="largest width of a hollow behind the mirrors")
+    cell_mm: float = Field(default=10.0, gt=0, description="largest width of a hollow behind the mirrors")
     web_mm: float = Field(default=2.0, gt=0, description="thickness of the webs between hollows, and of the outer wall")
     groove_mm: float = Field(default=1.0, gt=0, description="width of a groove that takes surplus glue")
     groove_depth_mm: float = Field(default=0.6, gt=0, description="its depth below the seat")
     groove_pitch_mm: float = Field(default=7.0, gt=0, description="distance of such grooves from one to the next")
     shade_mm: float = Field(default=1.6, gt=0, description="thickness of the walls that keep stray light out")
-    shade_out_mm: float = Field(default=12.0, ge=0, description="how far those walls may stand outside the rims")
+    shade_out_mm: float = Field(default=2.0, ge=0, description="how far outside the rims those walls stand")
     shade_step_mm: float = Field(default=5.0, gt=0, description="length of their straight pieces")
     pin_mm: tuple[float, float] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = Field(default=500.0, gt=0, description="working distance of a layout without a spec")
@@ -84,8 +84,8 @@ class HolderDimensions(Value):
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = Field(default=3.0, gt=0, description="thickness of both skins: what screw heads rest on")
-    web_mm: float = Field(default=1.6, gt=0, description="thickness of the webs between the skins")
+    skin_mm: float = Field(default=2.4, gt=0, description="thickness of both skins: what screw heads rest on")
+    web_mm: float = Field(default=1.4, gt=0, description="thickness of the webs between the skins")
     deepest_mm: float = Field(default=80.0, gt=0, description="largest distance of the skins that is tried")
     clearance_mm: float = Field(default=1.0, gt=0, description="gap to the mirror holder, off its back")
     tilt_deg: float = Field(

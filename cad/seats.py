@@ -48,9 +48,11 @@ class Frustum:
     @cached_property
     def half_spaces(self) -> tuple[FloatArray, FloatArray]:
         """Outward unit normals (m, 3) and offsets (m,): inside is normals @ x <= offsets."""
-        normals = np.array([newell_normal(face) for face in self.faces])
-        offsets = np.array([(face @ normal).mean() for face, normal in zip(self.faces, normals, strict=True)])
-        return normals, offsets
+        return planes_of(self.faces)
+
+    def stretched(self, below_mm: FloatArray, above_mm: FloatArray) -> Frustum:
+        """The same with its base and its top moved, each by a vector (3,) along its sides."""
+        return Frustum(self.base + below_mm, self.top + above_mm)
 
     def contains(self, points: FloatArray) -> NDArray[np.bool_]:
         """Which of points (..., 3) lie inside, as booleans (...)."""
@@ -62,6 +64,12 @@ class Frustum:
         """Whether a ball about a point (3,) may touch the solid; False is certain."""
         normals, offsets = self.half_spaces
         return bool((normals @ point - offsets).max() < radius_mm)
+
+
+def planes_of(loops: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (m, 3) and offsets (m,) of the planes of flat loops (n, 3): normals @ x = offsets."""
+    normals = np.array([newell_normal(loop) for loop in loops])
+    return normals, np.array([(loop @ normal).mean() for loop, normal in zip(loops, normals, strict=True)])
 
 
 def newell_normal(loop: FloatArray) -> FloatArray:

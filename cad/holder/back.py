@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import MultiPoint, Point, Polygon, get_coordinates, unary_union
+from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, unary_union
 
 from cad.hardware import Hardware
 from cad.seats import back_height_mm, outline_at, seat_distance_mm
@@ -110,28 +110,92 @@ class FrontSurface:
         return min(lowest, self.deepest_mm)
 
 
-def place_mount(front: FrontSurface, hardware: Hardware) -> MountFace:
+def place_cuts(
+    layout: Layout, axes: FloatArray, border: Polygon, hardware: Hardware
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Where a part with this outline is cut along the mount's x and y so that every piece fits the bed.
+
+    Of all places that leave pieces which fit, each cut takes the one that passes through the least mirror. The longer
+    side of the part lies along the longer side of the bed.
+    """
+    left, bottom, right, top = border.bounds
+    lengths = (right - left, top - bottom)
+    bed = sorted(hardware.printer.bed_mm[:2])
+    rooms = (bed[1], bed[0]) if lengths[0] >= lengths[1] else (bed[0], bed[1])
+    seats = [Polygon(outline_at(mirror, back_height_mm(mirror)) @ axes[:2].T) for mirror in layout.mirrors]
+    cuts = []
+    for axis, (start, length, room) in enumerate(zip((left, bottom), lengths, rooms, strict=True)):
+        pieces = int(np.ceil(length / room))
+        spare = (pieces * room - length) / 2.0
+        places = []
+        for i in range(1, pieces):
+            middle = start + length * i / pieces
+            slack = spare / pieces
+            tried = np.linspace(middle - slack, middle + slack, 61)
+            costs = [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
+            places.append(float(tried[int(np.argmin(costs))]))
+        cuts.append(tuple(places))
+    return cuts[0], cuts[1]
+
+
+def _cut_mm(seats: list[Polygon], axis: int, place: float) -> float:
+    """Length of the seats along a line across an axis."""
+    far = 1e4
+    line = LineString([(place, -far), (place, far)] if axis == 0 else [(-far, place), (far, place)])
+    return float(sum(seat.intersection(line).length for seat in seats))
+
+
+def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
+    """From the back: where the thread of insert or nut begins and ends, and how deep the hole is."""
+    screw = hardware.screw
+    if screw.kind == "insert":
+        return 0.0, screw.insert_mm, screw.insert_depth_mm
+    begin = hardware.holder.floor_mm
+    end = begin + screw.nut_height_mm + hardware.fit.slide_mm
+    # The slot's roof rises at 45 deg over half the nut's width; the screw's tip has room below its ridge.
+    return begin, end, end + slot_width_mm(hardware) / 2.0
+
+
+def slot_width_mm(hardware: Hardware) -> float:
+    """Width of the slot that a nut slides in by."""
+    return hardware.screw.nut_flats_mm + 2.0 * hardware.fit.slide_mm
+
+
+def place_mount(
+    front: FrontSurface, hardware: Hardware, cuts_mm: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+) -> MountFace:
     """The widest rectangle of four holes that leaves the part thinnest; raises InputError where there is no room.
 
-    Every hole keeps the insert's wall to the edge of the footprint and to its neighbours, and the thinnest wall to the
-    front above it.
+    Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the
+    cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by.
     """
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     room = front.footprint.buffer(-around)
+    joint = around + hardware.holder.pin_mm[1] / 2.0
+    depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
+    beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
     best: tuple[float, float] | None = None
     chosen = np.zeros((4, 2))
     for a in np.arange(around, (right - left) / 2.0, hardware.holder.mount_step_mm):
         for b in np.arange(around, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
-            if not room.contains(MultiPoint(centre + holes)):
-                continue
-            lowest = max(front.recedes_to_mm(Point(centre + hole).buffer(around)) for hole in holes)
-            back = max(
-                front.deepest_mm + hardware.holder.floor_mm,
-                lowest + hardware.screw.insert_depth_mm + hardware.printer.wall_mm,
+            near_cut = any(
+                np.abs(centre[axis] + holes[:, axis] - cut).min() < joint for axis in (0, 1) for cut in cuts_mm[axis]
             )
+            if near_cut or not room.contains(MultiPoint(centre + holes)):
+                continue
+            bosses = [Point(centre + hole).buffer(around) for hole in holes]
+            if hardware.screw.kind == "nut":
+                bosses += [
+                    LineString([centre + hole, [right if hole[0] > 0.0 else left, centre[1] + hole[1]]])
+                    .buffer(beside, cap_style="flat")
+                    .intersection(front.footprint)
+                    for hole in holes
+                ]
+            lowest = max(front.recedes_to_mm(boss) for boss in bosses)
+            back = max(front.deepest_mm + hardware.holder.floor_mm, lowest + depth)
             if best is None or (back, -a * b) < best:
                 best, chosen = (back, -a * b), holes
     if best is None:

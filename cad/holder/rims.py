@@ -10,6 +10,7 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Hardware
+from cad.holder.glue import Groove
 from cad.seats import Frustum, back_height_mm, outline_at
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -18,6 +19,10 @@ from optics.values import FloatArray
 
 # Room is tried at points this far apart; what is found free is shortened by as much at both ends.
 STEP_MM = 0.25
+# What lies beside a seat ends this far below it.
+RELIEF_MM = 0.3
+# How far the ground of a rim is wider than the rim.
+GROUND_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,10 @@ class Edge:
     direction: FloatArray
     outward: FloatArray
     length_mm: float
+
+    def crosses(self, shape: FloatArray) -> bool:
+        """Whether a flat shape (n, 2) reaches over the edge."""
+        return bool(((shape - self.start) @ self.outward).max() > 0.0)
 
     def in_rig(self, along: FloatArray, across: FloatArray, level: FloatArray) -> FloatArray:
         """Points (..., 3) in rig from mm along the edge, out from it, and over the reflecting plane."""
@@ -49,9 +58,14 @@ def edges_of(mirror: Mirror) -> list[Edge]:
 
 
 def plan_rims(
-    layout: Layout, keep_outs: list[list[Frustum]], reach_mm: float, hardware: Hardware
+    layout: Layout,
+    keep_outs: list[list[Frustum]],
+    grooves: list[tuple[Groove, ...]],
+    reach_mm: float,
+    hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
-    """The rims of all mirrors, each with the ground (4, 3) it needs: its foot, widened to the mirror's edge.
+    """The rims of all mirrors, each with the ground (4, 3) it needs: its foot, widened to the mirror's edge and a
+    little below the seat, so that only the seat touches the mirror's back.
 
     A rim enters no light and stands neither before nor behind another mirror or its rim (looked for `reach_mm` far
     along their normals), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim
@@ -65,7 +79,7 @@ def plan_rims(
     rims = []
     for index, mirror in enumerate(layout.mirrors):
         others = [volume for other, group in enumerate(taken) if other != index for volume in group]
-        placed = _rims_of(mirror, keep_outs[index][1:], others, hardware)
+        placed = _rims_of(mirror, keep_outs[index][1:], others, grooves[index], hardware)
         away = reach_mm * mirror.normal_in_rig
         taken[index] += [Frustum(ground - away, ground + away) for _, ground in placed]
         rims += placed
@@ -73,7 +87,11 @@ def plan_rims(
 
 
 def _rims_of(
-    mirror: Mirror, own_light: list[Frustum], others: list[Frustum], hardware: Hardware
+    mirror: Mirror,
+    own_light: list[Frustum],
+    others: list[Frustum],
+    grooves: tuple[Groove, ...],
+    hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
     fit, margin = hardware.fit.free_mm, hardware.fit.free_mm + hardware.holder.rim_mm
     bottom = back_height_mm(mirror)
@@ -96,6 +114,10 @@ def _rims_of(
         room = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
             room &= ~volume.contains(points).any(axis=(1, 2))
+        flat = edge.start + steps[:, None] * edge.direction
+        for groove in grooves:
+            notch = np.abs(flat[:, 0] - groove.at_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
+            room &= ~(notch & edge.crosses(groove.shape))
         for first, last in _runs(room):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
             if to_mm - from_mm >= hardware.holder.rim_length_mm:
@@ -103,9 +125,12 @@ def _rims_of(
                 along = np.array([from_mm, to_mm, to_mm, from_mm])
                 foot, crest = (
                     edge.in_rig(along, np.array([inner_mm, inner_mm, margin, margin]), np.full(4, level))
-                    for level in (bottom, top)
+                    for level in (bottom - 2.0 * RELIEF_MM, top)
                 )
-                ground = edge.in_rig(along, np.array([0.0, 0.0, margin, margin]), np.full(4, bottom))
+                # A little wider than the rim, so that the two have no face in common.
+                wider = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
+                out = margin + GROUND_MM
+                ground = edge.in_rig(wider, np.array([0.0, 0.0, out, out]), np.full(4, bottom - RELIEF_MM))
                 rims.append((Frustum(foot, crest), ground))
     return rims
 

@@ -8,7 +8,9 @@ import numpy as np
 from build123d import BuildPart, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from cad.hardware import Hardware
-from cad.holder.plan import HolderPlan
+from cad.holder.brep import brep
+from cad.holder.mesh import Workshop
+from cad.holder.plan import HolderPlan, body_of, one_piece
 from cad.seats import Frustum, sheet
 from optics.layout import Layout
 from optics.values import InputError
@@ -38,20 +40,20 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
 
 
 def make_holder(plan: HolderPlan) -> Part:
-    """Cut and join the body's solids; the light and the pockets are removed by construction."""
+    """Cut and join the holder's solids; the light and the pockets are removed by construction."""
+    workshop = Workshop()
+    whole = one_piece(body_of(workshop, plan), plan.wall_mm)
+    body = one_piece(workshop.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
+    width_mm = plan.screw.insert_hole_mm if plan.screw.kind == "insert" else plan.screw.clearance_hole_mm
     with BuildPart() as holder:
-        insert([solid_of(volume) for volume in (plan.slab, *plan.cores, *plan.fillers, *plan.rims)])
-        for volumes in plan.keep_outs:
-            insert([solid_of(volume) for volume in volumes], mode=Mode.SUBTRACT)
+        insert(brep(workshop, body))
         x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
         with (
             Locations(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)),
-            Locations(*((x, y, -plan.screw.insert_depth_mm / 2.0) for x, y in plan.holes_in_mount_mm)),
+            Locations(*((x, y, -plan.hole_depth_mm / 2.0) for x, y in plan.holes_in_mount_mm)),
         ):
-            Cylinder(plan.screw.insert_hole_mm / 2.0, plan.screw.insert_depth_mm, mode=Mode.SUBTRACT)
-    # Light may leave crumbs too small to print where two seats meet; they are no part of the holder.
-    pieces = [solid for solid in holder.solids() if solid.volume > plan.wall_mm**3]
-    part = Part(pieces, label="mirror_holder")
-    if len(pieces) != 1:
-        raise InputError(f"mirror holder falls apart into {len(pieces)} pieces where the light passes, expected one")
-    return part
+            Cylinder(width_mm / 2.0, plan.hole_depth_mm, mode=Mode.SUBTRACT)
+    solids = holder.solids()
+    if len(solids) != 1:
+        raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")
+    return Part(solids, label="mirror_holder")

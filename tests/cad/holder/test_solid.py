@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from typing import Literal
 
 import numpy as np
 import pytest
 from build123d import GeomType
+from manifold3d import Manifold
+from shapely import Polygon, union_all
 
 from cad.hardware import HARDWARE
-from cad.holder.plan import plan_holder
-from cad.holder.rims import STEP_MM
+from cad.holder.back import slot_width_mm
+from cad.holder.mesh import Workshop
+from cad.holder.plan import HolderPlan, body_of, one_piece, plan_holder
+from cad.holder.rims import RELIEF_MM
 from cad.holder.solid import check_gaps, make_holder, solid_of
 from cad.seats import Frustum
 from optics.layout import Layout
-from optics.values import InputError
+from optics.values import FloatArray, InputError
 
 
 def test_a_frustums_solid_has_its_volume() -> None:
@@ -27,32 +34,95 @@ def test_a_frustums_solid_has_its_volume() -> None:
     assert pyramid.is_valid
 
 
-def test_two_mirrors_in_one_plane_give_a_plate_with_rims_and_holes(make_flat_pair: Callable[..., Layout]) -> None:
-    """All seats coplanar: a bevelled plate as thick as an insert needs, eight rims, four blind holes, nothing else."""
-    width, height, gap, thickness = 40.0, 30.0, 8.0, 2.0
-    part = make_holder(
-        plan_holder(make_flat_pair(gap_mm=gap, width_mm=width, height_mm=height, thickness_mm=thickness), HARDWARE)
-    )
-    margin = HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm
-    depth = HARDWARE.screw.insert_depth_mm + HARDWARE.printer.wall_mm
-    plate = (2 * width + gap + 2 * margin) * (height + 2 * margin) - 4 * margin**2 / 2
-    # The bevels that face the gap lie inside the slab's hull, whose front is level with the fillers.
-    rims = sum(2 * (2 * (edge - 2 * STEP_MM)) for edge in (width, height)) * HARDWARE.holder.rim_mm
-    holes = 4 * math.pi * (HARDWARE.screw.insert_hole_mm / 2) ** 2 * HARDWARE.screw.insert_depth_mm
-    expected = plate * depth + rims * HARDWARE.holder.rim_height_of_sheet * thickness - holes
-    assert part.volume == pytest.approx(expected, rel=1e-9)
+def without_walls(plan: HolderPlan) -> HolderPlan:
+    """The plan with the crests of its walls down in the flange."""
+    down = -0.1 * plan.rig_from_mount[:3, 2]
+    walls = replace(plan.walls, outer_crest=plan.walls.outer_foot + down, inner_crest=plan.walls.inner_foot + down)
+    return replace(plan, walls=walls)
+
+
+def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
+    """A loop (n, 3) as seen straight from the back."""
+    return Polygon(loop @ plan.rig_from_mount[:3, :2])
+
+
+def height(plan: HolderPlan, point: FloatArray) -> float:
+    """How high over the back a point (3,) lies."""
+    return float((plan.rig_from_mount[:3, 3] - point) @ plan.rig_from_mount[:3, 2])
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
+    make_flat_pair: Callable[..., Layout], kind: Literal["insert", "nut"]
+) -> None:
+    """All seats coplanar: a plate with rims on a flange, less its grooves, hollows and holes; nothing else."""
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
+    layout = make_flat_pair(gap_mm=8.0, width_mm=40.0, height_mm=30.0, thickness_mm=2.0)
+    plan = without_walls(plan_holder(layout, hardware))
+    margin, dimensions, screw = hardware.fit.free_mm + hardware.holder.rim_mm, hardware.holder, hardware.screw
+    depth = plan.hole_depth_mm + hardware.printer.wall_mm
+    plate = on_back(plan, plan.slab.top)
+    assert plate.area == pytest.approx((2 * 40.0 + 8.0 + 2 * margin) * (30.0 + 2 * margin) - 4 * margin**2 / 2)
+    assert height(plan, plan.slab.top[0]) == pytest.approx(depth)
+    # A rim's ground is a little wider than its rim, and so than the plate.
+    ground = union_all([on_back(plan, solid.top) for solid in plan.rims[1::2]]).difference(plate).area
+    expected = plate.area * depth + (on_back(plan, plan.flange.top).area - plate.area) * dimensions.floor_mm
+    expected += ground * (depth - RELIEF_MM - dimensions.floor_mm)
+    expected += sum(on_back(plan, rim.top).area for rim in plan.rims[::2]) * dimensions.rim_height_of_sheet * 2.0
+    expected -= sum(on_back(plan, groove.base).area for groove in plan.grooves) * dimensions.groove_depth_mm
+    for hollow in plan.hollows:
+        eaves, apex = height(plan, hollow.eaves[0]), height(plan, hollow.apex)
+        expected -= on_back(plan, hollow.eaves).area * (eaves + (apex - eaves) / 3.0)
+    part = make_holder(plan)
+    if kind == "insert":
+        expected -= 4 * math.pi * (screw.insert_hole_mm / 2) ** 2 * screw.insert_depth_mm
+        assert part.volume == pytest.approx(expected, rel=1e-9)
+    else:
+        half, (begin, end) = slot_width_mm(hardware) / 2.0, plan.thread_mm
+        slot = half * (2.0 * (end - begin) + half)
+        assert part.volume < expected - 4 * slot * screw.nut_flats_mm
+    assert len(plan.grooves) == 12
     assert len(part.solids()) == 1
     assert part.is_valid
 
 
-def test_the_back_is_one_flat_face_with_four_holes(default_layout: Layout) -> None:
-    body = plan_holder(default_layout, HARDWARE)
-    part = make_holder(body)
-    away = body.rig_from_mount[:3, 2]
+def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
+    """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
+    plan = plan_holder(default_layout, HARDWARE)
+    solid = one_piece(body_of(Workshop(), plan), HARDWARE.printer.wall_mm)
+    assert len(plan.hollows) > 20
+    away = plan.rig_from_mount[:3, 2]
+    hollows = [Manifold.hull_points(np.vstack([hollow.eaves, hollow.apex])) for hollow in plan.hollows]
+    for hollow, body in zip(plan.hollows, hollows, strict=True):
+        block = np.vstack([hollow.eaves + 8.0 * (hollow.eaves - hollow.eaves.mean(axis=0)), hollow.apex - 9.0 * away])
+        air = Manifold.hull_points(block) - solid
+        assert air.min_gap(body, 9.0) >= HARDWARE.holder.web_mm - 1e-6
+        above = (
+            Manifold.hull_points(np.vstack([hollow.eaves, hollow.apex - 9.0 * away, hollow.eaves - 9.0 * away])) - solid
+        )
+        assert above.min_gap(body, 9.0) >= HARDWARE.holder.floor_mm - 1e-6
+    for first, second in combinations(hollows, 2):
+        assert first.min_gap(second, 5.0) >= HARDWARE.holder.web_mm - 1e-6
+
+
+def test_a_roof_prints_without_support(default_layout: Layout) -> None:
+    plan = plan_holder(default_layout, HARDWARE)
+    for hollow in plan.hollows:
+        normals, _ = hollow.half_spaces
+        # Down on the bed is along the mount's z; a roof looks down at 45 deg at most from upright.
+        roofs = [normal for normal in normals if -0.99 < normal @ plan.rig_from_mount[:3, 2] < -1e-9]
+        assert len(roofs) == len(hollow.eaves)
+        assert max(-normal @ plan.rig_from_mount[:3, 2] for normal in roofs) <= np.sin(np.radians(45.0))
+
+
+def test_the_back_is_one_flat_face(default_layout: Layout) -> None:
+    plan = plan_holder(default_layout, HARDWARE)
+    part = make_holder(plan)
+    away = plan.rig_from_mount[:3, 2]
     flat = part.faces().filter_by(GeomType.PLANE)
     backs = [face for face in flat if np.array(tuple(face.normal_at())) @ away > 1.0 - 1e-12]
     outermost = max(backs, key=lambda face: float(np.array(tuple(face.center())) @ away))
-    assert len(outermost.inner_wires()) == 4
+    assert len(outermost.inner_wires()) == 4 + len(plan.hollows)
     drilled = part.faces().filter_by(GeomType.CYLINDER)
     assert len(drilled) == 4
     assert all(face.radius == pytest.approx(HARDWARE.screw.insert_hole_mm / 2) for face in drilled)
@@ -74,6 +144,6 @@ def test_a_holder_that_the_light_cuts_apart_is_refused(make_flat_pair: Callable[
     origin, turn = body.rig_from_mount[:3, 3], body.rig_from_mount[:3, :3]
     square = np.array([[-5.0, -60.0, 1.0], [5.0, -60.0, 1.0], [5.0, 60.0, 1.0], [-5.0, 60.0, 1.0]])
     slot = Frustum(square @ turn.T + origin, (square - [0.0, 0.0, 60.0]) @ turn.T + origin)
-    parted = type(body)(**{**vars(body), "keep_outs": (*body.keep_outs, (slot,))})
+    parted = replace(body, keep_outs=(*body.keep_outs, (slot,)))
     with pytest.raises(InputError, match="falls apart into 2 pieces where the light passes"):
         make_holder(parted)

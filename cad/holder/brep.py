@@ -1,0 +1,209 @@
+"""A mesh of flat faces as one B-rep: its faces lie in the planes that were asked for, not in planes fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+from build123d import Solid
+from manifold3d import Manifold
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.Geom import Geom_Plane
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
+from OCP.TopAbs import TopAbs_REVERSED
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
+
+from cad.holder.mesh import Workshop
+from optics.values import FloatArray
+
+# Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
+CORNER_MM = 1e-4
+
+Loop = list[int]
+Face = tuple[int, list[Loop]]
+
+
+def brep(workshop: Workshop, body: Manifold) -> Solid:
+    """One B-rep solid, whose faces are the connected triangles of each plane. Raises ValueError if it is not valid."""
+    mesh = body.to_mesh64()
+    corners = np.array(mesh.vert_properties)
+    faces = _faces(*_welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id)))
+    corners = _settled(workshop, corners, faces)
+    solid = _solid(corners, [(_outward(corners, workshop.normals[plane], loops), loops) for plane, loops in faces])
+    if not solid.is_valid:
+        raise ValueError(f"{len(faces)} flat faces make no valid solid")
+    return solid
+
+
+def _settled(workshop: Workshop, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
+    """Corners (n, 3) moved, by less than rounding, onto the planes of the faces that meet there."""
+    meeting: dict[int, set[int]] = {}
+    for plane, loops in faces:
+        for loop in loops:
+            for corner in loop:
+                meeting.setdefault(corner, set()).add(plane)
+    for corner, planes in meeting.items():
+        several = sorted(planes)
+        normals = np.array([workshop.normals[plane] for plane in several])
+        missing = np.array([workshop.offsets[plane] for plane in several]) - normals @ corners[corner]
+        step = np.linalg.lstsq(normals, missing, rcond=1e-6)[0]
+        if np.linalg.norm(step) < 10.0 * CORNER_MM:
+            corners[corner] += step
+    return corners
+
+
+def _welded(
+    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.uint64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles (n, 3) and their planes (n,) without edges that are shorter than `CORNER_MM`.
+
+    Such edges come of one plane that was computed in two ways.
+    """
+    same = np.arange(len(corners))
+    for i in range(3):
+        start, end = triangles[:, i], triangles[:, (i + 1) % 3]
+        for a, b in zip(*_near(corners, start, end), strict=True):
+            low, high = sorted((same[a], same[b]))
+            same[same == high] = low
+    welded = same[triangles]
+    kept = (welded != np.roll(welded, 1, axis=1)).all(axis=1)
+    # Two triangles back to back enclose nothing.
+    faces: dict[tuple[int, ...], np.int64] = {}
+    for index in np.flatnonzero(kept):
+        key = tuple(sorted(welded[index].tolist()))
+        if key in faces:
+            kept[[index, faces.pop(key)]] = False
+        else:
+            faces[key] = index
+    return welded[kept], planes[kept].astype(np.int64)
+
+
+def _near(
+    corners: FloatArray, starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    near = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
+    return starts[near], ends[near]
+
+
+def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:
+    """Plane and boundary loops of every connected face; corners at which only two faces meet are left out."""
+    owner = {(int(corners[i]), int(corners[(i + 1) % 3])): t for t, corners in enumerate(triangles) for i in range(3)}
+    face = np.full(len(triangles), -1)
+    count = 0
+    for start in range(len(triangles)):
+        if face[start] >= 0:
+            continue
+        face[start], stack = count, [start]
+        while stack:
+            t = stack.pop()
+            a, b, c = (int(corner) for corner in triangles[t])
+            for edge in ((b, a), (c, b), (a, c)):
+                other = owner[edge]
+                if face[other] < 0 and planes[other] == planes[t]:
+                    face[other] = count
+                    stack.append(other)
+        count += 1
+    following = {
+        (int(corners[i]), int(corners[(i + 1) % 3])): (int(corners[(i + 1) % 3]), int(corners[(i + 2) % 3]))
+        for corners in triangles
+        for i in range(3)
+    }
+    loops: list[list[Loop]] = [[] for _ in range(count)]
+    plane_of = [0] * count
+    seen: set[tuple[int, int]] = set()
+    for edge, t in owner.items():
+        if edge in seen or face[owner[edge[::-1]]] == face[t]:
+            continue
+        plane_of[face[t]] = int(planes[t])
+        loop: Loop = []
+        while edge not in seen:
+            seen.add(edge)
+            loop.append(edge[0])
+            # Turn about the edge's end, inside the face, to the next edge of its boundary.
+            edge = following[edge]
+            while face[owner[edge[::-1]]] == face[t]:
+                edge = following[edge[::-1]]
+        loops[face[t]] += _simple(loop)
+    return _without_needless_corners(list(zip(plane_of, loops, strict=True)))
+
+
+def _simple(loop: Loop) -> list[Loop]:
+    """A loop as loops that meet no corner twice."""
+    for end, corner in enumerate(loop):
+        start = loop.index(corner)
+        if start < end:
+            return _simple(loop[start:end]) + _simple(loop[:start] + loop[end:])
+    return [loop]
+
+
+def _without_needless_corners(faces: list[Face]) -> list[Face]:
+    """Faces without the corners at which only two of them meet, and without slivers that have but two others."""
+    while True:
+        meeting: dict[int, set[int]] = {}
+        for index, (_, loops) in enumerate(faces):
+            for corner in chain.from_iterable(loops):
+                meeting.setdefault(corner, set()).add(index)
+        kept = [
+            (plane, [[corner for corner in loop if len(meeting[corner]) > 2] for loop in loops])
+            for plane, loops in faces
+        ]
+        kept = [(plane, [loop for loop in loops if len(loop) > 2]) for plane, loops in kept]
+        kept = [(plane, loops) for plane, loops in kept if loops]
+        if kept == faces:
+            return faces
+        faces = kept
+
+
+def _outward(corners: FloatArray, normal: FloatArray, loops: list[Loop]) -> FloatArray:
+    """The normal, turned out of the material: what cuts leaves its faces the other way round."""
+    areas = [np.cross(corners[loop], np.roll(corners[loop], -1, axis=0)).sum(axis=0) @ normal for loop in loops]
+    return normal if sum(areas) > 0.0 else -normal
+
+
+def _solid(corners: FloatArray, faces: Sequence[tuple[FloatArray, list[Loop]]]) -> Solid:
+    """A B-rep of flat faces (outward unit normal, loops of corners) that share their edges."""
+    builder = BRep_Builder()
+    vertices: dict[int, TopoDS_Vertex] = {}
+    edges: dict[tuple[int, int], TopoDS_Edge] = {}
+
+    def vertex(corner: int) -> TopoDS_Vertex:
+        if corner not in vertices:
+            vertices[corner] = TopoDS_Vertex()
+            builder.MakeVertex(vertices[corner], gp_Pnt(*corners[corner].tolist()), blur[corner])
+        return vertices[corner]
+
+    def edge(start: int, end: int) -> TopoDS_Edge:
+        if (end, start) in edges:
+            return edges[(end, start)].Oriented(TopAbs_REVERSED)
+        edges[(start, end)] = BRepBuilderAPI_MakeEdge(vertex(start), vertex(end)).Edge()
+        builder.UpdateEdge(edges[(start, end)], max(blur[start], blur[end]))
+        return edges[(start, end)]
+
+    # A corner of more than three faces lies as far off some plane as it was welded.
+    blur = np.full(len(corners), 1e-7)
+    for normal, loops in faces:
+        for loop in loops:
+            away = np.abs((corners[loop] - corners[loops[0][0]]) @ normal)
+            blur[loop] = np.maximum(blur[loop], 1.1 * away)
+    shell = TopoDS_Shell()
+    builder.MakeShell(shell)
+    for normal, loops in faces:
+        face = TopoDS_Face()
+        plane = Geom_Plane(gp_Ax3(gp_Pnt(*corners[loops[0][0]].tolist()), gp_Dir(*normal.tolist())))
+        builder.MakeFace(face, plane, 1e-7)
+        for loop in loops:
+            wire = TopoDS_Wire()
+            builder.MakeWire(wire)
+            for start, end in zip(loop, loop[1:] + loop[:1], strict=True):
+                builder.Add(wire, edge(start, end))
+            wire.Closed(True)
+            builder.Add(face, wire)
+        builder.Add(shell, face)
+    shell.Closed(True)
+    solid = TopoDS_Solid()
+    builder.MakeSolid(solid)
+    builder.Add(solid, shell)
+    return Solid(solid)
