@@ -20,6 +20,7 @@ from optics.values import FloatArray, InputError
 
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
+EAR_OFF_MM = 0.3
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,9 @@ def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
         box((low, band[0], axis_z + face), (high, band[1], axis_z + face + clamp.wall_mm)) for low, high in ears
     ]
     cap_ears = [box((low, band[0], axis_z - face - CAP_EAR_MM), (high, band[1], axis_z - face)) for low, high in ears]
-    middle_y = float(band.mean())
-    ear_at = np.array([(-ear_x, middle_y, axis_z + face), (ear_x, middle_y, axis_z + face)])
+    # The holes' roofs are higher than the holes: a little off the middle, both sides have their wall.
+    ear_y = float(band.mean()) + EAR_OFF_MM
+    ear_at = np.array([(-ear_x, ear_y, axis_z + face), (ear_x, ear_y, axis_z + face)])
     clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
     heads = np.array([(x, clip.slide_y_mm - y, foot_z - skin) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
     driver = screw.head_mm / 2.0 + hardware.fit.free_mm

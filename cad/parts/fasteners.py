@@ -13,15 +13,18 @@ from optics.values import FloatArray, InputError
 NUT_FIT_MM = 0.2
 # Holes begin this far outside the material, so that no skin is left over their mouths.
 OUTSIDE_MM = 0.01
+# Roofs of holes are a little steeper than a printer must be able to do; those that cut webs at 45 deg much more, since
+# a web's end recedes along it.
+ROOF_DEG = 42.0
+ROOF_IN_WEBS_DEG = 35.0
 
 
 @dataclass(frozen=True)
 class Bore:
     """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
 
-    One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof of 45 deg with a flat ridge of
-    at most `bridge_mm`. `travel_mm` makes it a slot, as long as that between the middles of its ends, along
-    axis x up.
+    One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof, `roof_deg` from upright.
+    `travel_mm` makes it a slot, as long as that between the middles of its ends, along up x axis.
     """
 
     mouth: FloatArray
@@ -30,17 +33,21 @@ class Bore:
     depth_mm: float
     up: FloatArray | None = None
     travel_mm: float = 0.0
-    bridge_mm: float = 10.0
+    roof_deg: float = ROOF_DEG
 
     @property
     def roof_mm(self) -> float:
-        """Height of the flat ridge over the middle."""
-        return max(self.radius_mm, self.travel_mm / 2.0 + self.radius_mm * np.sqrt(2.0) - self.bridge_mm / 2.0)
+        """Height of the roof's ridge over the middle, where two tangents of the ends meet."""
+        steep = np.deg2rad(self.roof_deg)
+        return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(steep)) / np.sin(steep))
 
 
 @dataclass(frozen=True)
 class Hexagon:
-    """A pocket for a nut: the middle of its mouth, its axis, and `up` (all (3,), in rig), which a corner points to."""
+    """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
+
+    Its two upper sides are a roof of 45 deg; the others hold the nut.
+    """
 
     mouth: FloatArray
     axis: FloatArray
@@ -63,22 +70,38 @@ class Stack:
 
 
 def stack(grip_mm: float, hardware: Hardware) -> Stack:
-    """The screw and the wall for a grip; raises InputError where no screw on the list holds."""
+    """The screw for a grip, and the wall that it needs; raises InputError where no screw on the list holds."""
     screw = hardware.screw
     if screw.kind == "insert":
-        fits = [length for length in screw.lengths_mm if length <= grip_mm + screw.insert_depth_mm - NUT_FIT_MM]
-        engaged = min(max(fits, default=0.0) - grip_mm, screw.insert_mm)
-        if engaged < screw.engaged_mm:
-            raise InputError(
-                f"M3 screws through {grip_mm:g} mm hold by {engaged:.1f} mm of thread, expected {screw.engaged_mm:g} mm"
-            )
-        return Stack(grip_mm, screw.insert_depth_mm + hardware.printer.wall_mm, max(fits), engaged)
+        thread_mm = (0.0, screw.insert_mm)
+        return stack_into(
+            grip_mm, thread_mm, screw.insert_depth_mm, screw.insert_depth_mm + hardware.printer.wall_mm, screw
+        )
     # The tip is flush with the far face, the nut just below it; under the nut there is as much as two walls.
     least = grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
     fits = [length for length in screw.lengths_mm if length >= least]
     if not fits:
         raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
     return Stack(grip_mm, min(fits) - grip_mm, min(fits), screw.nut_height_mm)
+
+
+def stack_into(
+    grip_mm: float, thread_mm: tuple[float, float], deepest_mm: float, wall_mm: float, screw: Fastening
+) -> Stack:
+    """The longest screw that does not bottom out in a given hole, whose thread lies `thread_mm` (from, to) deep.
+
+    Raises InputError where no screw on the list holds there.
+    """
+    begins, ends = thread_mm
+    needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
+    fits = [length for length in screw.lengths_mm if length <= grip_mm + deepest_mm - NUT_FIT_MM]
+    engaged = min(max(fits, default=0.0) - grip_mm, ends) - begins
+    if engaged < needed - 1e-9:
+        raise InputError(
+            f"M3 screws through {grip_mm:g} mm hold by {max(engaged, 0.0):.1f} mm of thread {begins:g} to {ends:g} mm "
+            f"deep, expected at least {needed:g} mm"
+        )
+    return Stack(grip_mm, wall_mm, max(fits), engaged)
 
 
 def thread(

@@ -19,8 +19,18 @@ from cad.hardware import Hardware
 from cad.holder.plan import HolderPlan
 from cad.parts.beam import Section, bends_per_newton
 from cad.parts.clip import ABOVE, SCENE, UP, ClipPlan
-from cad.parts.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
-from cad.parts.prisms import along_x, box, overlap_mm, volume_mm3
+from cad.parts.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    ROOF_IN_WEBS_DEG,
+    Bore,
+    Hexagon,
+    Stack,
+    stack,
+    stack_into,
+    thread,
+)
+from cad.parts.prisms import along_x, overlap_mm, roofed, volume_mm3
 from cad.seats import Frustum, keep_outs
 from optics.layout import Layout
 from optics.transforms import transform
@@ -68,6 +78,8 @@ class MountPlan:
 
 def holder_corners(holder: HolderPlan) -> FloatArray:
     """Corners (n, 3) of all that the mirror holder is made of."""
+    if hasattr(holder, "corners_in_rig"):
+        return np.asarray(holder.corners_in_rig)
     solids = (holder.slab, *holder.cores, *holder.fillers, *holder.rims)
     return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
 
@@ -133,7 +145,7 @@ def inner_path(
 def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> MountPlan:
     """The lightest mount that is stiff enough; raises InputError with the measure that breaks where there is none."""
     mount, screw = hardware.mount, hardware.screw
-    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    around = screw.head_mm / 2.0 + hardware.fit.free_mm + screw.insert_wall_mm
     half_width = max(
         float(np.abs(holder.holes_in_mount_mm[:, 0]).max()) + around,
         clip.slide_x_mm + around,
@@ -158,6 +170,8 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         )
     pieces, webs = _truss(inner, outer, half_width, hardware)
     head = stack(mount.skin_mm, hardware)
+    if hasattr(holder, "thread_mm") and hasattr(holder, "hole_depth_mm"):
+        head = stack_into(mount.skin_mm, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, screw)
     rig_from_head = holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0])
     holes_in_head = holder.holes_in_mount_mm * [1.0, -1.0]
     foot_z, plate = foot_z_mm(clip, hardware), foot_plate_mm(hardware)
@@ -276,22 +290,19 @@ def _holes(
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
     mount, screw = hardware.mount, hardware.screw
     driver = screw.head_mm / 2.0 + hardware.fit.free_mm
-    bridge = hardware.printer.bridge_mm
     cuts: list[Frustum | Bore | Hexagon] = []
     away = holder.rig_from_mount[:3, 2]
     up = UP - (UP @ away) * away
     up /= np.linalg.norm(up)
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
         cuts.append(Bore(hole - away, away, screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0, up))
-        cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 4.0 * depth, up))
+        cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     y = clip.slide_y_mm
     for x in (-clip.slide_x_mm, clip.slide_x_mm):
         mouth = np.array([x, y + 1.0, clip.slide_z_mm])
-        cuts.append(
-            Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0, UP, 2.0 * clip.travel_mm, bridge)
-        )
+        cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0, UP, 2.0 * clip.travel_mm))
         mouth = np.array([x, y - mount.skin_mm, clip.slide_z_mm])
-        cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, bridge))
+        cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for spot in foot:
         cuts += thread(spot, ABOVE, UP, plate, screw)
     cuts += _cable_and_tripod(y, foot_z + plate, depth, plate, hardware)
@@ -307,16 +318,16 @@ def _cable_and_tripod(
     """Over the foot's plate a window for the cable, slots for a tie beside it, and a pocket for a tripod's nut."""
     mount = hardware.mount
     width, height = mount.cable_window_mm
-    through = (y - depth - 1.0, y + 1.0)
-    window = box((-width / 2.0, through[0], floor_z), (width / 2.0, through[1], floor_z + height))
+    half, middle_z = width / 2.0, floor_z + height / 2.0
     tie_width, tie_height = mount.tie_mm
+    window = roofed((-half, half), (floor_z, floor_z + height), (y - depth - 1.0, y + 1.0))
     ties = [
-        box(
-            (x, through[0], z - tie_height / 2.0),
-            (x + tie_width, y - depth + mount.skin_mm + 0.5, z + tie_height / 2.0),
+        roofed(
+            (x, x + tie_width),
+            (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
+            (y - depth - 1.0, y - depth + mount.skin_mm + 1.0),
         )
-        for x in (-width / 2.0 - 3.0 - tie_width, width / 2.0 + 3.0)
-        for z in (floor_z + height / 2.0,)
+        for x in (-half - 3.0 - tie_width, half + height / 2.0 + 3.0)
     ]
     middle = np.array([0.0, y - depth / 2.0, floor_z + OUTSIDE_MM])
     nut_depth = mount.tripod_height_mm + NUT_FIT_MM + OUTSIDE_MM
@@ -348,7 +359,8 @@ def _scale(clip: ClipPlan, half_width: float) -> list[Frustum]:
 def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
     """What of the head reaches into the holder, whose back is turned a little to the side."""
     ends: FloatArray = np.column_stack([np.zeros(2), head])
-    on_back = transform(np.linalg.inv(holder.rig_from_mount), ends)[:, 1]
+    mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
+    on_back = transform(mount_from_rig, ends)[:, 1]
     low, high, wide = on_back.min(), on_back.max() + 1.0, half_width + 5.0
     corners = np.array([(-wide, low, 0.0), (wide, low, 0.0), (wide, high, 0.0), (-wide, high, 0.0)])
     base: FloatArray = transform(holder.rig_from_mount, corners)

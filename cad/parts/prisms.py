@@ -30,6 +30,13 @@ def along_y(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
     return Frustum(base, base + np.array([0.0, to_mm - from_mm, 0.0]))
 
 
+def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[float, float]) -> Frustum:
+    """A window along y of a part that prints with x up: over its far x, a roof of 45 deg."""
+    (low, high), (near, far) = x_mm, z_mm
+    ridge = (high + (far - near) / 2.0, (near + far) / 2.0)
+    return along_y(np.array([(low, near), (low, far), (high, far), ridge, (high, near)]), *y_mm)
+
+
 def moved(solid: Frustum, by_mm: FloatArray) -> Frustum:
     """The same solid, shifted by (3,)."""
     return Frustum(solid.base + by_mm, solid.top + by_mm)

@@ -42,7 +42,7 @@ Cut = Frustum | Bore | Hexagon
 def bore_solid(bore: Bore) -> Solid:
     """What a bore takes away: a cylinder, or a slot, with a roof that prints without support."""
     up = bore.up if bore.up is not None else np.roll(bore.axis, 1)
-    along = np.cross(bore.axis, up)
+    along = np.cross(up, bore.axis)
     plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(along), z_dir=tuple(bore.axis))
     r, half = bore.radius_mm, bore.travel_mm / 2.0
     with BuildPart() as tool:
@@ -52,29 +52,33 @@ def bore_solid(bore: Bore) -> Solid:
         else:
             with BuildSketch(plane):
                 with BuildLine():
-                    _outline(r, half, bore.roof_mm)
+                    _outline(r, half, np.deg2rad(bore.roof_deg), bore.roof_mm)
                 make_face()
             extrude(amount=bore.depth_mm)
     return tool.solids()[0]
 
 
-def _outline(r: float, half: float, roof: float) -> None:
-    """Two round ends (one circle, if half is 0) under a roof of 45 deg; y is up."""
-    side = r / np.sqrt(2.0)
-    ridge = half + r * np.sqrt(2.0) - roof
-    right = ThreePointArc((half, -r), (half + r * np.cos(np.pi / 8), -r * np.sin(np.pi / 8)), (half + side, side))
-    left = ThreePointArc((-half - side, side), (-half - r * np.cos(np.pi / 8), -r * np.sin(np.pi / 8)), (-half, -r))
-    Polyline(right @ 1, (ridge, roof), (-ridge, roof), left @ 0)
+def _outline(r: float, half: float, steep: float, roof: float) -> None:
+    """Two round ends (one circle, if half is 0) under a roof of two tangents; y is up."""
+    tip, middle = np.array([np.cos(steep), np.sin(steep)]), (steep - np.pi / 2.0) / 2.0
+    way = np.array([np.cos(middle), np.sin(middle)])
+    right, mirrored = np.array([half, 0.0]), np.array([-1.0, 1.0])
+    start, over, end = right + np.array([0.0, -r]), right + r * way, right + r * tip
+    ThreePointArc(tuple(start), tuple(over), tuple(end))
+    Polyline(tuple(end), (0.0, roof), tuple(mirrored * end))
+    ThreePointArc(tuple(mirrored * end), tuple(mirrored * over), tuple(mirrored * start))
     if half:
-        Line(left @ 1, right @ 0)
+        Line(tuple(mirrored * start), tuple(start))
 
 
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """What a nut's pocket takes away."""
     side = np.cross(pocket.axis, pocket.up)
-    angles = np.pi / 3.0 * np.arange(6)
-    radius = pocket.flats_mm / np.sqrt(3.0)
-    base = pocket.mouth + radius * (np.outer(np.cos(angles), pocket.up) + np.outer(np.sin(angles), side))
+    radius, tall, ridge = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75), np.sqrt(0.75) - 0.5
+    # The two sides at the top would hang at 60 deg: a roof of 45 deg stands in for them.
+    ups = np.array([-1.0, -0.5, 0.5, 1.0, 1.0, 0.5, -0.5])
+    sides = np.array([0.0, tall, tall, ridge, -ridge, -tall, -tall])
+    base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
     return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
 
 
