@@ -55,7 +55,10 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     of_mirrors = {
         **check_cuts(sheets, layout, hardware.cutting),
         **check_seats(
-            flat_faces(import_step(part.step) for part in printed if part.name.startswith(HOLDER)), layout, hardware
+            flat_faces(import_step(part.step) for part in printed if part.name.startswith(HOLDER)),
+            layout,
+            hardware,
+            device.holder.planned_cover,
         ),
         **check_drop(laid, layout, list(sound_parts.values()), hardware.fit.free_mm),
     }

@@ -22,8 +22,8 @@ from optics.values import FloatArray, Metric
 # A face this far from where a seat belongs is not taken for that seat, but for what lies behind it.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
-# A seat may lose this much of the mirror it bears to a neighbour's light and pocket, at its edge.
-SEAT_COVER = 0.99
+# A seat may bear this much less of a mirror than planned: lines of a plan and of a file are rounded.
+COVER_ROUNDING = 1e-3
 # A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
@@ -133,11 +133,14 @@ def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> 
     return gaps
 
 
-def check_seats(faces: Sequence[FlatFace], layout: Layout, hardware: Hardware) -> dict[str, Metric]:
-    """The worst seat and the worst wall of a pocket."""
+def check_seats(
+    faces: Sequence[FlatFace], layout: Layout, hardware: Hardware, planned_cover: Sequence[float]
+) -> dict[str, Metric]:
+    """The worst seat and the worst wall of a pocket; `planned_cover` is what share of every mirror is to be borne."""
     fit = hardware.fit.free_mm
     seats = [find_seat(faces, mirror) for mirror in layout.mirrors]
     found = [seat for seat in seats if seat is not None]
+    covers = [seat.cover if seat else 0.0 for seat in seats]
     gaps = [gap for mirror in layout.mirrors for gap in pocket_gaps_mm(faces, mirror, fit)]
     return {
         "seats_missing": Metric(value=len(seats) - len(found), unit="", limit=0),
@@ -145,8 +148,11 @@ def check_seats(faces: Sequence[FlatFace], layout: Layout, hardware: Hardware) -
             value=max((seat.offset_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "seat_angle_deg": Metric(value=max((seat.angle_deg for seat in found), default=0.0), unit="deg", limit=0.001),
-        "seat_cover": Metric(
-            value=min((seat.cover for seat in found), default=0.0), unit="", limit=SEAT_COVER, lower_is_better=False
+        "seat_cover": Metric(value=min(covers), unit=""),
+        "seat_cover_lost": Metric(
+            value=max(planned - cover for planned, cover in zip(planned_cover, covers, strict=True)),
+            unit="",
+            limit=COVER_ROUNDING,
         ),
         "seat_span_mm": Metric(value=max((seat.span_mm for seat in found), default=0.0), unit="mm"),
         "pocket_walls": Metric(value=len(gaps) // 2, unit=""),

@@ -2,53 +2,52 @@
 
 from __future__ import annotations
 
-import manifold3d
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from manifold3d import CrossSection, JoinType, Manifold
 
 from cad.checks.mesh import solid_of
 from cad.checks.overhangs import LAYER_MM, check_overhangs, floating_mm2, overhangs
 from cad.hardware import HARDWARE
 
 PRINTER = HARDWARE.printer
-Solid = manifold3d.Manifold
 
 
-def box(x: float, y: float, z: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
-    return Solid.cube((x, y, z)).translate(at)
+def box(x: float, y: float, z: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Manifold:
+    return Manifold.cube((x, y, z)).translate(at)
 
 
-def slope(angle_deg: float) -> Solid:
+def slope(angle_deg: float) -> Manifold:
     """A block of 10 x 20 x 10 mm, one side of which leans outwards by an angle from upright."""
     reach = 10.0 * np.tan(np.radians(angle_deg))
-    section = manifold3d.CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
+    section = CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
     return section.extrude(20.0).rotate((90.0, 0.0, 0.0))
 
 
-def portal(span: float, length: float = 20.0) -> Solid:
+def portal(span: float, length: float = 20.0) -> Manifold:
     """Two walls and a plate over them."""
     return box(5, length, 10) + box(5, length, 10, (5 + span, 0, 0)) + box(10 + span, length, 3, (0, 0, 10))
 
 
-def mesh_of(solid: Solid) -> trimesh.Trimesh:
+def mesh_of(solid: Manifold) -> trimesh.Trimesh:
     mesh = solid.to_mesh64()
     return trimesh.Trimesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts))
 
 
-def measured(solid: Solid) -> dict[str, float]:
+def measured(solid: Manifold) -> dict[str, float]:
     mesh = mesh_of(solid)
     return {name: check.value for name, check in check_overhangs(mesh, solid_of(mesh), PRINTER).items()}
 
 
-def unborne_by_layers_mm2(solid: Solid) -> float:
+def unborne_by_layers_mm2(solid: Manifold) -> float:
     """Area of all layers that stands out over the layer below by more than the printer can: an independent measure."""
     _, _, low, _, _, high = solid.bounding_box()
     sections = [solid.slice(height) for height in np.arange(low + LAYER_MM / 2.0, high, LAYER_MM)]
     reach = LAYER_MM * np.tan(np.radians(PRINTER.overhang_deg)) + 1e-6
-    grown = [section.offset(reach, manifold3d.JoinType.Miter) for section in sections]
+    grown = [section.offset(reach, JoinType.Miter) for section in sections]
     return float(sum((above - below).area() for above, below in zip(sections[1:], grown[:-1], strict=True)))
 
 
@@ -108,7 +107,7 @@ def test_a_ledge_as_narrow_as_a_layers_step_is_borne() -> None:
 
 
 def test_the_blind_end_of_an_upright_hole_bridges_but_a_step_in_a_bore_hangs() -> None:
-    bore, wide = Solid.cylinder(6.0, 2.0, circular_segments=64), Solid.cylinder(3.0, 4.0, circular_segments=64)
+    bore, wide = Manifold.cylinder(6.0, 2.0, circular_segments=64), Manifold.cylinder(3.0, 4.0, circular_segments=64)
     area = 32.0 * np.sin(2.0 * np.pi / 64)
     blind = measured(box(12, 12, 10, (-6, -6, 0)) - bore)
     assert blind["bridged_mm2"] == pytest.approx(area * 4.0, rel=1e-3)
@@ -121,12 +120,14 @@ def test_a_lying_round_hole_hangs_and_a_teardrop_does_not() -> None:
     """Of a round ceiling hang the sides within 44.5 deg of its top, but the two at the top are flat and too narrow."""
     radius, sides = 4.0, 400
     block = box(20, 10, 20, (-10, 0, 0))
-    hole = Solid.cylinder(10.0, radius, circular_segments=sides).rotate((-90.0, 0.0, 0.0)).translate((0.0, 0.0, 10.0))
+    hole = (
+        Manifold.cylinder(10.0, radius, circular_segments=sides).rotate((-90.0, 0.0, 0.0)).translate((0.0, 0.0, 10.0))
+    )
     from_top_deg = np.abs((np.arange(sides) + 0.5) * 360.0 / sides - 180.0)
     hanging = np.count_nonzero((from_top_deg > 1.0) & (from_top_deg < 44.5))
     expected = hanging * 2.0 * radius * np.sin(np.pi / sides) * 10.0
     assert measured(block - hole)["overhang_mm2"] == pytest.approx(expected, rel=1e-3)
-    tip = manifold3d.CrossSection([[(-4 / 2**0.5, 4 / 2**0.5), (4 / 2**0.5, 4 / 2**0.5), (0, 4 * 2**0.5)]])
+    tip = CrossSection([[(-4 / 2**0.5, 4 / 2**0.5), (4 / 2**0.5, 4 / 2**0.5), (0, 4 * 2**0.5)]])
     roof = tip.extrude(10.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 10.0, 10.0))
     assert measured(block - (hole + roof))["overhang_mm2"] == 0.0
 
@@ -134,7 +135,7 @@ def test_a_lying_round_hole_hangs_and_a_teardrop_does_not() -> None:
 def test_a_tip_that_hangs_down_steeply_starts_in_the_air() -> None:
     """No face of it hangs, yet its lower half is printed on nothing: a cone of 30 deg under a bridge."""
     height, radius = 6.0, 6.0 * np.tan(np.radians(30.0))
-    tip = Solid.cylinder(height, 0.0, radius, circular_segments=64).translate((10.0, 10.0, 4.0))
+    tip = Manifold.cylinder(height, 0.0, radius, circular_segments=64).translate((10.0, 10.0, 4.0))
     arch = measured(portal(9.5))
     hung = measured(portal(9.5) + tip)
     assert arch["floating_mm2"] == 0.0

@@ -1,0 +1,91 @@
+"""Solids whose common volume and gap are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from manifold3d import Manifold
+
+from cad.checks.clashes import NEAR_MM, check_clashes, common_mm3, meetings
+from optics.values import Metric
+
+
+def box(size: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Manifold:
+    return Manifold.cube((size, size, size)).translate((x, y, z))
+
+
+def rod(diameter: float, length: float, x: float, y: float, z: float, sides: int = 32) -> Manifold:
+    return Manifold.cylinder(length, diameter / 2.0, circular_segments=sides).translate((x, y, z))
+
+
+def failed(checks: dict[str, Metric]) -> set[str]:
+    return {name for name, check in checks.items() if not check.passed}
+
+
+@given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0), st.floats(-12.0, 12.0))
+def test_two_boxes_share_the_box_of_their_overlap_or_leave_the_gap_between(x: float, y: float, z: float) -> None:
+    (meeting,) = meetings({"a": box(8.0), "b": box(8.0, x, y, z)})
+    overlap = np.maximum(8.0 - np.abs([x, y, z]), 0.0)
+    apart = float(np.linalg.norm(np.maximum(np.abs([x, y, z]) - 8.0, 0.0)))
+    assert meeting.gap_mm == pytest.approx(apart, abs=1e-6)
+    if overlap.min() > 1e-3 or overlap.min() == 0.0:
+        assert meeting.common_mm3 == pytest.approx(float(np.prod(overlap)), abs=1e-9)
+
+
+def test_what_is_far_apart_does_not_meet() -> None:
+    assert meetings({"a": box(8.0), "b": box(8.0, 8.0 + NEAR_MM, 0.0, 0.0)}) == []
+
+
+def test_faces_that_touch_share_nothing_even_where_numbers_are_rounded() -> None:
+    for sink in (0.0, 1e-6, 4e-5):
+        assert common_mm3(box(8.0), box(8.0, 8.0 - sink, 0.0, 0.0)) == 0.0
+    assert common_mm3(box(8.0), box(8.0, 8.0 - 1e-3, 0.0, 0.0)) == pytest.approx(0.064)
+
+
+def test_a_clash_and_a_gap_that_is_none_are_found_and_named() -> None:
+    sound = {"mount": box(10.0), "camera_clip": box(10.0, 10.0, 0.0, 0.0), "camera": box(10.0, 0.0, 10.5, 0.0)}
+    checks = check_clashes(sound, 0.1)
+    assert failed(checks) == set()
+    assert checks["device.clearance_mm"].value == checks["camera.clearance_mm"].value == 0.5
+    clashing = sound | {"camera": box(10.0, 0.0, 9.5, 0.0)}
+    # The camera stands 0.5 mm in the mount, and beside the clip only touches its edge.
+    found = check_clashes(clashing, 0.1)
+    assert failed(found) == {"device.clash_mm3", "mount.clash_mm3", "camera.clash_mm3"}
+    assert found["device.clash_mm3"].value == pytest.approx(50.0)
+    narrow = check_clashes(sound | {"camera": box(10.0, 0.0, 10.09, 0.0)}, 0.1)
+    assert failed(narrow) == {
+        "device.clearance_mm",
+        "mount.clearance_mm",
+        "camera.clearance_mm",
+        "camera_clip.clearance_mm",
+    }
+
+
+def test_an_insert_may_be_as_wide_as_its_hole_but_not_stand_in_solid_plastic() -> None:
+    hole = box(10.0) - rod(4.0, 6.0, 5.0, 5.0, 4.0, sides=31)
+    insert = rod(4.0, 5.7, 5.0, 5.0, 4.3) - rod(3.0, 5.7, 5.0, 5.0, 4.3)
+    screw = rod(3.0, 12.0, 5.0, 5.0, 4.5, sides=29)
+    fastened = {"mirror_holder": hole, "insert_01": insert, "screw_01": screw}
+    assert failed(check_clashes(fastened, 0.1)) == set()
+    beside = fastened | {"insert_01": insert.translate((1.0, 0.0, 0.0))}
+    assert {"device.clash_mm3", "insert_01.clash_mm3", "mirror_holder.clash_mm3"} <= failed(check_clashes(beside, 0.1))
+
+
+def test_a_screw_in_the_air_and_one_without_a_thread_are_found() -> None:
+    hole = box(10.0) - rod(3.4, 12.0, 5.0, 5.0, -1.0)
+    headed = rod(3.0, 8.0, 5.0, 5.0, 2.0) + rod(5.5, 3.0, 5.0, 5.0, 10.0)
+    assert failed(check_clashes({"mount": hole, "screw_01": headed}, 0.1)) == {"device.screws_without_thread"}
+    adrift = {"mount": hole, "screw_01": headed.translate((0.0, 0.0, 1.0))}
+    assert failed(check_clashes(adrift, 0.1)) == {"device.screws_without_thread", "device.fasteners_loose"}
+    through_plastic = {"mount": box(10.0), "screw_01": headed}
+    assert {"device.clash_mm3", "screw_01.clash_mm3"} <= failed(check_clashes(through_plastic, 0.1))
+
+
+def test_a_mirror_off_its_seat_is_found() -> None:
+    mirror = Manifold.cube((10.0, 10.0, 1.0))
+    seated = {"mirror_holder": box(10.0), "mirror_0-0": mirror.translate((0.0, 0.0, 10.0))}
+    assert failed(check_clashes(seated, 0.1)) == set()
+    lifted = seated | {"mirror_0-0": mirror.translate((0.0, 0.0, 10.2))}
+    assert failed(check_clashes(lifted, 0.1)) == {"device.mirrors_off_their_seats"}
