@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from shapely import LineString, Polygon
+from shapely import LineString, Polygon, union_all
 
 from cad.mirrors.marks import LINE_GAP_MM, STROKES, mark
 
@@ -29,6 +29,22 @@ def test_a_mark_shrinks_until_it_keeps_the_line_gap(outline: np.ndarray) -> None
     gaps = [Polygon(outline).exterior.distance(LineString(stroke)) for stroke in strokes]
     assert all(Polygon(outline).contains(LineString(stroke)) for stroke in strokes)
     assert min(gaps) == pytest.approx(LINE_GAP_MM, abs=1e-9)
+
+
+def test_a_narrow_mirror_is_marked_down_a_column() -> None:
+    tall = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 30.0], [0.0, 30.0]])
+    across, up = np.ptp(np.vstack(mark("2-0", tall, 5.0)), axis=0)
+    assert across == pytest.approx(3.0 - 2.0 * LINE_GAP_MM)
+    assert up > 3.0 * across
+
+
+def test_signs_of_a_small_mirror_stay_apart() -> None:
+    # Room for 3.5 x 1 mm within the line gap: what arrow, two digits and a dash take half a millimetre apart.
+    small = np.array([[0.0, 0.0], [4.6, 0.0], [4.6, 2.2], [0.0, 2.2]])
+    arrow, head, *signs = (LineString(stroke) for stroke in mark("5-0", small, 5.0))
+    figures = [union_all([arrow, head]), *signs]
+    gaps = [figure.distance(other) for i, figure in enumerate(figures) for other in figures[i + 1 :]]
+    assert min(gaps) >= LINE_GAP_MM - 1e-9
 
 
 def test_no_sign_looks_like_another() -> None:
