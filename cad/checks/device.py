@@ -20,6 +20,7 @@ from cad.checks.mesh import is_manifold, read_stl, solid_of
 from cad.checks.seats import check_seats, flat_faces
 from cad.device import Device
 from cad.hardware import Hardware
+from cad.holder.stray import stray_light
 from cad.mirrors.sheets import mirror_names
 from cad.part import BuiltPart
 from cad.pieces import ACRYLIC, BRASS, COUPON, STEEL, composed, mass_of
@@ -70,6 +71,14 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_mass(hardware, assembly),
         **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
         **check_light(layout, hardware, sound_parts, sheets_in_place, sound.get(CAMERA)),
+        "device.stray_light": Metric(
+            value=stray_light(
+                layout,
+                manifold3d.Manifold.compose(list(sound_parts.values())),
+                [sheet for sheet in sheets_in_place if sheet is not None],
+            ),
+            unit="of the pixels without a mirror",
+        ),
         **check_clashes(sound, hardware.fit.press_mm),
     }
 
