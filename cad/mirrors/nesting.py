@@ -45,18 +45,16 @@ class _Turned:
     size: FloatArray
 
 
-def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[Placed] | int:
+def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[Placed]:
     """A place for every convex piece (n, 2), at least a gap from each other and from the sheet's edge.
 
     They are laid down in several orders, to the left and to the bottom, until their area could need no fewer sheets;
-    else the way with the fewest sheets, and the least of the last one. A piece that fits no sheet is returned by its
-    index.
+    else the way with the fewest sheets, and the least of the last one. Raises ValueError for a piece that does not fit.
     """
+    if not all(fits(piece, sheet_mm, gap_mm) for piece in pieces):
+        raise ValueError("a piece is larger than a sheet, expected each to fit")
     ways = [_ways_to_lie(piece) for piece in pieces]
-    room = np.array(sheet_mm) - 2.0 * gap_mm + ROUNDING_MM
-    for index, turned in enumerate(ways):
-        if not any((way.size <= room).all() for way in turned):
-            return index
+    room = _room(sheet_mm, gap_mm)
     areas = [Polygon(piece).area for piece in pieces]
     lengths = [max(way.size.max() for way in turned) for turned in ways]
     widths = [min(way.size.min() for way in turned) for turned in ways]
@@ -70,6 +68,16 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
         if best[0][0] <= fewest:
             break
     return best[1] if best else []
+
+
+def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
+    """Whether a convex piece (n, 2) lies on a sheet in one of the ways that are tried, a gap from its edge."""
+    room = _room(sheet_mm, gap_mm)
+    return any((way.size <= room).all() for way in _ways_to_lie(piece))
+
+
+def _room(sheet_mm: tuple[float, float], gap_mm: float) -> FloatArray:
+    return np.array(sheet_mm) - 2.0 * gap_mm + ROUNDING_MM
 
 
 def _ways_to_lie(piece: FloatArray) -> list[_Turned]:

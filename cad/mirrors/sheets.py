@@ -14,7 +14,7 @@ from shapely.geometry.polygon import orient
 
 from cad.hardware import Cutting
 from cad.mirrors.marks import LINE_GAP_MM, mark
-from cad.mirrors.nesting import nest
+from cad.mirrors.nesting import fits, nest
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.values import FloatArray, InputError, Metric
@@ -94,49 +94,50 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
     return np.asarray(corners + distance_mm * (before + after) / (1.0 + (before * after).sum(axis=1))[:, None])
 
 
-def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
-    """All mirrors nested on sheets, a set of sheets for every kind of mirror.
+def require_cuttable(layout: Layout, cutting: Cutting) -> None:
+    """Raise InputError for a mirror that is larger than a sheet or narrower than it is thick."""
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        outline = outline_from_back(mirror)
+        across = _width_mm(outline)
+        if across < mirror.thickness_mm:
+            raise InputError(
+                f"mirror {name} is {across:.2f} mm across, expected at least its thickness, {mirror.thickness_mm:g} mm"
+            )
+        path = offset_outline(outline, cutting.kerf_mm / 2.0)
+        if not fits(path, cutting.sheet_mm, cutting.gap_mm):
+            width, height = _box_mm(path)
+            room = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
+            raise InputError(
+                f"mirror {name} is {width:.1f} x {height:.1f} mm as cut, expected at most "
+                f"{' x '.join(f'{length:g}' for length in room)} mm (sheet without its margins)"
+            )
 
-    Raises InputError for a mirror that is larger than a sheet or narrower than it is thick.
-    """
+
+def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
+    """All mirrors nested on sheets, a set of sheets for every kind of mirror; raises as `require_cuttable` does."""
+    require_cuttable(layout, cutting)
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
     planned: list[tuple[str, float, list[CutMirror]]] = []
     for surface, thickness_mm in kinds:
         chosen = [
-            (name, mirror)
+            (name, outline_from_back(mirror))
             for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True)
             if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
         ]
-        groups = _nested(chosen, cutting)
-        planned += [(surface, thickness_mm, cuts) for cuts in groups]
+        planned += [(surface, thickness_mm, cuts) for cuts in _nested(chosen, cutting)]
     return tuple(
         MirrorSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
         for number, (surface, thickness_mm, cuts) in enumerate(planned, start=1)
     )
 
 
-def _nested(chosen: list[tuple[str, Mirror]], cutting: Cutting) -> list[list[CutMirror]]:
-    """Mirrors of one kind, sheet by sheet."""
-    paths, marks = [], []
-    for name, mirror in chosen:
-        across = _width_mm(outline_from_back(mirror))
-        if across < mirror.thickness_mm:
-            raise InputError(
-                f"mirror {name} is {across:.2f} mm across, expected at least its thickness, {mirror.thickness_mm:g} mm"
-            )
-        outline = outline_from_back(mirror)
-        paths.append(offset_outline(outline, cutting.kerf_mm / 2.0))
-        marks.append(mark(name, outline, cutting.mark_mm))
+def _nested(chosen: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
+    """Mirrors of one kind, by their names and outlines, sheet by sheet."""
+    paths = [offset_outline(outline, cutting.kerf_mm / 2.0) for _, outline in chosen]
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
-    if isinstance(placed, int):
-        width, height = _box_mm(paths[placed])
-        room = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
-        raise InputError(
-            f"mirror {chosen[placed][0]} is {width:.1f} x {height:.1f} mm as cut, expected at most "
-            f"{' x '.join(f'{length:g}' for length in room)} mm (sheet without its margins)"
-        )
     sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
-    for (name, _), path, strokes, place in zip(chosen, paths, marks, placed, strict=True):
+    for (name, outline), path, place in zip(chosen, paths, placed, strict=True):
+        strokes = mark(name, outline, cutting.mark_mm)
         sheets[place.sheet].append(CutMirror(name, place.apply(path), tuple(place.apply(stroke) for stroke in strokes)))
     return sheets
 
