@@ -8,6 +8,7 @@ import numpy as np
 
 from cad.hardware import Hardware
 from cad.holder.plan import HolderPlan, plan_holder
+from cad.mirrors.sheets import require_cuttable
 from cad.parts.adapter import AdapterPlan, plan_adapter
 from cad.parts.clip import ABOVE, ClipPlan, body_box, plan_clip
 from cad.parts.coupon import CouponPlan, plan_coupon
@@ -48,6 +49,7 @@ class Connection:
 
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
     """Plan every part; raises InputError with the measure that breaks where the device cannot be made."""
+    require_cuttable(layout, hardware.cutting)
     holder = plan_holder(layout, hardware)
     clip = plan_clip(hardware)
     adapter = plan_adapter(clip, hardware)

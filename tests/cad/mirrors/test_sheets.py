@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from shapely import LineString, Polygon
 
+from cad.device import plan_device
 from cad.hardware import HARDWARE
 from cad.mirrors.sheets import (
     MirrorSheet,
@@ -128,3 +129,9 @@ def test_broken_sheets_fail_their_metrics(make_parabola: Callable[..., Layout]) 
     assert line_gap_mm(moved(sheet, (to_edge, 0.0))) < 0.5
     assert not sheet_metrics((moved(sheet, (to_edge, 0.0)),))["line_gap_mm"].passed
     assert not sheet_metrics((replace(sheet, thickness_mm=50.0),))["feature_of_thickness"].passed
+
+
+def test_a_device_whose_mirrors_cannot_be_cut_is_not_begun(make_flat_pair: Callable[..., Layout]) -> None:
+    hardware = HARDWARE.replaced(cutting=CUTTING.replaced(sheet_mm=(30.0, 30.0)))
+    with pytest.raises(InputError, match="mirror 0-0 is"):
+        plan_device(make_flat_pair(gap_mm=2.0), hardware)
