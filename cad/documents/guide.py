@@ -19,7 +19,7 @@ WEB = Path(__file__).parents[1] / "web"
 
 
 def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> None:
-    """Write guide.md into `folder`, beside whose pictures/ and parts/ its links lead to."""
+    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all that lies there."""
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
     )
@@ -36,6 +36,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         coupon=next((part for part in parts if part.name == COUPON), None),
         stages=Stages(pieces),
         sheets=sorted({f"{mirror.surface}-surface, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}),
+        sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
         mirrors=_mirror_rows(device),
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )

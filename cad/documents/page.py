@@ -67,6 +67,8 @@ def write_page(
         ),
         identity=layout.identity,
         parts=parts,
+        mass={part.name: _mass(part) for part in parts},
+        sliced=all("print_g" in part.checks for part in parts),
         pictures=pictures,
         others=_other_files(folder),
         guide=markdown.render(_text(folder / "guide.md")),
@@ -81,6 +83,11 @@ def write_page(
         script=_text(WEB / "page.js"),
     )
     write_text(folder / "index.html", page)
+
+
+def _mass(part: BuiltPart) -> str:
+    """Grams as the slicer says, or of the solid where there is no slicer."""
+    return f"{part.checks['print_g'].value if 'print_g' in part.checks else part.mass.mass_g:.0f}"
 
 
 def figure_text(value: float) -> str:

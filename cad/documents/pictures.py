@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cad.device import Device
 from cad.documents.labels import Label, annotate
 from cad.documents.render import Body, Rgb, Screen, render
-from cad.documents.stages import Stages, joins_of
+from cad.documents.stages import CLIP, Stages, joins_of
 from cad.part import BuiltPart
 from cad.pieces import Piece
 from optics.files import write_image
@@ -42,11 +42,11 @@ INSERT_OUT_MM = 12.0
 
 @dataclass(frozen=True)
 class Item:
-    """A body of a picture where it is drawn, in rig, its name there ("" for none), and its path from its place."""
+    """A body of a picture where it is drawn, in rig, its name there ("" for none), and a line to where it belongs."""
 
     body: Body
     label: str
-    path: FloatArray | None = None
+    line: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def write_picture(folder: Path, picture: Picture) -> None:
     points = np.concatenate([*(body.triangles.reshape(-1, 3) for body in bodies), *picture.rays])
     screen = Screen.around(points, picture.axes, PICTURE_PX, MARGINS_PX if labelled else BARE_MARGINS_PX)
     lines: list[tuple[FloatArray, Rgb, float]] = [
-        (item.path, GUIDE_RGB, 1.5) for item in picture.items if item.path is not None
+        (item.line, GUIDE_RGB, 1.5) for item in picture.items if item.line is not None
     ]
     lines += [(ray, LIGHT_RGB, 2.0) for ray in picture.rays]
     write_image(folder / picture.path, annotate(render(bodies, screen, lines), labelled))
@@ -85,7 +85,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
     bare = tuple(_item(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
-    apart = tuple(_moved(piece, piece.explode_mm, _big_label(piece)) for piece in pieces)
+    apart = _placed([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
         Picture("assembled", "The device, assembled", front, whole),
@@ -131,7 +131,7 @@ def _threads(stages: Stages) -> tuple[Item, ...]:
     items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in homes.values()]
     for thread in stages.threads:
         home = homes[joins_of(thread)[-1]].explode_mm
-        items.append(_moved(thread, home + INSERT_OUT_MM * _axis(thread), line_from=home))
+        items.append(_moved(thread, home + INSERT_OUT_MM * _axis(thread), seat=home))
     return tuple(items)
 
 
@@ -173,11 +173,20 @@ def _joined(
     """What is there already, pale, and what is new, away from it as in the exploded view in which `still` rests."""
     base = _mean([piece.explode_mm for piece in still])
     block = _mean([piece.explode_mm for piece in together]) - base if together else None
-    items = [_item(piece, _big_label(piece), pale=True) for piece in rest]
-    for piece in new:
-        away = (piece.explode_mm - base if block is None else block) * STEP_SHARE
-        items.append(_moved(piece, away, _big_label(piece)))
-    items += [_moved(piece, (piece.explode_mm - base) * STEP_SHARE) for piece in fasteners]
+    moves = [(piece, STEP_SHARE * (piece.explode_mm - base if block is None else block)) for piece in new]
+    moves += [(piece, STEP_SHARE * (piece.explode_mm - base)) for piece in fasteners]
+    return (*(_item(piece, _big_label(piece), pale=True) for piece in rest), *_placed(moves))
+
+
+def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
+    """Pieces away from their places, each fastener and the camera with a line to where it belongs as that is drawn."""
+    homes = {piece.name: move for piece, move in moves if piece.kind == "part"}
+    items = []
+    for piece, move in moves:
+        joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
+        home = next((name for name in (joins if piece.kind == "screw" else joins[::-1]) if name in homes), None)
+        seat = homes[home] if home else np.zeros(3) if joins else None
+        items.append(_moved(piece, move, _big_label(piece), seat=seat))
     return tuple(items)
 
 
@@ -208,13 +217,12 @@ def _item(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
 
 
 def _moved(
-    piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, line_from: FloatArray | None = None
+    piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
 ) -> Item:
-    """A piece drawn `away` (3,) mm from its place, with the path from there (or from `line_from`)."""
+    """A piece drawn `away` (3,) mm from its place, with a line from where that is drawn, `seat` (3,), if given."""
     here = _item(piece, label, pale=pale)
-    start = np.zeros(3) if line_from is None else line_from
     centre = np.asarray(piece.mesh.bounds).mean(axis=0)
-    path = np.array([centre + start, centre + away]) if np.linalg.norm(away - start) > 1.0 else None
+    path = None if seat is None else np.array([centre + seat, centre + away])
     return Item(Body(here.body.triangles + away, here.body.rgb, here.body.shine), label, path)
 
 

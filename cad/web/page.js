@@ -37,12 +37,12 @@
 
   const finish = {
     part: { metalness: 0.0, roughness: 0.62 },
-    mirror: { metalness: 0.85, roughness: 0.08, emissive: 0x4f7fa8, emissiveIntensity: 0.3 },
+    mirror: { metalness: 0.55, roughness: 0.06, color: 0xd6ecff, emissive: 0x6fb1e8, emissiveIntensity: 0.5 },
     camera: { metalness: 0.1, roughness: 0.45 },
     bought: { metalness: 0.9, roughness: 0.35 },
   };
   // From the right of the scene, a little above: glTF has the rig's x to the left.
-  const HOME = [-0.95, 0.08, 1.0];
+  const HOME = [-0.72, -0.06, 1.0];
   const accent = new THREE.Color(0xf0821e);
   const pieces = new Map();
   const rays = new THREE.Group();
@@ -64,7 +64,7 @@
 
   const look = (direction) => {
     const [x, y, z] = direction;
-    const distance = (home.radius / Math.sin((camera.fov * Math.PI) / 360)) * 1.02 * Math.max(1, 1 / camera.aspect);
+    const distance = (home.radius / Math.sin((camera.fov * Math.PI) / 360)) * 0.92 * Math.max(1, 1 / camera.aspect);
     controls.target.copy(home.center);
     camera.position.copy(home.center).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
     draw();
@@ -150,7 +150,7 @@
       node.traverse((child) => child.isMesh && meshes.push(child));
       for (const mesh of meshes) {
         const flatShading = !mesh.geometry.attributes.normal;
-        mesh.material = new THREE.MeshStandardMaterial({ ...finish[piece.kind], flatShading, color: mesh.material.color });
+        mesh.material = new THREE.MeshStandardMaterial({ color: mesh.material.color, flatShading, ...finish[piece.kind] });
         mesh.userData.quiet = { emissive: mesh.material.emissive.clone(), emissiveIntensity: mesh.material.emissiveIntensity };
         piece.colour = mesh.material.color.clone();
         const edges = new THREE.EdgesGeometry(mesh.geometry, 24);
@@ -225,7 +225,15 @@
     else if (chosen) choose(chosen, false);
   });
   controls.addEventListener("change", draw);
-  slider.addEventListener("input", () => explode(slider.valueAsNumber / 100));
+  slider.addEventListener("input", () => {
+    // The viewer steps back as the device grows, and looks on from the same side.
+    const [center, radius] = [home.center.clone(), home.radius];
+    explode(slider.valueAsNumber / 100);
+    measure();
+    camera.position.sub(center).multiplyScalar(home.radius / radius).add(home.center);
+    controls.target.add(home.center).sub(center);
+    draw();
+  });
   document.getElementById("rays").addEventListener("change", (event) => {
     rays.userData.wanted = event.target.checked;
     explode(slider.valueAsNumber / 100);

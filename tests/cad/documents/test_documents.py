@@ -27,6 +27,8 @@ from cad.documents.stages import Stages
 from cad.exports import write_stl
 from cad.gltf import write_glb
 from cad.hardware import HARDWARE, Hardware
+from cad.mirrors.dxf import write_dxf
+from cad.mirrors.sheets import plan_sheets
 from cad.part import BoughtItem, BuiltPart
 from cad.pieces import Piece, item_pieces, mass_of, pieces_of
 from optics.files import read_image
@@ -79,6 +81,8 @@ def made(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Ma
     """The default device with its model, parts list, guide and page."""
     device = make(default_layout, HARDWARE, tmp_path_factory.mktemp("documents"))
     write_glb(device.folder / "assembly.glb", device.pieces)
+    for sheet in plan_sheets(default_layout, HARDWARE.cutting):
+        write_dxf(device.folder / "mirrors" / f"{sheet.stem}.dxf", sheet)
     write_bom(device.folder, bill_of(device.device, device.parts, ()))
     write_documents(device)
     return device
@@ -118,7 +122,13 @@ def will_exist(made: Made) -> set[str]:
     written = {path.relative_to(made.folder).as_posix() for path in made.folder.rglob("*")}
     of_parts = {f"parts/{part.name}.{kind}" for part in made.parts for kind in ("step", "stl", "3mf")}
     drawings = {f"drawings/{part.name}.{kind}" for part in made.parts for kind in ("svg", "pdf")}
-    return written | of_parts | drawings | {picture.path for picture in made.pictures} | {"checks.json", "mirrors/"}
+    return (
+        written
+        | of_parts
+        | drawings
+        | {picture.path for picture in made.pictures}
+        | {"checks.json", "robot/mirrorcam.xacro"}
+    )
 
 
 def test_every_link_leads_to_a_file_or_a_place_on_the_page(made: Made) -> None:
@@ -127,6 +137,7 @@ def test_every_link_leads_to_a_file_or_a_place_on_the_page(made: Made) -> None:
     assert set(links.named) - there == set()
     assert {f"parts/{part.name}.3mf" for part in made.parts} < set(links.named)
     assert {picture.path for picture in made.pictures} < set(links.named)
+    assert "mirrors/mirrors.dxf" in links.named
     in_guide = set(re.findall(r"\]\(([^)]*)\)", (made.folder / "guide.md").read_text()))
     assert in_guide - there == set()
 
