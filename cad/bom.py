@@ -19,6 +19,14 @@ from cad.pieces import item_title
 from optics.files import write_json, write_text
 from optics.values import Value
 
+# What the titles of `item_title` end in.
+STANDARDS = {
+    "set screw": "ISO 4026, flat point",
+    "screw": "ISO 4762, socket head",
+    "heat-set insert": "brass",
+    "nut": "ISO 4032",
+    "pin": "ISO 2338 or a piece of rod",
+}
 GLUE_MM = 0.1
 """Thickness of the glue behind a mirror, for how much of it is bought."""
 
@@ -51,10 +59,11 @@ class MirrorLine(Value):
 
 
 class BoughtLine(Value):
-    """Something to buy, so many pieces or so much of it."""
+    """Something to buy, so many pieces or so much of it; `standard` is what a shop calls it."""
 
     title: str
     count: int | None
+    standard: str = ""
     note: str
 
 
@@ -134,7 +143,8 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         where = ", ".join(name.replace("_", " ") for name in joined[key])
-        lines.append(BoughtLine(title=key[1], count=counted[key], note=where))
+        standard = next(standard for name, standard in STANDARDS.items() if key[1].endswith(name))
+        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard, note=where))
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(BoughtLine(title="1/4 in nut", count=1, note="mount, only to stand on a tripod"))
     area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors)
@@ -193,9 +203,9 @@ def as_markdown(bom: Bom) -> str:
         "",
         "## Bought",
         "",
-        "| count | what | where |",
-        "|---:|---|---|",
-        *(f"| {_or_dash(line.count, 'd')} | {line.title} | {line.note} |" for line in bom.bought),
+        "| count | what | standard | for |",
+        "|---:|---|---|---|",
+        *(f"| {_or_dash(line.count, 'd')} | {line.title} | {line.standard} | {line.note} |" for line in bom.bought),
     ]
     return "\n".join(lines) + "\n"
 
@@ -213,7 +223,8 @@ def as_csv(bom: Bom) -> str:
         note = f"{mirror.sheets} sheets of {mirror.sheet_mm[0]:g} x {mirror.sheet_mm[1]:g} mm, {mirror.area_cm2:g} cm2"
         writer.writerow(("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", note))
     for line in bom.bought:
-        writer.writerow(("bought", "", line.title, line.count, "", "", "", "", line.note))
+        note = ", ".join(text for text in (line.standard, line.note) if text)
+        writer.writerow(("bought", "", line.title, line.count, "", "", "", "", note))
     return stream.getvalue()
 
 
