@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from shapely import LineString, Polygon
 
+from cad.checks.cuts import fits
 from cad.device import plan_device
 from cad.hardware import HARDWARE
 from cad.mirrors.sheets import (
@@ -21,17 +25,9 @@ from cad.mirrors.sheets import (
     sheet_metrics,
 )
 from optics.layout import Layout
-from optics.values import FloatArray, InputError
+from optics.values import InputError
 
 CUTTING = HARDWARE.cutting
-
-
-def edge_lengths(outline: FloatArray) -> FloatArray:
-    """Lengths of edges, counter-clockwise, beginning with the longest: a mirror image has another order."""
-    area = Polygon(outline).exterior.is_ccw
-    loop = outline if area else outline[::-1]
-    lengths = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
-    return np.roll(lengths, -int(lengths.argmax()))
 
 
 def test_seen_from_the_back_right_is_rig_x_and_up_is_rig_z(default_layout: Layout) -> None:
@@ -51,7 +47,7 @@ def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> No
     for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
         finished = offset_outline(cut.outline, -CUTTING.kerf_mm / 2.0)
         expected = outline_from_back(mirror)
-        np.testing.assert_allclose(edge_lengths(finished), edge_lengths(expected), atol=1e-9)
+        assert min(fit.error_mm for fit in fits(finished, expected)) < 1e-9
         assert Polygon(finished).area == pytest.approx(Polygon(expected).area, rel=1e-12)
         assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cut.strokes)
 
@@ -135,3 +131,46 @@ def test_a_device_whose_mirrors_cannot_be_cut_is_not_begun(make_flat_pair: Calla
     hardware = HARDWARE.replaced(cutting=CUTTING.replaced(sheet_mm=(30.0, 30.0)))
     with pytest.raises(InputError, match="mirror 0-0 is"):
         plan_device(make_flat_pair(gap_mm=2.0), hardware)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.integers(1, 4),
+    cols=st.integers(1, 4),
+    scale_mm=st.floats(40.0, 200.0),
+    gap_mm=st.floats(0.5, 3.0),
+    surface=st.sampled_from(["first", "second"]),
+    thickness_mm=st.floats(1.0, 3.0),
+    sheet_mm=st.sampled_from([(300.0, 200.0), (150.0, 100.0)]),
+)
+def test_any_layout_is_cut_whole_or_refused(
+    make_parabola: Callable[..., Layout],
+    rows: int,
+    cols: int,
+    scale_mm: float,
+    gap_mm: float,
+    surface: str,
+    thickness_mm: float,
+    sheet_mm: tuple[float, float],
+) -> None:
+    layout = make_parabola(
+        rows, cols, scale_mm=scale_mm, gap_mm=gap_mm, surface=surface, thickness_mm=round(thickness_mm, 1)
+    )
+    cutting = CUTTING.replaced(sheet_mm=sheet_mm)
+    try:
+        sheets = plan_sheets(layout, cutting)
+    except InputError as refusal:
+        measures = r"mirror \d-\d is [\d.]+ (mm across|x [\d.]+ mm as cut), expected at (most|least)"
+        assert re.search(measures, str(refusal))
+        return
+    cuts = {cut.name: cut for sheet in sheets for cut in sheet.cuts}
+    assert sorted(cuts) == sorted(mirror_names(layout))
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        finished = offset_outline(cuts[name].outline, -cutting.kerf_mm / 2.0)
+        assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror))) < 1e-8
+        assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cuts[name].strokes)
+    metrics = sheet_metrics(sheets)
+    assert metrics["feature_of_thickness"].passed
+    for sheet in sheets:
+        paths = [Polygon(cut.outline) for cut in sheet.cuts]
+        assert all(a.distance(b) >= cutting.gap_mm - 1e-6 for i, a in enumerate(paths) for b in paths[i + 1 :])
