@@ -9,11 +9,14 @@ from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, una
 
 from cad.hardware import Hardware
 from cad.seats import back_height_mm, outline_at, seat_distance_mm
+from cad.split import cut_slack_mm, room_round_pin_mm, rooms_on_bed
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
 
 # Fillers that recede into the slab end this far in it.
 IN_SLAB_MM = 0.5
+# What is cut is thicker than its pins need by so much: room to place them.
+PIN_SLACK_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -120,17 +123,15 @@ def place_cuts(
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
-    bed = sorted(hardware.printer.bed_mm[:2])
-    rooms = (bed[1], bed[0]) if lengths[0] >= lengths[1] else (bed[0], bed[1])
+    rooms = rooms_on_bed(lengths, hardware)
     seats = [Polygon(outline_at(mirror, back_height_mm(mirror)) @ axes[:2].T) for mirror in layout.mirrors]
     cuts = []
     for axis, (start, length, room) in enumerate(zip((left, bottom), lengths, rooms, strict=True)):
         pieces = int(np.ceil(length / room))
-        spare = (pieces * room - length) / 2.0
         places = []
         for i in range(1, pieces):
             middle = start + length * i / pieces
-            slack = spare / pieces
+            slack = cut_slack_mm(length, pieces, room)
             tried = np.linspace(middle - slack, middle + slack, 61)
             costs = [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
             places.append(float(tried[int(np.argmin(costs))]))
@@ -176,6 +177,9 @@ def place_mount(
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
+    # A part that is cut is everywhere thick enough for the pins.
+    thinnest = 2.0 * room_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
+    thinnest = max(hardware.holder.floor_mm, thinnest)
     best: tuple[float, float] | None = None
     chosen = np.zeros((4, 2))
     for a in np.arange(around, (right - left) / 2.0, hardware.holder.mount_step_mm):
@@ -195,7 +199,7 @@ def place_mount(
                     for hole in holes
                 ]
             lowest = max(front.recedes_to_mm(boss) for boss in bosses)
-            back = max(front.deepest_mm + hardware.holder.floor_mm, lowest + depth)
+            back = max(front.deepest_mm + thinnest, lowest + depth)
             if best is None or (back, -a * b) < best:
                 best, chosen = (back, -a * b), holes
     if best is None:

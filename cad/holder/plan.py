@@ -22,6 +22,7 @@ from cad.holder.rims import RELIEF_MM, plan_rims
 from cad.holder.stray import Ring, plan_walls
 from cad.holder.webs import Hollow, plan_hollows
 from cad.seats import Frustum, back_height_mm, keep_outs, outline_at
+from cad.split import rooms_on_bed
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.values import FloatArray, InputError
@@ -74,6 +75,11 @@ class HolderPlan:
         solids = (self.slab, self.flange, *self.cores, *self.fillers, *self.rims)
         walls = (self.walls.outer_foot, self.walls.inner_foot, self.walls.outer_crest, self.walls.inner_crest)
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
+
+    @property
+    def cuts_on_bed_mm(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The cuts along x and y of the bed, on which the part lies by its back: y is the mount's, turned round."""
+        return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
 
 def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
@@ -183,14 +189,14 @@ def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
 def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
     """Outline of the slab: the footprint and room for the walls against stray light, as far as the bed has room."""
     left, bottom, right, top = footprint.bounds
-    lengths = (right - left, top - bottom)
-    bed = sorted(hardware.printer.bed_mm[:2])
-    rooms = (bed[1], bed[0]) if lengths[0] >= lengths[1] else (bed[0], bed[1])
+    rooms = rooms_on_bed((right - left, top - bottom), hardware)
     wide = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)
-    spare = [(room - length) / 2.0 if length <= room else np.inf for length, room in zip(lengths, rooms, strict=True)]
-    bed_box = box(left - spare[0], bottom - spare[1], right + spare[0], top + spare[1])
-    limits = box(*(max(-1e4, bed_box.bounds[i]) for i in (0, 1)), *(min(1e4, bed_box.bounds[i]) for i in (2, 3)))
-    return wide.intersection(limits).simplify(0.05)
+    # What does not fit is cut anyway.
+    spare_x, spare_y = (
+        (room - length) / 2.0 if length <= room else room
+        for length, room in zip((right - left, top - bottom), rooms, strict=True)
+    )
+    return wide.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
 
 
 def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
