@@ -64,9 +64,7 @@ def parts_of(device: Device) -> tuple[PartPlan, ...]:
             standing(Y_DOWN, -adapter.cap.band_mm[1]),
             (0.55, 0.74, 0.52),
         ),
-        _part(
-            "fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.segment[2]), (0.72, 0.66, 0.82)
-        ),
+        _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from cad.hardware import Hardware
 from cad.parts.clip import ABOVE, ClipPlan
-from cad.parts.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
+from cad.parts.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from cad.parts.mount import FOOT_DEPTH_MM, FOOT_X_MM, FOOT_Y_MM, foot_z_mm
 from cad.parts.prisms import box
 from cad.seats import Frustum
@@ -104,7 +104,13 @@ def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
         saddle_cuts.append(Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, skin + 1.0, UP))
         saddle_cuts.append(Bore(head, -ABOVE, driver, 99.0, UP))
     for ear in ear_at:
-        saddle_cuts += thread(ear, ABOVE, UP, clamp.wall_mm, screw)
+        hole, *pocket = thread(ear, ABOVE, UP, clamp.wall_mm, screw)
+        saddle_cuts.append(hole)
+        if pocket:
+            # The ear is too narrow for a pocket all round: a channel through it holds the nut by two sides.
+            flat, top = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0, axis_z + face + clamp.wall_mm
+            low = (ear[0] - flat, band[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
+            saddle_cuts.append(box(low, (ear[0] + flat, band[1] + 1.0, top + 1.0)))
     cap_cuts = tuple(Bore(head - ABOVE, ABOVE, clearance, CAP_EAR_MM + 2.0, UP) for head in clamp_heads)
     block = [
         box((-half, band[0], axis_z + 0.6 * radius), (half, band[1], foot_z)),

@@ -182,7 +182,8 @@ def _by_board(
     bottom = floor_top - clip.wall_mm
     radius = holes.hole_mm / 2.0 + 2.0
     low_y = float(body.low[1]) - hardware.fit.slide_mm
-    pieces = [box((from_x, low_y, bottom), (to_x, float(body.high[1]), floor_top))]
+    high_y = max(float(body.high[1]), float(np.array(holes.holes_mm)[:, 1].max()) + radius)
+    pieces = [box((from_x, low_y, bottom), (to_x, high_y, floor_top))]
     cuts: list[Frustum | Bore | Hexagon] = []
     centres = np.array(holes.holes_mm)
     # A thread-forming screw cuts its thread into a hole of about 0.8 of its diameter.

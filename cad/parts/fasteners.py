@@ -16,7 +16,7 @@ OUTSIDE_MM = 0.01
 # Roofs of holes are a little steeper than a printer must be able to do; those that cut webs at 45 deg much more, since
 # a web's end recedes along it.
 ROOF_DEG = 42.0
-ROOF_IN_WEBS_DEG = 35.0
+ROOF_IN_WEBS_DEG = 30.0
 
 
 @dataclass(frozen=True)

@@ -76,14 +76,6 @@ class MountPlan:
     half_width_mm: float
 
 
-def holder_corners(holder: HolderPlan) -> FloatArray:
-    """Corners (n, 3) of all that the mirror holder is made of."""
-    if hasattr(holder, "corners_in_rig"):
-        return np.asarray(holder.corners_in_rig)
-    solids = (holder.slab, *holder.cores, *holder.fillers, *holder.rims)
-    return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
-
-
 def foot_z_mm(clip: ClipPlan, hardware: Hardware) -> float:
     """The foot's lower face: below the clip's lowest position there is the cable's window, then the foot's plate."""
     return clip.bottom_mm - clip.travel_mm - 1.0 - hardware.mount.cable_window_mm[1] - foot_plate_mm(hardware)
@@ -114,7 +106,7 @@ def inner_path(
     # The back's plane where it lies nearest to the camera over the mount's width; the rest is cut flush.
     level = float(away @ origin) / across - abs(away[0]) / across * half_width_mm
     up = np.array([out[1], -out[0]])
-    corners = holder_corners(holder)[:, 1:]
+    corners = holder.corners_in_rig[:, 1:]
     far = 10.0 * np.abs(corners).max()
     behind = Polygon(
         [
@@ -169,9 +161,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
             f"deep, expected at most {mount.tilt_deg:g} deg"
         )
     pieces, webs = _truss(inner, outer, half_width, hardware)
-    head = stack(mount.skin_mm, hardware)
-    if hasattr(holder, "thread_mm") and hasattr(holder, "hole_depth_mm"):
-        head = stack_into(mount.skin_mm, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, screw)
+    head = stack_into(mount.skin_mm, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, screw)
     rig_from_head = holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0])
     holes_in_head = holder.holes_in_mount_mm * [1.0, -1.0]
     foot_z, plate = foot_z_mm(clip, hardware), foot_plate_mm(hardware)
@@ -209,7 +199,7 @@ def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float
     volume = volume_mm3(holder.slab) + sum(volume_mm3(core) for core in holder.cores)
     sheets = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
     mass = (hardware.printer.plastic_g_per_cm3 * volume + GLASS_G_PER_CM3 * sheets) / 1000.0
-    return mass, np.asarray(holder_corners(holder).mean(axis=0))
+    return mass, np.asarray(holder.corners_in_rig.mean(axis=0))
 
 
 def _to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from build123d import (
+    Align,
     BuildLine,
     BuildPart,
     BuildSketch,
@@ -16,8 +17,6 @@ from build123d import (
     Mode,
     Part,
     Plane,
-    PolarLocations,
-    Polygon,
     Polyline,
     Rectangle,
     Solid,
@@ -111,15 +110,17 @@ def make_ring(plan: RingPlan) -> Part:
     plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
     outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
     with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        # As far as amid the ring, which comes after, so that no two round faces coincide.
+        with BuildSketch(plane.offset(-reach)):
+            Circle(plan.radius_mm + plan.ring_mm / 2.0)
+        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
         with BuildSketch(plane):
             Circle(outer)
+            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
             with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
                 Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
         extrude(amount=plan.band_mm[1] - plan.band_mm[0])
-        insert([solid_of(piece) for piece in plan.pieces])
-        with BuildSketch(plane.offset(-reach)):
-            Circle(plan.radius_mm)
-        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid(plan.name, part)
 
@@ -128,20 +129,14 @@ def make_coupon(plan: CouponPlan) -> Part:
     """The fit coupon."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
-        with BuildSketch(Plane.XY.offset(plan.segment[2])), Locations(tuple(plan.segment[:2])):
-            Circle(plan.radius_mm + plan.ring_mm)
-            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
-            with PolarLocations(0.0, 1, start_angle=-90.0):
-                size = 2.0 * plan.radius_mm
-                half = np.deg2rad(plan.segment_deg / 2.0)
-                Polygon(
-                    (0, 0),
-                    (size, -size * np.tan(half)),
-                    (size, size * np.tan(half)),
-                    align=None,
-                    mode=Mode.INTERSECT,
-                )
-        extrude(amount=plan.band_mm)
+        with Locations(tuple(plan.centre)):
+            upright = (Align.CENTER, Align.CENTER, Align.MIN)
+            Cylinder(plan.radius_mm + plan.ring_mm, plan.band_mm, align=upright)
+            Cylinder(plan.radius_mm, plan.band_mm, align=upright, mode=Mode.SUBTRACT)
+        # Of the ring and the plate there remains what lies left of the plate's edge.
+        with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
+            Rectangle(4.0 * plan.radius_mm, 4.0 * plan.radius_mm, align=(Align.MIN, Align.CENTER))
+        extrude(amount=plan.band_mm, mode=Mode.SUBTRACT)
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid("fit_coupon", part)
 
