@@ -58,8 +58,12 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
     camera = _coloured(camera_solid(device.hardware.camera).solid(), "camera", CAMERA_RGB)
     bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
     items = bought_items(device)
+    solids: dict[tuple[str, str, float], Solid | None] = {}
     for name, item in zip(item_names(items), items, strict=True):
-        solid = _coloured(item_solid(item).solid(), name, ITEM_RGB[item.kind])
+        key = (item.kind, item.size, item.length_mm)
+        if key not in solids:
+            solids[key] = item_solid(item).solid()
+        solid = _coloured(solids[key], name, ITEM_RGB[item.kind])
         bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
     groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
     return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
