@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from copy import deepcopy
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
-from build123d import Color, Compound, Face, Location, Plane, RigidJoint, Solid, Vector, Wire, import_step
+from build123d import Color, Compound, Face, Location, Plane, RigidJoint, Shape, Solid, Vector, Wire, import_step
 
 from cad.catalogue import bought_items
 from cad.device import Device, connections
@@ -55,29 +56,27 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         seat = mirror.rig_from_plane.copy()
         seat[:3, 3] += back_height_mm(mirror) * mirror.normal_in_rig
         mirrors.append(_joined(printed[holder_under(mirror, fitted).name], sheet, seat))
-    camera = _coloured(camera_solid(device.hardware.camera).solid(), "camera", CAMERA_RGB)
+    camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
     bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
     items = bought_items(device)
-    solids: dict[tuple[str, str, float], Solid | None] = {}
+    shapes: dict[tuple[str, str, float], Shape[Any]] = {}
     for name, item in zip(item_names(items), items, strict=True):
         key = (item.kind, item.size, item.length_mm)
-        if key not in solids:
-            solids[key] = item_solid(item).solid()
-        solid = _coloured(solids[key], name, ITEM_RGB[item.kind])
+        if key not in shapes:
+            shapes[key] = item_solid(item)
+        solid = _coloured(shapes[key], name, ITEM_RGB[item.kind])
         bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
     groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
     return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
 
 
 def _printed(part: BuiltPart) -> Solid:
-    return _coloured(import_step(part.step).solid(), part.name, part.rgb)
+    return _coloured(import_step(part.step), part.name, part.rgb)
 
 
-def _coloured(solid: Solid | None, label: str, rgb: Rgb) -> Solid:
-    """A copy of its own: solids that share their geometry share their name in STEP."""
-    if solid is None:
-        raise ValueError(f"{label}: expected one solid")
-    solid = deepcopy(solid)
+def _coloured(shape: Shape[Any], label: str, rgb: Rgb) -> Solid:
+    """A copy of a shape's one solid: solids that share their geometry share their name in STEP."""
+    (solid,) = deepcopy(shape).solids()
     solid.label, solid.color = label, Color(*rgb)
     return solid
 
