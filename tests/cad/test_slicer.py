@@ -33,7 +33,8 @@ def test_time_grams_and_support_are_read_from_a_gcode_file() -> None:
     text = (
         ";TYPE:Perimeter\nG1 X1 Y2 E0.5\n;TYPE:Support material\nG1 X3 Y4 E0.25\nG1 E-0.8 F2100\nG1 X5 Y4 E0.125\n"
         ";TYPE:Support material interface\nG1 X1 Y1 E1\n;TYPE:Perimeter\nG1 X2 Y2 E9\n"
-        "; filament used [g] = 12.34\n; estimated printing time (normal mode) = 1d 2h 3m 30s\n"
+        "; filament used [mm] = 4136.97\n; filament used [g] = 12.34\n"
+        "; estimated printing time (normal mode) = 1d 2h 3m 30s\n"
     )
     assert read_gcode(text) == Sliced(minutes=24 * 60 + 123.5, grams=12.34, support_mm=1.375)
     assert read_gcode(text.replace("12.34", "0.00")) is None
