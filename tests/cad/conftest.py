@@ -12,7 +12,9 @@ import pytest
 from build123d import Box, BuildPart, Locations, Part
 
 from cad.build import build
+from cad.device import Device, plan_device
 from cad.exports import mass_properties, write_step, write_stl
+from cad.hardware import HARDWARE
 from cad.part import BuiltPart, PartPlan
 from optics.camera import Camera
 from optics.layout import Layout
@@ -95,6 +97,12 @@ def built_second_surface(tmp_path_factory: pytest.TempPathFactory) -> Built:
     layout = parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
     out = tmp_path_factory.mktemp("second")
     return layout, out, build(layout, out)
+
+
+@pytest.fixture(scope="session")
+def device(default_layout: Layout) -> Device:
+    """The plans of the default 3x3 layout's device."""
+    return plan_device(default_layout, HARDWARE)
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,11 @@ from shapely import Polygon
 
 import cad.assembly
 from cad.assembly import assemble, write_assembly
-from cad.device import Connection, Device, plan_device
-from cad.hardware import HARDWARE
+from cad.device import Connection, Device
 from cad.mirrors.sheets import mirror_names
 from cad.part import BoughtItem, BuiltPart
 from cad.pieces import MIRROR_RGB
 from cad.step import ordered_step
-from optics.layout import Layout
 
 SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -29,11 +27,6 @@ PRINTED = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapte
 
 def screw(place: np.ndarray, *joins: str) -> BoughtItem:
     return BoughtItem("screw", "M3", 12.0, place, np.zeros(3), joins)
-
-
-@pytest.fixture(scope="module")
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
 
 
 @pytest.fixture(scope="module")

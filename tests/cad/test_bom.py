@@ -13,18 +13,12 @@ from shapely import Polygon
 
 import cad.bom
 from cad.bom import Bom, bill_of, write_bom
-from cad.device import Device, plan_device
+from cad.device import Device
 from cad.hardware import HARDWARE
 from cad.mirrors.sheets import plan_sheets
 from cad.part import BoughtItem, BuiltPart
 from optics.files import read_model
-from optics.layout import Layout
 from optics.values import Metric
-
-
-@pytest.fixture(scope="module")
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
 
 
 @pytest.fixture

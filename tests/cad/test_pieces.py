@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from cad.device import Device, plan_device
+from cad.device import Device
 from cad.hardware import HARDWARE, read_camera
 from cad.part import BoughtItem, BuiltPart, MassProperties
 from cad.pieces import (
@@ -26,13 +26,7 @@ from cad.pieces import (
 )
 from cad.reference import camera_solid, item_solid
 from cad.seats import Frustum
-from optics.layout import Layout
 from optics.values import FloatArray
-
-
-@pytest.fixture(scope="module")
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
 
 
 @pytest.fixture(scope="module")

@@ -11,18 +11,12 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from cad.device import Device, plan_device
+from cad.device import Device
 from cad.hardware import HARDWARE
 from cad.part import BuiltPart
 from cad.pieces import Piece, camera_piece, composed, mirror_pieces
 from cad.robot import write_robot
-from optics.layout import Layout
 from optics.values import FloatArray
-
-
-@pytest.fixture(scope="module")
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
 
 
 @pytest.fixture(scope="module")
