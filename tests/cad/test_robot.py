@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -79,6 +80,20 @@ def test_views_look_from_their_virtual_centres_to_the_scene(urdf: Element, devic
         np.testing.assert_allclose(rig_from_view[:3, 3] * 1000.0, centre, atol=1e-6)
         # Optical: z forward, x right, y down of the view.
         np.testing.assert_allclose(rig_from_view[:3, :3], device.layout.view_from_rig.T, atol=1e-9)
+
+
+def test_views_of_another_fold_look_along_their_own_axis(
+    device: Device, pieces: tuple[Piece, ...], tmp_path: Path
+) -> None:
+    sine, cosine = np.sin(np.radians(120.0)), np.cos(np.radians(120.0))
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    folded = replace(device, layout=device.layout.replaced(view_from_rig=turn, spec=None))
+    write_robot(tmp_path / "robot", folded, pieces)
+    urdf = ElementTree.parse(tmp_path / "robot" / "mirrorcam.urdf").getroot()
+    rig_from_view = np.linalg.inv(root_from(urdf, "mirrorcam_camera_optical_frame")) @ root_from(
+        urdf, "mirrorcam_view_1_1"
+    )
+    np.testing.assert_allclose(rig_from_view[:3, 2], [0.0, sine, cosine], atol=1e-9)
 
 
 def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: Device) -> None:
