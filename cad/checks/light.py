@@ -18,7 +18,7 @@ from cad.exports import STL_TOLERANCE_MM
 from cad.hardware import Hardware
 from cad.seats import working_distance_mm
 from optics.design.light import traced
-from optics.layout import Layout
+from optics.layout import SLIVER, Layout
 from optics.mirror import Mirror
 from optics.values import FloatArray, Metric
 
@@ -119,7 +119,7 @@ def check_light(
 
     `sheets` are the mirrors' in the layout's order, None where one is missing. The camera holds the pupil, so that only
     the light on its way out is cast at it. A part keeps as far from the light as it is cut, but for the tolerance of
-    its mesh.
+    its mesh. Sheets may hide what a layout allows a built device to hide of a sub-image.
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
     rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
@@ -141,7 +141,7 @@ def check_light(
             value=max((hits(together, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0),
             unit="",
         ),
-        "device.shade_of_sheets": Metric(value=shade_of_sheets(lights, sheets), unit=""),
+        "device.shade_of_sheets": Metric(value=shade_of_sheets(lights, sheets), unit="of the light", limit=SLIVER),
         **{
             f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
             for name, gap in gaps.items()

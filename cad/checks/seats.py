@@ -28,6 +28,8 @@ COVER_ROUNDING = 1e-3
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
+# What bears nothing over less than this is a crumb between two rounded lines.
+DOT_MM2 = 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
     if not bearing:
         return None
     borne = unary_union([area for _, area in bearing])
-    free = [area for area in get_parts(outline.difference(borne)) if area.area > 0.0]
+    free = [area for area in get_parts(outline.difference(borne)) if area.area > DOT_MM2]
     return Seat(
         offset_mm=max(float(np.abs((back - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing),
         angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in bearing),

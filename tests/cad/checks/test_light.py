@@ -141,7 +141,9 @@ def test_sheets_shade_each_other_only_where_one_stands_before_another(default_la
 
     assert shade(default_layout) == 0.0
     thick = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in default_layout.mirrors)
-    assert 0.01 < shade(default_layout.replaced(mirrors=thick)) < 0.25
+    shaded = default_layout.replaced(mirrors=thick)
+    assert 0.02 < shade(shaded) < 0.25
+    assert failed(checked(shaded)) == {"device.shade_of_sheets"}
 
 
 def test_a_mirror_that_shows_nothing_is_found(make_flat_pair: Callable[..., Layout]) -> None:
