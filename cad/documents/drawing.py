@@ -37,7 +37,8 @@ def write_drawing(folder: Path, solid: Part, part: PartPlan, printer: Printer) -
 def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
     """The sheet of a part."""
     bed_from_rig = part.print_from_rig[:3, :3]
-    top, front, right, isometric = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT, ISOMETRIC))
+    top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
+    isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
     tables = (seat_table(part.plan),) if isinstance(part.plan, HolderPlan) else ()
     sheet = Sheet(*A3_MM)
     table_left = _draw_tables(sheet, tables)
@@ -45,7 +46,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
     corner = _isometric(isometric, placed, table_left)
     for view in (*placed, corner):
         visible, hidden = on_paper(view.view, view.scale)
-        if view is not corner:
+        if hidden:
             sheet.lines([line + view.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
         # Small views have their edges close together.
         width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
@@ -53,7 +54,14 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
     annotate(sheet, placed, dimensions_of(part, solid))
     if isinstance(part.plan, HolderPlan):
         for name, middle in seat_names(part.plan):
-            sheet.text(placed[0].paper(middle) - (0.0, TEXT_MM / 2.0), name, TEXT_MM, align="center", colour=SOFT)
+            sheet.text(
+                placed[0].paper(middle) - (0.0, TEXT_MM / 2.0),
+                name,
+                TEXT_MM,
+                align="center",
+                colour=SOFT,
+                over_lines=True,
+            )
     _title_block(sheet, part, printer, scale)
     return sheet
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from build123d import Edge, GeomType, Part
-from shapely import LineString, MultiLineString
+from build123d import Edge, Part
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.GeomAbs import GeomAbs_CurveType
+from shapely import LineString, MultiLineString, STRtree
 
 from optics.values import FloatArray
 
@@ -17,6 +19,8 @@ CURVE_STEPS = 32
 # of a fit behind a rim) reads as dirt.
 ALONG_VISIBLE_MM = 0.12
 SHORTEST_HIDDEN_MM = 1.6
+# Longest hidden lines over the visible ones, in all of a view.
+MOST_HIDDEN = 1.5
 
 # Rows right, up and towards the viewer, in the axes of the part as printed. Third angle: the view from above lies
 # above the front view, the one from the right to its right.
@@ -65,27 +69,47 @@ class Placed:
         return points_in_rig @ self.view.axes_in_rig[:2].T * self.scale + self.shift
 
 
-def project(solid: Part, axes_in_rig: FloatArray) -> View:
+def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> View:
     """See a solid from far away, from the third row of `axes_in_rig`, by the kernel's hidden-line algorithm."""
     _, up, towards = axes_in_rig
     visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
-    return View(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden)))
+    return View(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden) if hidden_too else ()))
 
 
 def _polylines(edges: Iterable[Edge]) -> list[FloatArray]:
     lines = []
     for edge in edges:
-        steps = np.linspace(0.0, 1.0, 2 if edge.geom_type == GeomType.LINE else CURVE_STEPS + 1)
-        lines.append(np.array([tuple(edge @ step)[:2] for step in steps]))
+        # What build123d offers for this takes ten times as long, and there are thousands.
+        curve = BRepAdaptor_Curve(edge.wrapped)
+        count = 2 if curve.GetType() == GeomAbs_CurveType.GeomAbs_Line else CURVE_STEPS + 1
+        points = [curve.Value(step) for step in np.linspace(curve.FirstParameter(), curve.LastParameter(), count)]
+        lines.append(np.array([(point.X(), point.Y()) for point in points]))
     return lines
 
 
 def on_paper(view: View, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without what is too small to be read."""
+    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without what is too small to be read.
+
+    Hidden lines are left out where they are so many that nothing could be read of them.
+    """
     visible = _joined(view.visible, scale)
-    hidden = _joined(view.hidden, scale).difference(visible.buffer(ALONG_VISIBLE_MM, quad_segs=2))
-    lines = [line for line in _lines(shapely.line_merge(hidden)) if line.length >= SHORTEST_HIDDEN_MM]
-    return [np.array(line.coords) for line in _lines(visible)], [np.array(line.coords) for line in lines]
+    hidden = _joined(view.hidden, scale)
+    if hidden.length > MOST_HIDDEN * visible.length:
+        return [np.array(line.coords) for line in visible.geoms], []
+    clear = shapely.line_merge(MultiLineString(_away_from(visible, hidden)))
+    lines = [line for line in _lines(clear) if line.length >= SHORTEST_HIDDEN_MM]
+    return [np.array(line.coords) for line in visible.geoms], [np.array(line.coords) for line in lines]
+
+
+def _away_from(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
+    """What of the hidden lines does not run along visible ones."""
+    zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
+    tree = STRtree(zones)
+    left = []
+    for line in hidden.geoms:
+        near = tree.query(line, predicate="intersects")
+        left += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
+    return left
 
 
 def _joined(lines: Sequence[FloatArray], scale: float) -> MultiLineString:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +23,8 @@ MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
 FONT = FontProperties(family="DejaVu Sans")
 BOLD = FontProperties(family="DejaVu Sans", weight="bold")
+# Height of a capital over the size of the font.
+CAPITALS = 0.73
 INK = "#10151f"
 SOFT = "#8b94a5"
 ARROW_MM = (2.6, 0.42)
@@ -38,8 +41,13 @@ class Words:
 
 def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
     """Width of a text whose capitals are about `height_mm` high."""
-    size = height_mm / 0.73
-    return float(TextPath((0.0, 0.0), text, size=size, prop=BOLD if bold else FONT).get_extents().width)
+    return _width_of_size_1(text, bold) * height_mm / CAPITALS
+
+
+@cache
+def _width_of_size_1(text: str, bold: bool) -> float:
+    corners = TextPath((0.0, 0.0), text, size=100.0, prop=BOLD if bold else FONT).vertices
+    return float(np.ptp(corners[:, 0])) / 100.0
 
 
 class Sheet:
@@ -94,20 +102,25 @@ class Sheet:
         bold: bool = False,
         colour: str = INK,
         upwards: bool = False,
+        over_lines: bool = False,
     ) -> None:
-        """Write a line of text on its base line at `at` (2,); `upwards` turns it to be read from the right."""
+        """Write a line of text on its base line at `at` (2,); `upwards` turns it to be read from the right.
+
+        `over_lines` clears the paper behind it.
+        """
         width = text_width_mm(text, height_mm, bold=bold)
         self._axes.text(
             float(at[0]),
             float(at[1]),
             text,
             fontproperties=BOLD if bold else FONT,
-            fontsize=height_mm / 0.73 * POINTS_PER_MM,
+            fontsize=height_mm / CAPITALS * POINTS_PER_MM,
             ha=align,
             va="baseline",
             rotation=90.0 if upwards else 0.0,
             rotation_mode="anchor",
             color=colour,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0} if over_lines else None,
         )
         left = {"left": 0.0, "center": -width / 2.0, "right": -width}[align]
         low, high = -0.25 * height_mm, 1.05 * height_mm

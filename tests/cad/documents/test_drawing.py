@@ -16,7 +16,7 @@ from shapely import LineString, Polygon
 
 from cad.catalogue import parts_of
 from cad.device import plan_device
-from cad.documents.drawing import draw, write_drawing
+from cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
 from cad.documents.sheet import Sheet
 from cad.hardware import HARDWARE
 from cad.part import PartPlan
@@ -40,7 +40,7 @@ def outside(sheet: Sheet) -> list[str]:
 
 def crossed(sheet: Sheet) -> list[str]:
     """Words that an edge of the part runs through."""
-    edges = [LineString(line) for line, width in sheet.drawn if width == pytest.approx(0.35)]
+    edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
     return [
         words.text
         for words in sheet.words
@@ -77,7 +77,7 @@ def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> N
     there = sheet.words[0].corners[0]
     sheet.text(there, "over it", 2.5)
     sheet.text((415.0, 100.0), "beyond", 2.5)
-    edge = next(line for line, width in sheet.drawn if width == pytest.approx(0.35))
+    edge = next(line for line, width in sheet.drawn if width == VISIBLE_MM)
     sheet.text(edge[0], "on an edge", 2.5)
     assert len(overlaps(sheet)) > 0
     assert "beyond" in outside(sheet)

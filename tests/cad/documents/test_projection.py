@@ -38,11 +38,19 @@ def test_lengths_of_visible_and_hidden_edges_of_a_block(block: Callable[..., Par
     np.testing.assert_allclose(project(solid, RIGHT).box, [[-15, -5], [15, 5]], atol=1e-6)
 
 
+def test_hidden_lines_that_no_one_could_read_are_left_out() -> None:
+    edge = np.array([[0.0, 0.0], [10.0, 0.0]])
+    few = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(1))
+    many = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(2))
+    assert len(on_paper(View(np.eye(3), (edge,), few), 1.0)[1]) == 1
+    assert on_paper(View(np.eye(3), (edge,), many), 1.0)[1] == []
+
+
 def test_hidden_lines_along_visible_ones_and_specks_are_left_out() -> None:
     edge = np.array([[0.0, 0.0], [10.0, 0.0]])
     speck = np.array([[3.0, 3.0], [3.5, 3.0]])
     halves = (np.array([[0.0, 5.0], [5.0, 5.0]]), np.array([[5.0, 5.0], [10.0, 5.0]]))
-    view = View(np.eye(3), (edge,), (edge + np.array([0.0, 0.05]), speck, *halves))
+    view = View(np.eye(3), (edge, edge + np.array([0.0, 9.0])), (edge + np.array([0.0, 0.05]), speck, *halves))
     _, hidden = on_paper(view, 1.0)
     # The two halves are one line, so that its dashes do not begin anew.
     assert len(hidden) == 1
