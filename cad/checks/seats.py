@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from build123d import GeomType, Shape, Wire
+from build123d import Face, GeomType, Shape, Wire
 from shapely import Polygon, get_parts, maximum_inscribed_circle, unary_union
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
@@ -34,10 +35,15 @@ DOT_MM2 = 1e-3
 
 @dataclass(frozen=True)
 class FlatFace:
-    """A flat face of a solid: its outward unit normal (3,), and its loops of corners (n, 3), the outer one first."""
+    """A flat face of a solid and its outward unit normal (3,)."""
 
+    face: Face
     normal: FloatArray
-    loops: tuple[FloatArray, ...]
+
+    @cached_property
+    def loops(self) -> tuple[FloatArray, ...]:
+        """Corners (n, 3) of its borders, the outer one first."""
+        return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
 
     def seen_from(self, frame: FloatArray) -> Polygon:
         """Its area in the x and y of a frame (4, 4)."""
@@ -53,7 +59,7 @@ class FlatFace:
 def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
     """All flat faces of some solids."""
     return [
-        FlatFace(np.array(tuple(face.normal_at())), (_loop(face.outer_wire()), *map(_loop, face.inner_wires())))
+        FlatFace(face, np.array(tuple(face.normal_at())))
         for shape in shapes
         for face in shape.faces().filter_by(GeomType.PLANE)
     ]

@@ -16,7 +16,7 @@ from cad.catalogue import parts_of
 from cad.checks import check_device
 from cad.checks.cuts import fits
 from cad.checks.device import ASSEMBLY, DROP_OF_SHEET, check_drop, check_mass, read_glb
-from cad.device import Device, plan_device
+from cad.device import Device
 from cad.hardware import HARDWARE
 from cad.part import BuiltPart, PartPlan
 from cad.pieces import mass_of
@@ -44,11 +44,6 @@ def built_part(plan: PartPlan, folder: Path) -> BuiltPart:
         mass=mass_of(trimesh.load_mesh(folder / f"{plan.name}.stl"), 1.24),
         checks={},
     )
-
-
-@pytest.fixture
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
 
 
 @pytest.fixture
