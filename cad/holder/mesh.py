@@ -20,6 +20,8 @@ from optics.values import FloatArray
 # Faces whose planes agree so well lie in one plane.
 SAME_PLANE_MM = 1e-7
 SAME_NORMAL = 1e-9
+# Normals are kept on one side of a plane that no face of a part is at right angles to but by chance.
+SIDE = np.array([0.48123, 0.23817, 0.84363])
 
 
 class Flat(Protocol):
@@ -62,7 +64,9 @@ class Workshop:
         return Manifold.batch_boolean([body, *(self.solid(volume) for volume in volumes)], OpType.Subtract)
 
     def _plane(self, normal: FloatArray, offset: float) -> int:
-        """Number of a plane among those met so far."""
+        """Number of a plane among those met so far, whichever side of it is outside."""
+        if normal @ SIDE < 0.0:
+            normal, offset = -normal, -offset
         key = tuple(np.round(normal * 1e3).astype(int).tolist())
         neighbours = [(key[0] + i, key[1] + j, key[2] + k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]
         for near in neighbours:

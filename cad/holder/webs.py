@@ -60,9 +60,9 @@ def plan_hollows(
 ) -> tuple[Hollow, ...]:
     """The hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).
 
-    Everything that is not plastic stays `floor_mm` away above and beside a hollow; webs and the outer wall are
-    `web_mm` thick. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions across x and
-    across y) half a pin's length.
+    Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
+    `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
+    across x and across y) half a pin's length.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
@@ -122,9 +122,9 @@ def _hollow(
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Base, eaves and apex of the highest hollow over a convex cell, in the mount frame; None where there is no room.
 
-    The roof rises to the apex over the cell's middle. With all its planes moved out by the floor's thickness, the
-    hollow must meet no air: over each side that is linear in the corners of the air there, so the eaves' height is a
-    minimum over corners.
+    The roof rises to the apex over the cell's middle. With its roof moved out by the floor's thickness and its walls
+    by a web's, the hollow must meet no air: over each side that is linear in the corners of the air there, so the
+    eaves' height is a minimum over corners.
     """
     floor = hardware.holder.floor_mm
     corners = get_coordinates(orient(cell.simplify(1e-6)))[:-1]
@@ -134,7 +134,7 @@ def _hollow(
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     distances = np.sum((corners - middle) * outward, axis=1)
     rise = STEEPER * float(distances.max()) * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
-    scale = 1.0 + floor / float(distances.min())
+    scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     grown = middle + scale * (corners - middle)
     # Below the mount's origin (towards the mirrors) z is negative.
     lowest, highest = body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM

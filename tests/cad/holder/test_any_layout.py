@@ -1,0 +1,102 @@
+"""What holds for every holder, over random layouts: one closed solid, seats where they belong, no light blocked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from build123d import GeomType, Part
+from manifold3d import Error, Manifold, Mesh64
+from shapely import Polygon
+
+from cad.exports import write_stl
+from cad.hardware import HARDWARE
+from cad.holder.plan import HolderPlan, plan_holder
+from cad.holder.solid import make_holder
+from cad.seats import back_height_mm, camera_cone, reflected_beam
+from optics.layout import Layout
+from optics.mirror import Mirror
+
+
+def random_layout(seed: int, make_parabola: Callable[..., Layout]) -> Layout:
+    """A faceted parabola of random size; the sheet is thin enough for its mirrors and gaps."""
+    random = np.random.default_rng(seed)
+    rows, cols = random.integers(1, 4, 2)
+    thickness = float(random.choice([1.0, 2.0, 3.0]))
+    return make_parabola(
+        int(rows),
+        int(max(cols, 2 if rows == 1 else 1)),
+        scale_mm=float(random.uniform(60.0, 120.0)),
+        gap_mm=float(random.uniform(1.0, 2.0)) + 0.6 * thickness,
+        surface=str(random.choice(["first", "second"])),
+        thickness_mm=thickness,
+    )
+
+
+def seat_area_mm2(part: Part, mirror: Mirror) -> float:
+    """Area of the mirror's outline on all faces of a part in the plane of its back, within 1 um and 0.001 deg."""
+    frame, height_mm = mirror.rig_from_plane, back_height_mm(mirror)
+    outline = Polygon(mirror.outline_in_plane_mm)
+    area = 0.0
+    for face in part.faces().filter_by(GeomType.PLANE):
+        if np.array(tuple(face.normal_at())) @ frame[:3, 2] < np.cos(np.radians(0.001)):
+            continue
+        loops = [
+            (np.array([tuple(edge @ 0) for edge in wire.order_edges()]) - frame[:3, 3]) @ frame[:3, :3]
+            for wire in (face.outer_wire(), *face.inner_wires())
+        ]
+        if max(float(np.abs(loop[:, 2] - height_mm).max()) for loop in loops) < 1e-3:
+            area += Polygon(loops[0][:, :2], [loop[:, :2] for loop in loops[1:]]).intersection(outline).area
+    return area
+
+
+def check(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
+    assert len(part.solids()) == 1
+    assert part.is_valid
+    write_stl(folder / "holder.stl", part)
+    mesh = trimesh.load_mesh(folder / "holder.stl")
+    assert mesh.is_volume
+    body = Manifold(Mesh64(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint64)))
+    assert body.status() == Error.NoError
+    assert len(body.decompose()) == 1
+    # An STL rounds to 32 bits; a B-rep's cylinders are round.
+    assert body.volume() == pytest.approx(part.volume, rel=1e-4)
+    dark = HARDWARE.replaced(fit=HARDWARE.fit.replaced(light_mm=0.1))
+    for index, mirror in enumerate(layout.mirrors):
+        for light in (camera_cone(mirror, dark), reflected_beam(layout, index, dark)):
+            assert (body ^ Manifold.hull_points(np.vstack([light.base, light.top]))).volume() < 1e-3
+        area = seat_area_mm2(part, mirror)
+        outline = Polygon(mirror.outline_in_plane_mm).area
+        assert area == pytest.approx(plan.planned_cover[index] * outline, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
+    layout = random_layout(seed, make_parabola)
+    plan = plan_holder(layout, HARDWARE)
+    check(layout, plan, make_holder(plan), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3, 30))
+def test_many_random_layouts(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
+    layout = random_layout(seed, make_parabola)
+    plan = plan_holder(layout, HARDWARE)
+    check(layout, plan, make_holder(plan), tmp_path)
+
+
+def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout: Layout) -> None:
+    """No point of a mirror's back is further from a land than half a groove, and no rim stands over a groove."""
+    plan = plan_holder(default_layout, HARDWARE)
+    assert len(plan.grooves) > 2 * len(default_layout.mirrors)
+    rims = [Manifold.hull_points(np.vstack([rim.base, rim.top])) for rim in plan.rims[::2]]
+    for groove in plan.grooves:
+        widths = np.linalg.norm(groove.base - np.roll(groove.base, 1, axis=0), axis=1)
+        area = np.linalg.norm(np.cross(groove.base, np.roll(groove.base, 1, axis=0)).sum(axis=0)) / 2.0
+        assert area / widths.max() <= HARDWARE.holder.groove_mm + 1e-9
+        hull = Manifold.hull_points(np.vstack([groove.base, groove.top]))
+        # A stub of a rim would be thinner than a wall.
+        assert not any((hull ^ rim).volume() > 0.0 for rim in rims)
