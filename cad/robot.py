@@ -30,7 +30,8 @@ XACRO = "http://www.ros.org/wiki/xacro"
 USAGE = """MirrorCam on the last link of an arm. In the arm's own xacro:
      <xacro:include filename="mirrorcam.xacro"/>
      <xacro:mirrorcam parent="{parent}" mesh_root="package://your_package/cad">{origin}</xacro:mirrorcam>
-     mesh_root is the folder above this file's; origin says where on the wrist the clamp sits and how it is turned."""
+     mesh_root is the folder above this file's; origin says where on the wrist the clamp sits and how it is turned.
+     The mass takes the plastic for solid; printed with infill the device is lighter."""
 
 
 def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
