@@ -126,6 +126,10 @@ def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Se
     count = f"{len(group)}x " if len(group) > 1 else ""
     # The hole whose leader is shortest.
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
+    axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
+    if abs(float(placed.view.axes_in_rig[2] @ axis)) < 1.0 - PARALLEL:
+        # Seen askew, distances would be foreshortened.
+        return
     low = placed.box[0]
     for coordinate, lane in ((0, job.below), (1, job.left)):
         places = np.unique(np.round(centres[:, coordinate], 3))

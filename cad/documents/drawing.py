@@ -9,13 +9,15 @@ import numpy as np
 from build123d import Part
 
 from cad.documents.annotation import LANES_MM, WORDS_MM, annotate
-from cad.documents.dimension import Dimensioned, Hole, Length, Table
-from cad.documents.holder_sheet import holder_holes, seat_names, seat_table
+from cad.documents.dimension import Hole, Length, Table
+from cad.documents.holder_sheet import seat_names, seat_table
+from cad.documents.plan_dimensions import offered
 from cad.documents.projection import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
 from cad.documents.sheet import SOFT, Sheet, text_width_mm
 from cad.hardware import Printer
 from cad.holder.plan import HolderPlan
 from cad.part import PartPlan
+from cad.split import PiecePlan
 from optics.values import FloatArray
 
 A3_MM = (420.0, 297.0)
@@ -68,9 +70,9 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
 
 def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
     """What the plan offers, less what lies on another piece of a part that is split."""
-    offered: tuple[Length | Hole, ...] = holder_holes(part.plan) if isinstance(part.plan, HolderPlan) else ()
-    if isinstance(part.plan, Dimensioned):
-        offered = (*offered, *part.plan.dimensions)
+    dimensions = offered(part.plan)
+    if not isinstance(part.plan, PiecePlan):
+        return dimensions
     box = solid.bounding_box()
     low, high = np.array(tuple(box.min)) - 0.1, np.array(tuple(box.max)) + 0.1
 
@@ -78,7 +80,7 @@ def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
         points = dimension.points_in_rig if isinstance(dimension, Length) else dimension.centre_in_rig[None]
         return bool(((points >= low) & (points <= high)).all())
 
-    return tuple(dimension for dimension in offered if inside(dimension))
+    return tuple(dimension for dimension in dimensions if inside(dimension))
 
 
 def _arrange(top: View, front: View, right: View, right_end: float) -> tuple[tuple[Placed, Placed, Placed], float]:

@@ -20,7 +20,7 @@ CURVE_STEPS = 32
 ALONG_VISIBLE_MM = 0.12
 SHORTEST_HIDDEN_MM = 1.6
 # Longest hidden lines over the visible ones, in all of a view.
-MOST_HIDDEN = 1.5
+MOST_HIDDEN = 2.5
 
 # Rows right, up and towards the viewer, in the axes of the part as printed. Third angle: the view from above lies
 # above the front view, the one from the right to its right.

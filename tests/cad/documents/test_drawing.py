@@ -12,14 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from build123d import Box, Pos
 from shapely import LineString, Polygon
 
 from cad.catalogue import parts_of
 from cad.device import plan_device
 from cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
+from cad.documents.plan_dimensions import bored
 from cad.documents.sheet import Sheet
 from cad.hardware import HARDWARE
 from cad.part import PartPlan
+from cad.parts.fasteners import Bore
+from cad.split import PiecePlan
 from optics.layout import Layout
 
 ROOT = Path(__file__).parents[3]
@@ -86,14 +90,23 @@ def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> N
 
 def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPlan]) -> None:
     part = block()
-    left = replace(part, plan=part.plan)
-    from build123d import Box, Pos
-
     half = part.make(part.plan) & (Pos(-30, 0, 0) * Box(60, 60, 60))
-    said = [words.text for words in draw(half, left, HARDWARE.printer).words]
+    low, high = (-30.0, -15.0, -5.0), (0.0, 15.0, 5.0)
+    piece = PiecePlan(part.plan, part.make, np.eye(4), low, high, np.zeros((0, 4, 4)), (3.0, 8.0))
+    said = [words.text for words in draw(half, replace(part, plan=piece), HARDWARE.printer).words]
     assert "Ø6 through" in said
     assert "2x Ø6 through" not in said
     assert "40" not in said
+
+
+def test_holes_are_read_from_the_cuts_without_the_drivers_ways() -> None:
+    down, at = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0])
+    screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
+    slot = Bore(np.zeros(3), down, 1.7, 4.0, np.array([1.0, 0.0, 0.0]), 8.0)
+    holes = bored((screw, driver, slot, "another cut"))
+    assert [(hole.diameter_mm, hole.text) for hole in holes] == [(3.4, ""), (3.4, "slot, 8 from end to end")]
+    # Beside the screw, the same wide bore is a hole of its own.
+    assert len(bored((screw, replace(driver, mouth=np.array([9.0, 0.0, 0.0]))))) == 2
 
 
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:

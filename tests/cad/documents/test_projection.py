@@ -40,9 +40,9 @@ def test_lengths_of_visible_and_hidden_edges_of_a_block(block: Callable[..., Par
 
 def test_hidden_lines_that_no_one_could_read_are_left_out() -> None:
     edge = np.array([[0.0, 0.0], [10.0, 0.0]])
-    few = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(1))
-    many = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(2))
-    assert len(on_paper(View(np.eye(3), (edge,), few), 1.0)[1]) == 1
+    few = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(2))
+    many = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(3))
+    assert len(on_paper(View(np.eye(3), (edge,), few), 1.0)[1]) == 2
     assert on_paper(View(np.eye(3), (edge,), many), 1.0)[1] == []
 
 
