@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from cad.hardware import Lips
 from cad.holder.solid import make_holder
 from cad.part import BoughtItem, PartPlan
 from cad.parts.fasteners import Stack
+from cad.parts.prisms import corners_of
 from cad.parts.solids import make_clip, make_coupon, make_mount, make_ring
+from cad.split import Pieces, split
 from optics.transforms import transform
 from optics.values import FloatArray
 
@@ -32,7 +35,29 @@ EXPLODE = {
 
 
 def parts_of(device: Device) -> tuple[PartPlan, ...]:
-    """Every part to print, in the order of their numbers."""
+    """Every part to print, in the order of their numbers; one that is larger than the bed in pieces."""
+    return _on_bed(device).parts
+
+
+@lru_cache(maxsize=2)
+def _on_bed(device: Device) -> Pieces:
+    """What is printed, and the pins between pieces; cutting a part makes it, so this is done once per device."""
+    corners = {
+        "mirror_holder": device.holder.corners_in_rig,
+        "mount": corners_of(device.mount.pieces),
+        "camera_clip": corners_of(device.clip.pieces),
+        "adapter_saddle": corners_of((device.adapter.saddle.bounds,)),
+        "adapter_cap": corners_of((device.adapter.cap.bounds,)),
+        "fit_coupon": corners_of(device.coupon.pieces),
+    }
+    cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
+    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
+    return Pieces(
+        tuple(part for piece in pieces for part in piece.parts), tuple(pin for piece in pieces for pin in piece.pins)
+    )
+
+
+def _whole(device: Device) -> tuple[PartPlan, ...]:
     mount, clip, adapter, coupon = device.mount, device.clip, device.adapter, device.coupon
     return (
         _part(
@@ -104,6 +129,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
         *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
         *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle")),
         *_camera_screws(device),
+        *_on_bed(device).pins,
     )
 
 
@@ -119,7 +145,7 @@ def _screws(
         if screw.kind == "insert":
             yield BoughtItem("insert", "M3", screw.insert_mm, _along(mouth, out), inner + 12.0 * out, joins[1:])
         else:
-            near = mouth - (stack.wall_mm - screw.nut_height_mm) * out
+            near = mouth - stack.begins_mm * out
             yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out), inner - 12.0 * out, joins[1:])
 
 

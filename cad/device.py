@@ -19,9 +19,9 @@ from optics.layout import Layout
 from optics.values import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Device:
-    """The plans of all printed parts of a layout."""
+    """The plans of all printed parts of a layout; one equals only itself."""
 
     layout: Layout
     hardware: Hardware

@@ -14,7 +14,7 @@ from cad.hardware import Hardware
 from cad.parts.clip import ABOVE, ClipPlan
 from cad.parts.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from cad.parts.mount import FOOT_DEPTH_MM, FOOT_X_MM, FOOT_Y_MM, foot_z_mm
-from cad.parts.prisms import box
+from cad.parts.prisms import box, corners_of
 from cad.seats import Frustum
 from optics.values import FloatArray, InputError
 
@@ -52,7 +52,7 @@ class RingPlan:
             box((-reach, self.band_mm[0], min(level, end)), (reach, self.band_mm[1], max(level, end))),
             *self.pieces,
         )
-        corners = np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
+        corners = corners_of(solids)
         return box(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
 
 
@@ -86,7 +86,8 @@ def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
             f"{skin + screw.head_height_mm + hardware.printer.wall_mm:.1f} mm for its screws: raise riser_mm"
         )
     face = wrist.gap_mm / 2.0
-    ear_x, ear_end = radius + wrist.ring_mm + around, radius + wrist.ring_mm + 2.0 * around
+    ear_x = radius + wrist.ring_mm + around
+    ear_end = ear_x + max(around, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
     ears = [(-ear_end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, ear_end)]
     saddle_ears = [
         box((low, band[0], axis_z + face), (high, band[1], axis_z + face + clamp.wall_mm)) for low, high in ears

@@ -60,12 +60,14 @@ class Hexagon:
 class Stack:
     """A screw through `grip_mm` of material into a wall of `wall_mm`, which holds an insert or a nut.
 
-    The insert sits at the face that the screw enters, the nut in the far face. `engaged_mm` is the thread that holds.
+    `begins_mm` deep in the wall there is the thread, of which `engaged_mm` holds: the insert sits at the face that the
+    screw enters, the nut in the far face.
     """
 
     grip_mm: float
     wall_mm: float
     length_mm: float
+    begins_mm: float
     engaged_mm: float
 
 
@@ -82,7 +84,8 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
     fits = [length for length in screw.lengths_mm if length >= least]
     if not fits:
         raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
-    return Stack(grip_mm, min(fits) - grip_mm, min(fits), screw.nut_height_mm)
+    wall = min(fits) - grip_mm
+    return Stack(grip_mm, wall, min(fits), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm)
 
 
 def stack_into(
@@ -101,7 +104,7 @@ def stack_into(
             f"M3 screws through {grip_mm:g} mm hold by {max(engaged, 0.0):.1f} mm of thread {begins:g} to {ends:g} mm "
             f"deep, expected at least {needed:g} mm"
         )
-    return Stack(grip_mm, wall_mm, max(fits), engaged)
+    return Stack(grip_mm, wall_mm, max(fits), begins, engaged)
 
 
 def thread(

@@ -8,7 +8,7 @@ along its back.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates
@@ -44,6 +44,8 @@ FOOT_Y_MM = (6.0, 18.0)
 FOOT_DEPTH_MM = 24.0
 # Marks of the scale beside the clip's upper end, 1 mm apart.
 MARK_MM = 0.6
+# Steps in which wider and deeper mounts are tried.
+WIDER_MM, DEEPER_MM = 8.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -138,27 +140,31 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     """The lightest mount that is stiff enough; raises InputError with the measure that breaks where there is none."""
     mount, screw = hardware.mount, hardware.screw
     around = screw.head_mm / 2.0 + hardware.fit.free_mm + screw.insert_wall_mm
-    half_width = max(
+    least_half = max(
         float(np.abs(holder.holes_in_mount_mm[:, 0]).max()) + around,
         clip.slide_x_mm + around,
         FOOT_X_MM + around,
     )
-    inner = inner_path(holder, clip, half_width, around, hardware)
+    # Plastic goes with the width more than with the depth: the narrowest first.
+    widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
     load_g, load_at = _load(layout, holder, hardware)
-    least = np.inf
-    for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 1.0, 2.0):
-        outer = _offset(inner, float(depth))
-        section = Section(float(depth), 2.0 * half_width, mount.skin_mm, mount.web_mm, hardware.printer.plastic_mpa)
+    best = np.inf
+    halves = np.arange(least_half, widest_half + 0.1, WIDER_MM)
+    inners = [inner_path(holder, clip, half, around, hardware) for half in halves]
+    depths = np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM)
+    for (half_width, inner), depth in product(zip(halves, inners, strict=True), depths):
+        outer = _offset(inner, depth)
         path = _to_head((inner + outer) / 2.0, holder)
+        section = Section(depth, 2.0 * half_width, mount.skin_mm, mount.web_mm, hardware.printer.plastic_mpa)
         turn, shift = (bend * load_g / 1000.0 * GRAVITY_N_PER_KG for bend in bends_per_newton(path, load_at, section))
         tilt = float(np.degrees(np.linalg.norm(turn, ord=2)))
-        least = min(least, tilt)
+        best = min(best, tilt)
         if tilt <= mount.tilt_deg:
             break
     else:
         raise InputError(
-            f"mirrors tilt by {least:.3f} deg under their holder's {load_g:.0f} g on a mount {mount.deepest_mm:g} mm "
-            f"deep, expected at most {mount.tilt_deg:g} deg"
+            f"mirrors tilt by {best:.3f} deg under their holder's {load_g:.0f} g on the stiffest mount, "
+            f"{2.0 * widest_half:.0f} mm wide and {mount.deepest_mm:g} mm deep, expected at most {mount.tilt_deg:g} deg"
         )
     pieces, webs = _truss(inner, outer, half_width, hardware)
     head = stack_into(mount.skin_mm, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, screw)
@@ -167,7 +173,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     foot_z, plate = foot_z_mm(clip, hardware), foot_plate_mm(hardware)
     foot = np.array([(x, clip.slide_y_mm - y, foot_z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
     pieces.append(_rib(clip))
-    cuts = _holes(holder, clip, foot, foot_z, plate, inner, float(depth), half_width, hardware)
+    cuts = _holes(holder, clip, foot, foot_z, plate, inner, depth, half_width, hardware)
     light = tuple(
         volume
         for volumes in keep_outs(layout, hardware)

@@ -42,6 +42,11 @@ def moved(solid: Frustum, by_mm: FloatArray) -> Frustum:
     return Frustum(solid.base + by_mm, solid.top + by_mm)
 
 
+def corners_of(solids: Iterable[Frustum]) -> FloatArray:
+    """All corners (n, 3) of some solids."""
+    return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
+
+
 def volume_mm3(solid: Frustum) -> float:
     """By the divergence theorem: a pyramid from the origin to each face."""
     return sum(

@@ -1,0 +1,144 @@
+"""The mount: flush with the holder, round the light, stiff enough, and refused where it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from build123d import GeomType
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cad.hardware import HARDWARE
+from cad.holder.plan import HolderPlan, plan_holder
+from cad.parts.clip import ClipPlan, plan_clip
+from cad.parts.fasteners import Bore
+from cad.parts.mount import MountPlan, plan_mount
+from cad.parts.prisms import moved, overlap_mm
+from cad.parts.solids import make_mount
+from cad.seats import keep_outs
+from optics.layout import Layout
+from optics.values import InputError
+
+Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
+
+
+@pytest.fixture(scope="module")
+def planned(default_layout: Layout) -> Planned:
+    holder, clip = plan_holder(default_layout, HARDWARE), plan_clip(HARDWARE)
+    return default_layout, holder, clip, plan_mount(default_layout, holder, clip, HARDWARE)
+
+
+def beside(holder: HolderPlan, mount: MountPlan) -> float:
+    """How far any piece of the mount reaches into any of the holder's own convex solids."""
+    solids = (holder.slab, holder.flange, *holder.cores, *holder.fillers, *holder.rims)
+    return max(overlap_mm(piece, solid) for piece in mount.pieces for solid in solids)
+
+
+def test_the_mount_lies_on_the_back_and_enters_nothing(planned: Planned) -> None:
+    layout, holder, clip, mount = planned
+    assert beside(holder, mount) == pytest.approx(0.0, abs=1e-6)
+    for volumes in keep_outs(layout, HARDWARE):
+        assert max(overlap_mm(piece, volume) for piece in mount.pieces for volume in volumes) < 0.0
+    # The wall of the clip touches the slide wherever it is; its groove makes room for the rib, the last piece but webs.
+    rib = [piece for piece in mount.pieces if len(piece.base) == 3]
+    assert len(rib) == 1
+    for by in (-clip.travel_mm, 0.0, clip.travel_mm):
+        wall = moved(clip.pieces[0], np.array([0.0, 0.0, by]))
+        others = [overlap_mm(piece, wall) for piece in mount.pieces if piece is not rib[0]]
+        assert max(others) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_made_mount_has_its_face_on_the_holders_back(planned: Planned) -> None:
+    _, holder, _, mount = planned
+    part = make_mount(mount)
+    assert part.is_valid
+    assert len(part.solids()) == 1
+    away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
+    faces = [
+        face
+        for face in part.faces().filter_by(GeomType.PLANE)
+        if np.array(tuple(face.normal_at())) @ away < -1.0 + 1e-9
+        and abs((np.array(tuple(face.center())) - origin) @ away) < 1e-6
+    ]
+    assert len(faces) == 1
+    assert len(faces[0].inner_wires()) == 4
+    bounds = part.bounding_box()
+    assert pytest.approx(mount.section.width_mm) == bounds.size.X
+
+
+def test_its_screws_meet_the_holders_holes(planned: Planned) -> None:
+    _, holder, _, mount = planned
+    holes = np.column_stack([holder.holes_in_mount_mm, np.zeros(4), np.ones(4)]) @ holder.rig_from_mount.T
+    heads = np.column_stack([mount.holes_in_head_mm, np.zeros(4), np.ones(4)]) @ mount.rig_from_head.T
+    np.testing.assert_allclose(heads, holes, atol=1e-9)
+    bores = [cut for cut in mount.cuts if isinstance(cut, Bore)]
+    for hole in holes[:, :3]:
+        on_axis = [
+            bore
+            for bore in bores
+            if np.linalg.norm(np.cross(hole - bore.mouth, bore.axis)) < 1e-9 and bore.travel_mm == 0.0
+        ]
+        assert sorted(2.0 * bore.radius_mm for bore in on_axis) == pytest.approx([3.4, 6.3])
+    assert mount.head.engaged_mm >= HARDWARE.screw.engaged_mm
+
+
+def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
+    layout, holder, clip, mount = planned
+    assert 0.0 < mount.tilt_deg <= HARDWARE.mount.tilt_deg
+    strict = HARDWARE.replaced(mount=HARDWARE.mount.replaced(tilt_deg=0.7 * mount.tilt_deg))
+    stiffer = plan_mount(layout, holder, clip, strict)
+    assert stiffer.tilt_deg <= 0.7 * mount.tilt_deg
+    assert stiffer.section.depth_mm * stiffer.section.width_mm > mount.section.depth_mm * mount.section.width_mm
+    assert beside(holder, stiffer) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: Planned) -> None:
+    layout, holder, clip, _ = planned
+    soft = HARDWARE.replaced(printer=HARDWARE.printer.replaced(plastic_mpa=100.0))
+    with pytest.raises(InputError, match=r"mirrors tilt by 0\.\d+ deg under their holder's \d+ g .* at most 0\.02 deg"):
+        plan_mount(layout, holder, clip, soft)
+
+
+def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned) -> None:
+    layout, holder, clip, _ = planned
+    angle = np.deg2rad(2.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    turned = layout.replaced(
+        mirrors=tuple(
+            type(mirror)(
+                virtual_centre_in_rig_mm=turn @ mirror.virtual_centre_in_rig_mm,
+                outline_in_rig_mm=mirror.outline_in_rig_mm @ turn.T,
+            )
+            for mirror in layout.mirrors
+        ),
+        metrics={},
+        verdict={},
+    )
+    holder = plan_holder(turned, HARDWARE)
+    assert abs(holder.rig_from_mount[0, 2]) > 0.01
+    part = make_mount(plan_mount(turned, holder, clip, HARDWARE))
+    assert part.is_valid
+    away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
+    on_back = [
+        face.area
+        for face in part.faces().filter_by(GeomType.PLANE)
+        if np.array(tuple(face.normal_at())) @ away < -1.0 + 1e-9
+        and abs((np.array(tuple(face.center())) - origin) @ away) < 1e-6
+    ]
+    assert sum(on_back) > 0.9 * 80.0 * 60.0
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(1, 4), st.integers(2, 4), st.floats(45.0, 110.0), st.sampled_from([1.0, 2.0, 3.0]))
+def test_any_parabola_gets_a_mount_off_its_light(
+    make_parabola: Callable[..., Layout], rows: int, cols: int, scale_mm: float, thickness_mm: float
+) -> None:
+    layout = make_parabola(rows, cols, scale_mm=scale_mm, thickness_mm=thickness_mm, gap_mm=2.0)
+    holder, clip = plan_holder(layout, HARDWARE), plan_clip(HARDWARE)
+    mount = plan_mount(layout, holder, clip, HARDWARE)
+    assert mount.tilt_deg <= HARDWARE.mount.tilt_deg
+    assert mount.light == ()
+    assert beside(holder, mount) < 1e-6

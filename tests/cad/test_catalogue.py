@@ -1,0 +1,93 @@
+"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cad.catalogue import bought_items, parts_of
+from cad.device import Device, plan_device
+from cad.hardware import HARDWARE, Hardware, read_camera
+from cad.part import BoughtItem
+from optics.layout import Layout
+
+NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
+BOARD = HARDWARE.replaced(camera=read_camera("board_38"))
+
+
+@pytest.fixture(scope="module", params=[HARDWARE, NUTS, BOARD], ids=["insert", "nut", "board"])
+def device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
+    hardware: Hardware = request.param
+    return plan_device(default_layout, hardware)
+
+
+def axis_of(item: BoughtItem) -> tuple[np.ndarray, np.ndarray]:
+    return item.rig_from_item[:3, 3], item.rig_from_item[:3, 2]
+
+
+def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> None:
+    """Along its axis a screw covers an insert by the thread that is needed, or a nut wholly, and ends soon after."""
+    screw = device.hardware.screw
+    items = bought_items(device)
+    threads = [item for item in items if item.kind in ("insert", "nut")]
+    screws = [item for item in items if item.kind == "screw" and item.size == "M3"]
+    assert len(screws) == 4 + 2 + 4 + 2
+    for item in screws:
+        origin, out = axis_of(item)
+        found = []
+        for other in threads:
+            mouth, its_out = axis_of(other)
+            if np.linalg.norm(np.cross(mouth - origin, out)) < 1e-6 and its_out @ out > 1.0 - 1e-9:
+                begins = float((origin - mouth) @ out)
+                found.append((begins, begins + other.length_mm))
+        reached = [(low, high) for low, high in found if 0.0 < low < item.length_mm]
+        assert len(reached) == 1
+        low, high = reached[0]
+        engaged = min(item.length_mm, high) - low
+        if screw.kind == "insert":
+            assert engaged >= screw.engaged_mm
+            assert item.length_mm - low < screw.insert_depth_mm
+        else:
+            assert engaged == pytest.approx(screw.nut_height_mm, abs=1e-9)
+        assert item.joins[1] in {name for other in threads for name in other.joins}
+
+
+def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
+    items = bought_items(device)
+    kind = device.hardware.screw.kind
+    lips = device.hardware.camera.held_by.kind == "lips"
+    sizes = [(item.kind, item.size) for item in items]
+    assert sizes.count((kind, "M3")) == 12 + (3 if lips else 0)
+    assert sizes.count(("screw", "M3 set")) == (3 if lips else 0)
+    assert sizes.count(("screw", "M2")) == (0 if lips else 4)
+
+
+def test_set_screws_reach_from_the_socket_through_their_thread_to_the_body(device: Device) -> None:
+    back = device.hardware.camera.pupil_behind_front_mm - device.hardware.camera.depth_mm
+    for item in bought_items(device):
+        if item.size == "M3 set":
+            origin, out = axis_of(item)
+            assert (origin - item.length_mm * out)[2] == pytest.approx(back)
+            assert origin[2] < device.clip.bottom_mm
+
+
+def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> None:
+    parts = parts_of(device)
+    assert len({part.number for part in parts}) == len({part.name for part in parts}) == len(parts)
+    for part in parts:
+        turn = part.print_from_rig[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+        if part.name == "mirror_holder":
+            continue
+        printed = part.make(part.plan).bounding_box()
+        corners = np.array(
+            [
+                (x, y, z)
+                for x in (printed.min.X, printed.max.X)
+                for y in (printed.min.Y, printed.max.Y)
+                for z in (printed.min.Z, printed.max.Z)
+            ]
+        )
+        low = (corners @ turn.T + part.print_from_rig[:3, 3])[:, 2].min()
+        assert low == pytest.approx(0.0, abs=1e-6)
