@@ -17,6 +17,8 @@ from optics.values import FloatArray, InputError
 IN_SLAB_MM = 0.5
 # What is cut is thicker than its pins need by so much: room to place them.
 PIN_SLACK_MM = 0.5
+# A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
+OFF_MIDDLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def place_cuts(
         places = []
         for i in range(1, pieces):
             middle = start + length * i / pieces
-            slack = cut_slack_mm(length, pieces, room)
+            slack = min(cut_slack_mm(length, pieces, room), OFF_MIDDLE * length)
             tried = np.linspace(middle - slack, middle + slack, 61)
             costs = [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
             places.append(float(tried[int(np.argmin(costs))]))

@@ -73,7 +73,7 @@ def check(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
         assert area == pytest.approx(plan.planned_cover[index] * outline, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
     layout = random_layout(seed, make_parabola)
     plan = plan_holder(layout, HARDWARE)
@@ -81,7 +81,7 @@ def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 30))
+@pytest.mark.parametrize("seed", [0, *range(3, 30)])
 def test_many_random_layouts(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
     layout = random_layout(seed, make_parabola)
     plan = plan_holder(layout, HARDWARE)
