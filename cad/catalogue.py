@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cad.device import Device
-from cad.hardware import Lips
+from cad.hardware import Lips, Printer
 from cad.holder.solid import make_holder
 from cad.part import BoughtItem, PartPlan
 from cad.parts.fasteners import Stack
@@ -69,7 +69,15 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             lying_on(device.holder.rig_from_mount),
             (0.36, 0.39, 0.44),
         ),
-        _part("mount", "Mount", 2, mount, make_mount, standing(X_UP, -mount.half_width_mm), (0.16, 0.46, 0.62)),
+        _part(
+            "mount",
+            "Mount",
+            2,
+            mount,
+            make_mount,
+            askew(standing(X_UP, -mount.half_width_mm), corners_of(mount.pieces), device.hardware.printer),
+            (0.16, 0.46, 0.62),
+        ),
         _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
         _part(
             "adapter_saddle",
@@ -192,6 +200,19 @@ def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
     matrix[:3, :3] = bed_from_rig
     matrix[2, 3] = -low_mm
     return matrix
+
+
+def askew(bed_from_rig: FloatArray, corners_in_rig: FloatArray, printer: Printer) -> FloatArray:
+    """The transform (4, 4), turned as little as it takes for corners (n, 3) to fit the bed; as it is if they never do."""
+    bed = np.array(printer.bed_mm[:2])
+    for degrees in range(0, 180, 3):
+        angle = np.deg2rad(degrees)
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        turned: FloatArray = turn @ bed_from_rig
+        if (np.ptp(transform(turned, corners_in_rig)[:, :2], axis=0) <= bed).all():
+            return turned
+    return bed_from_rig
 
 
 def lying_on(rig_from_face: FloatArray) -> FloatArray:

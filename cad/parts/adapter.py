@@ -7,6 +7,7 @@ plane along y; they print with the clamp's face on the bed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from cad.parts.mount import FOOT_DEPTH_MM, FOOT_X_MM, FOOT_Y_MM, foot_z_mm
 from cad.parts.prisms import box, corners_of
 from cad.seats import Frustum
 from optics.values import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from cad.documents.dimension import Hole, Length
 
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
@@ -41,6 +45,22 @@ class RingPlan:
     pieces: tuple[Frustum, ...]
     cuts: tuple[Frustum | Bore | Hexagon, ...]
     ears: FloatArray
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]:
+        """The bore and the clamp's band, the holes, and the distance of the clamp's screws."""
+        from cad.documents.dimension import Hole
+        from cad.parts.dimensions import holes, length
+
+        middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
+        side = np.array([self.radius_mm, 0.0, self.gap_mm / 2.0 if self.above else -self.gap_mm / 2.0])
+        corner = middle + side
+        return (
+            Hole(middle, np.array([0.0, -1.0, 0.0]), 2.0 * self.radius_mm, "clamp"),
+            *holes(self.cuts),
+            length(self.ears[0], self.ears[1], "clamp screws"),
+            length(corner - [0.0, np.ptp(self.band_mm), 0.0], corner, "band"),
+        )
 
     @property
     def bounds(self) -> Frustum:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from cad.parts.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from cad.parts.prisms import along_y, box
 from cad.seats import Frustum
 from optics.values import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from cad.documents.dimension import Hole, Length
 
 UP = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
@@ -62,6 +66,18 @@ class ClipPlan:
     top_mm: float
     set_screw_tips: FloatArray
     board_screws: FloatArray
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]:
+        """Holes, and the way of the clip from its lower end to its slide screws."""
+        from cad.parts.dimensions import holes, length
+
+        screw = np.array([self.slide_x_mm, self.slide_y_mm, self.slide_z_mm])
+        return (
+            *holes(self.cuts),
+            length(screw * [-1.0, 1.0, 1.0], screw, "slide screws"),
+            length(np.array([self.slide_x_mm, self.slide_y_mm, self.bottom_mm]), screw, ""),
+        )
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:

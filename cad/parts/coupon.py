@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from cad.parts.prisms import box
 from cad.seats import Frustum
 from optics.layout import Layout
 from optics.values import FloatArray
+
+if TYPE_CHECKING:
+    from cad.documents.dimension import Hole, Length
 
 MIRROR_MM = (20.0, 15.0)
 """The test mirror, cut from the layout's sheet."""
@@ -38,6 +42,13 @@ class CouponPlan:
     band_mm: float
     right_mm: float
     half_chord_mm: float
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]:
+        """The gauges for the lens ring, and the screw's hole."""
+        from cad.parts.dimensions import holes
+
+        return holes(self.cuts)
 
 
 def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
@@ -76,7 +87,7 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
         cuts.append(solid((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, high + 1.0)))
     # A block with a screw's hole, lying as the holes in the parts do.
     block_x = seat_x + 2.0
-    pieces.append(solid((block_x, 0.0, 0.0), (block_x + block, wall, PLATE_MM + block)))
+    pieces.append(solid((block_x, 0.0, 0.0), (block_x + block, wall, PLATE_MM + block + screw.insert_wall_mm)))
     mouth = at + np.array([block_x + block / 2.0, 0.0, PLATE_MM + block / 2.0])
     cuts += thread(mouth, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), wall, screw)
     for index, step in enumerate(LENS_STEPS_MM):

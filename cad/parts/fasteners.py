@@ -46,7 +46,7 @@ class Bore:
 class Hexagon:
     """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
 
-    Its two upper sides are a roof of 45 deg; the others hold the nut.
+    Its two upper sides are a roof, `ROOF_DEG` from upright; the others hold the nut.
     """
 
     mouth: FloatArray

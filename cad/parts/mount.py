@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates
@@ -35,6 +36,9 @@ from cad.seats import Frustum, keep_outs
 from optics.layout import Layout
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from cad.documents.dimension import Hole, Length
 
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
@@ -76,6 +80,21 @@ class MountPlan:
     tilt_deg: float
     shift_um: float
     half_width_mm: float
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]:
+        """Holes, the patterns of the screws in head and foot, and the depth of the truss."""
+        from cad.parts.dimensions import holes, length
+
+        flat = np.column_stack([self.holes_in_head_mm, np.zeros(4)])
+        head = transform(self.rig_from_head, flat)
+        return (
+            *holes(self.cuts),
+            length(head[0], head[1], "head"),
+            length(head[1], head[2], "head"),
+            length(self.foot[0], self.foot[2], "foot"),
+            length(self.foot[0], self.foot[1], "foot"),
+        )
 
 
 def foot_z_mm(clip: ClipPlan, hardware: Hardware) -> float:

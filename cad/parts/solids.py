@@ -30,7 +30,7 @@ from cad.holder.solid import solid_of
 from cad.parts.adapter import RingPlan
 from cad.parts.clip import ClipPlan
 from cad.parts.coupon import CouponPlan
-from cad.parts.fasteners import Bore, Hexagon
+from cad.parts.fasteners import ROOF_DEG, Bore, Hexagon
 from cad.parts.mount import MountPlan
 from cad.seats import Frustum
 from optics.values import InputError
@@ -73,10 +73,10 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """What a nut's pocket takes away."""
     side = np.cross(pocket.axis, pocket.up)
-    radius, tall, ridge = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75), np.sqrt(0.75) - 0.5
-    # The two sides at the top would hang at 60 deg: a roof of 45 deg stands in for them.
-    ups = np.array([-1.0, -0.5, 0.5, 1.0, 1.0, 0.5, -0.5])
-    sides = np.array([0.0, tall, tall, ridge, -ridge, -tall, -tall])
+    radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
+    # The two sides at the top would hang at 60 deg: a roof stands in for them.
+    ups = np.array([-1.0, -0.5, 0.5, 0.5 + tall / np.tan(np.deg2rad(ROOF_DEG)), 0.5, -0.5])
+    sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
     base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
     return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
 
