@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cad.device import Device
 from cad.documents.labels import Label, annotate
 from cad.documents.render import Body, Rgb, Screen, render
-from cad.documents.stages import CLIP, Stages, joins_of
+from cad.documents.stages import CLIP, Stages, home_of, joins_of
 from cad.part import BuiltPart
 from cad.pieces import Piece
 from optics.files import write_image
@@ -127,11 +127,12 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
 
 def _threads(stages: Stages) -> tuple[Item, ...]:
     """Parts away from each other, their inserts and nuts before their holes."""
-    homes = {part.name: part for part in stages.of_kind("part") if stages.threads_in([part])}
-    items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in homes.values()]
+    parts = [part for part in stages.of_kind("part") if stages.threads_in([part])]
+    items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
     for thread in stages.threads:
-        home = homes[joins_of(thread)[-1]].explode_mm
-        items.append(_moved(thread, home + INSERT_OUT_MM * _axis(thread), seat=home))
+        home = home_of(thread, joins_of(thread)[-1], parts)
+        seat = home.explode_mm if home else np.zeros(3)
+        items.append(_moved(thread, seat + INSERT_OUT_MM * _axis(thread), seat=seat))
     return tuple(items)
 
 
@@ -180,12 +181,14 @@ def _joined(
 
 def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
     """Pieces away from their places, each fastener and the camera with a line to where it belongs as that is drawn."""
-    homes = {piece.name: move for piece, move in moves if piece.kind == "part"}
+    parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
+    away = {piece.name: move for piece, move in moves}
     items = []
     for piece, move in moves:
         joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
-        home = next((name for name in (joins if piece.kind == "screw" else joins[::-1]) if name in homes), None)
-        seat = homes[home] if home else np.zeros(3) if joins else None
+        homes = [home_of(piece, name, parts.values()) for name in (joins if piece.kind == "screw" else joins[::-1])]
+        home = next((home for home in homes if home), None)
+        seat = away[home.name] if home else np.zeros(3) if joins else None
         items.append(_moved(piece, move, _big_label(piece), seat=seat))
     return tuple(items)
 

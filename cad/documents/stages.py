@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from cad.pieces import Piece
 
@@ -14,6 +17,22 @@ HOLDER, MOUNT, CLIP, CAMERA, ADAPTER = "mirror_holder", "mount", "camera_clip", 
 def joins_of(piece: Piece) -> tuple[str, ...]:
     """The parts that a fastener joins, outer part first; () of anything else."""
     return piece.item.joins if piece.item else ()
+
+
+def belongs(part: Piece, name: str) -> bool:
+    """Whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
+    return re.fullmatch(rf"{re.escape(name)}(_\d+)?", part.name) is not None
+
+
+def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
+    """Which of the parts a fastener is at, of those that the name means: the nearest, or None where none is there."""
+    middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
+
+    def distance(part: Piece) -> float:
+        low, high = np.asarray(part.mesh.bounds)
+        return float(np.linalg.norm(middle - np.clip(middle, low, high)))
+
+    return min((part for part in parts if belongs(part, name)), key=distance, default=None)
 
 
 def counted(pieces: Iterable[Piece]) -> str:
@@ -70,8 +89,8 @@ class Stages:
 
     def threads_in(self, parts: Iterable[Piece]) -> list[Piece]:
         """The inserts and nuts that sit in parts: in the last that they join."""
-        names = {part.name for part in parts}
-        return [piece for piece in self.threads if joins_of(piece)[-1] in names]
+        held = list(parts)
+        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
 
     def screws(self, stem: str, *others: str) -> list[Piece]:
         """Screws that join a part and others, by the beginnings of their names."""

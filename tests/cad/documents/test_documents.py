@@ -9,7 +9,7 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from cad.documents.guide import write_guide
 from cad.documents.page import WEB, figure_text, write_page
 from cad.documents.pictures import Picture, pictures_of, write_picture
 from cad.documents.render import Screen, render
-from cad.documents.stages import Stages
+from cad.documents.stages import Stages, home_of
 from cad.exports import write_stl
 from cad.gltf import write_glb
 from cad.hardware import HARDWARE, Hardware
@@ -256,6 +256,28 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "Slide each nut" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
+
+
+def test_fasteners_find_their_piece_of_a_part_that_is_split(made: Made) -> None:
+    holder = next(piece for piece in made.pieces if piece.name == "mirror_holder")
+    rest = [piece for piece in made.pieces if piece.name != "mirror_holder"]
+    low, high = np.asarray(holder.mesh.bounds)
+    halves = []
+    for number, side in ((1, -1.0), (2, 1.0)):
+        ends = np.array([low, high])
+        ends[0 if side > 0.0 else 1, 0] = 0.0
+        half = replace(holder, name=f"mirror_holder_{number}", mesh=trimesh.creation.box(bounds=ends))
+        halves.append(replace(half, explode_mm=holder.explode_mm + np.array([40.0 * side, 0.0, 0.0])))
+    pieces = (*halves, *rest)
+    stages = Stages(pieces)
+    assert len(stages.threads_in(halves)) == 4
+    assert len(stages.holder_screws) == 4
+    for thread in stages.threads_in(halves):
+        home = home_of(thread, "mirror_holder", halves)
+        assert home is not None
+        assert np.sign(home.explode_mm[0]) == np.sign(thread.mesh.bounds.mean(axis=0)[0])
+    drawn = {picture.name: picture for picture in pictures_of(made.device, made.parts, pieces)}
+    assert len(drawn["inserts"].items) > len(stages.threads)
 
 
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:
