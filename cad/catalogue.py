@@ -203,7 +203,7 @@ def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
 
 
 def askew(bed_from_rig: FloatArray, corners_in_rig: FloatArray, printer: Printer) -> FloatArray:
-    """The transform (4, 4), turned as little as it takes for corners (n, 3) to fit the bed; as it is if they never do."""
+    """The transform (4, 4), turned as little as lets corners (n, 3) fit the bed; as it is if they never do."""
     bed = np.array(printer.bed_mm[:2])
     for degrees in range(0, 180, 3):
         angle = np.deg2rad(degrees)
