@@ -24,7 +24,8 @@ class Bore:
     """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
 
     One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof, `roof_deg` from upright.
-    `travel_mm` makes it a slot, as long as that between the middles of its ends, along up x axis.
+    `travel_mm` makes it a slot, as long as that between the middles of its ends, along up x axis; a `flat` one ends
+    level with its ends, so that a screw's head rests on both of its sides, and its ceiling bridges.
     """
 
     mouth: FloatArray
@@ -34,11 +35,14 @@ class Bore:
     up: FloatArray | None = None
     travel_mm: float = 0.0
     roof_deg: float = ROOF_DEG
+    flat: bool = False
 
     @property
     def roof_mm(self) -> float:
         """Height of the roof's ridge over the middle, where two tangents of the ends meet."""
         steep = np.deg2rad(self.roof_deg)
+        if self.flat:
+            return self.radius_mm
         return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(steep)) / np.sin(steep))
 
 

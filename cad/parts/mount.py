@@ -83,7 +83,7 @@ class MountPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Holes, the patterns of the screws in head and foot, and the depth of the truss."""
+        """Holes, and the pattern of the screws in the head, which lies askew."""
         from cad.parts.dimensions import holes, length
 
         flat = np.column_stack([self.holes_in_head_mm, np.zeros(4)])
@@ -92,8 +92,6 @@ class MountPlan:
             *holes(self.cuts),
             length(head[0], head[1], "head"),
             length(head[1], head[2], "head"),
-            length(self.foot[0], self.foot[2], "foot"),
-            length(self.foot[0], self.foot[1], "foot"),
         )
 
 
@@ -314,8 +312,8 @@ def _holes(
         cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     y = clip.slide_y_mm
     for x in (-clip.slide_x_mm, clip.slide_x_mm):
-        mouth = np.array([x, y + 1.0, clip.slide_z_mm])
-        cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0, UP, 2.0 * clip.travel_mm))
+        mouth, reach = np.array([x, y + 1.0, clip.slide_z_mm]), mount.skin_mm + 2.0
+        cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
         mouth = np.array([x, y - mount.skin_mm, clip.slide_z_mm])
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for spot in foot:

@@ -64,7 +64,10 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
     right, mirrored = np.array([half, 0.0]), np.array([-1.0, 1.0])
     start, over, end = right + np.array([0.0, -r]), right + r * way, right + r * tip
     ThreePointArc(tuple(start), tuple(over), tuple(end))
-    Polyline(tuple(end), (0.0, roof), tuple(mirrored * end))
+    # Where the tangents are as high as the roof.
+    ridge = max(0.0, end[0] - (roof - end[1]) * np.tan(steep))
+    crest = [(ridge, roof), (-ridge, roof)] if ridge > 1e-9 else [(0.0, roof)]
+    Polyline(tuple(end), *crest, tuple(mirrored * end))
     ThreePointArc(tuple(mirrored * end), tuple(mirrored * over), tuple(mirrored * start))
     if half:
         Line(tuple(mirrored * start), tuple(start))

@@ -71,6 +71,12 @@ def test_a_slot_is_as_long_as_its_travel() -> None:
     assert pytest.approx(3.0) == box.size.Y
 
 
+def test_a_flat_slot_is_no_wider_than_its_screw() -> None:
+    """A head rests on both sides; the ceiling ends where 42 deg tangents meet it."""
+    slot = bore_solid(Bore(np.zeros(3), Y, 1.7, 3.0, X, travel_mm=8.0, flat=True)).bounding_box()
+    assert pytest.approx((-1.7, 1.7)) == (slot.min.X, slot.max.X)
+
+
 def test_a_nuts_pocket_holds_it_by_four_sides_and_has_a_roof_that_prints() -> None:
     pocket = hexagon_solid(Hexagon(np.zeros(3), Y, X, 5.7, 2.6))
     normals = np.array([tuple(face.normal_at()) for face in pocket.faces() if abs(face.normal_at().Y) < 0.5])
