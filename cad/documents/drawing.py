@@ -41,7 +41,8 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
-    tables = (seat_table(part.plan),) if isinstance(part.plan, HolderPlan) else ()
+    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
     sheet = Sheet(*A3_MM)
     table_left = _draw_tables(sheet, tables)
     placed, scale = _arrange(top, front, right, table_left)
@@ -54,16 +55,14 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
         width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
         sheet.lines([line + view.shift for line in visible], width)
     annotate(sheet, placed, dimensions_of(part, solid))
-    if isinstance(part.plan, HolderPlan):
-        for name, middle in seat_names(part.plan):
-            sheet.text(
-                placed[0].paper(middle) - (0.0, TEXT_MM / 2.0),
-                name,
-                TEXT_MM,
-                align="center",
-                colour=SOFT,
-                over_lines=True,
-            )
+    if isinstance(whole, HolderPlan):
+        low, high = placed[0].box
+        for name, middle in seat_names(whole):
+            at = placed[0].paper(middle)
+            # Not those on another piece of a holder that is split.
+            if (at > low).all() and (at < high).all():
+                base = at - (0.0, TEXT_MM / 2.0)
+                sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
     _title_block(sheet, part, printer, scale)
     return sheet
 
