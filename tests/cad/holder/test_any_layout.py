@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from build123d import GeomType, Part
 from manifold3d import Error, Manifold, Mesh64
-from shapely import Polygon
+from shapely import LineString, Polygon, build_area, multilinestrings, set_precision
 
 from cad.exports import write_stl
 from cad.hardware import HARDWARE
@@ -44,12 +44,15 @@ def seat_area_mm2(part: Part, mirror: Mirror) -> float:
     for face in part.faces().filter_by(GeomType.PLANE):
         if np.array(tuple(face.normal_at())) @ frame[:3, 2] < np.cos(np.radians(0.001)):
             continue
-        loops = [
-            (np.array([tuple(edge @ 0) for edge in wire.order_edges()]) - frame[:3, 3]) @ frame[:3, :3]
-            for wire in (face.outer_wire(), *face.inner_wires())
-        ]
-        if max(float(np.abs(loop[:, 2] - height_mm).max()) for loop in loops) < 1e-3:
-            area += Polygon(loops[0][:, :2], [loop[:, :2] for loop in loops[1:]]).intersection(outline).area
+        edges = (np.array([tuple(edge @ 0), tuple(edge @ 1)]) for edge in face.edges())
+        lines = np.array([(edge - frame[:3, 3]) @ frame[:3, :3] for edge in edges])
+        if np.abs(lines[:, :, 2] - height_mm).max() < 1e-3:
+            # Ends meet to the last digits or so; loops inside loops are holes.
+            area += (
+                build_area(set_precision(multilinestrings([LineString(line[:, :2]) for line in lines]), 1e-9))
+                .intersection(outline)
+                .area
+            )
     return area
 
 
