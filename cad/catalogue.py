@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from cad.device import Device
-from cad.hardware import Lips, Printer
+from cad.hardware import Lips
 from cad.holder.solid import make_holder
 from cad.part import BoughtItem, PartPlan
+from cad.parts.bed import turn
 from cad.parts.fasteners import Stack
 from cad.parts.prisms import corners_of
 from cad.parts.solids import make_clip, make_coupon, make_mount, make_ring
@@ -51,6 +52,8 @@ def _on_bed(device: Device) -> Pieces:
         "fit_coupon": corners_of(device.coupon.pieces),
     }
     cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
+    if device.mount.bed_cuts_mm:
+        cuts["mount"] = ((), device.mount.bed_cuts_mm)
     pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
     return Pieces(
         tuple(part for piece in pieces for part in piece.parts), tuple(pin for piece in pieces for pin in piece.pins)
@@ -75,7 +78,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             2,
             mount,
             make_mount,
-            askew(standing(X_UP, -mount.half_width_mm), corners_of(mount.pieces), device.hardware.printer),
+            turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
             (0.16, 0.46, 0.62),
         ),
         _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
@@ -202,17 +205,11 @@ def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
     return matrix
 
 
-def askew(bed_from_rig: FloatArray, corners_in_rig: FloatArray, printer: Printer) -> FloatArray:
-    """The transform (4, 4), turned as little as lets corners (n, 3) fit the bed; as it is if they never do."""
-    bed = np.array(printer.bed_mm[:2])
-    for degrees in range(0, 180, 3):
-        angle = np.deg2rad(degrees)
-        turn = np.eye(4)
-        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        turned: FloatArray = turn @ bed_from_rig
-        if (np.ptp(transform(turned, corners_in_rig)[:, :2], axis=0) <= bed).all():
-            return turned
-    return bed_from_rig
+def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
+    """The transform (4, 4) of a part that lies turned on the bed."""
+    about_z = np.eye(4)
+    about_z[:2, :2] = turn(degrees)
+    return np.asarray(about_z @ bed_from_rig)
 
 
 def lying_on(rig_from_face: FloatArray) -> FloatArray:

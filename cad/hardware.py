@@ -89,9 +89,10 @@ class MountDimensions(Value):
     deepest_mm: float = Field(default=80.0, gt=0, description="largest distance of the skins that is tried")
     clearance_mm: float = Field(default=1.0, gt=0, description="gap to the mirror holder, off its back")
     tilt_deg: float = Field(
-        default=0.02,
+        default=0.05,
         gt=0,
-        description="how far the mirrors may tilt by their weight when the device is turned: 1 px of a C920's image",
+        description="how far the mirrors may tilt by their weight when the device is turned: a sixth of the tolerance "
+        "of one mirror as a hobbyist builds it; what is constant of it, a calibration takes up",
     )
     cable_window_mm: tuple[float, float] = Field(
         default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"

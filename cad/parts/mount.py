@@ -19,6 +19,7 @@ from shapely.ops import substring
 from cad.hardware import Hardware
 from cad.holder.plan import HolderPlan
 from cad.parts.beam import Section, bends_per_newton
+from cad.parts.bed import joint_blocks, lay
 from cad.parts.clip import ABOVE, SCENE, UP, ClipPlan
 from cad.parts.fasteners import (
     NUT_FIT_MM,
@@ -59,8 +60,8 @@ class MountPlan:
     `rig_from_head` (4, 4) is the face on the holder's back (z out of the mount, into the holder), `holes_in_head_mm`
     (4, 2) the screws on it, `head` their stack. `foot` (4, 3) are the adapter's screws in its lower face, `slide`
     (3,) is the middle of the clip's way.
-    `tilt_deg` is how far the mirrors turn about any axis, `tilt_um` how far the holder's middle moves by it, when the
-    device is turned so that `load_g` pulls the worst way instead of not at all; `path` (n, 2; y and z) is the middle of
+    `tilt_deg` is how far the mirrors turn about any axis, `shift_um` how far they move, when the device is turned so
+    that `load_g` at `load_at` (3,) pulls the worst way instead of not at all; `path` (n, 2; y and z) is the middle of
     the truss.
     """
 
@@ -80,6 +81,8 @@ class MountPlan:
     tilt_deg: float
     shift_um: float
     half_width_mm: float
+    bed_turn_deg: float
+    bed_cuts_mm: tuple[float, ...]
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -166,10 +169,10 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
     load_g, load_at = _load(layout, holder, hardware)
     best = np.inf
-    halves = np.arange(least_half, widest_half + 0.1, WIDER_MM)
+    halves = np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist()
     inners = [inner_path(holder, clip, half, around, hardware) for half in halves]
     depths = np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM)
-    for (half_width, inner), depth in product(zip(halves, inners, strict=True), depths):
+    for (half_width, inner), depth in product(zip(halves, inners, strict=True), depths.tolist()):
         outer = _offset(inner, depth)
         path = _to_head((inner + outer) / 2.0, holder)
         section = Section(depth, 2.0 * half_width, mount.skin_mm, mount.web_mm, hardware.printer.plastic_mpa)
@@ -190,6 +193,8 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     foot_z, plate = foot_z_mm(clip, hardware), foot_plate_mm(hardware)
     foot = np.array([(x, clip.slide_y_mm - y, foot_z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
     pieces.append(_rib(clip))
+    laid = lay(inner, outer, hardware)
+    webs += joint_blocks(laid, mount.skin_mm, half_width, hardware)
     cuts = _holes(holder, clip, foot, foot_z, plate, inner, depth, half_width, hardware)
     light = tuple(
         volume
@@ -214,6 +219,8 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         tilt_deg=tilt,
         shift_um=1000.0 * float(np.linalg.norm(shift, ord=2)),
         half_width_mm=half_width,
+        bed_turn_deg=laid.turn_deg,
+        bed_cuts_mm=() if laid.cut_mm is None else (laid.cut_mm,),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cad.catalogue import X_UP, askew, bought_items, parts_of, standing
+from cad.catalogue import bought_items, parts_of
 from cad.device import Device, plan_device
 from cad.hardware import HARDWARE, Hardware, read_camera
 from cad.part import BoughtItem
@@ -91,18 +91,3 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> 
         )
         low = (corners @ turn.T + part.print_from_rig[:3, 3])[:, 2].min()
         assert low == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_part_longer_than_the_bed_lies_askew_where_that_fits() -> None:
-    """A bar of 260 x 10 mm fits a bed of 220 x 220 mm from asin(40 / 260) on, about, and not along its sides."""
-    printer = HARDWARE.printer
-    upright = standing(X_UP, 0.0)
-    bar = np.array([(x, y, z) for x in (0.0, 5.0) for y in (0.0, 10.0) for z in (0.0, 260.0)])
-    turned = askew(upright, bar, printer)
-    on_bed = bar @ turned[:3, :3].T
-    assert (np.ptp(on_bed, axis=0) <= printer.bed_mm).all()
-    assert np.linalg.det(turned[:3, :3]) == pytest.approx(1.0)
-    np.testing.assert_allclose(on_bed[:, 2], bar[:, 0], atol=1e-12)
-    # What fits as it is stays, and what never fits is left to be cut.
-    np.testing.assert_array_equal(askew(upright, bar * [1.0, 1.0, 0.5], printer), upright)
-    np.testing.assert_array_equal(askew(upright, bar * [1.0, 1.0, 2.0], printer), upright)
