@@ -69,8 +69,13 @@ class HolderDimensions(Value):
     rim_length_mm: float = Field(default=3.0, gt=0, description="shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
     mount_step_mm: float = Field(default=2.0, gt=0, description="steps in which the rectangle of mount holes is tried")
-    cell_mm: float = Field(default=10.0, gt=0, description="largest width of a hollow behind the mirrors")
-    web_mm: float = Field(default=2.0, gt=0, description="thickness of the webs between hollows, and of the outer wall")
+    cells_mm: tuple[float, ...] = Field(
+        default=(8.0, 12.0, 18.0, 26.0, 36.0),
+        min_length=1,
+        description="widths of hollows behind the mirrors: what saves most is taken",
+    )
+    ceiling_mm: float = Field(default=6.0, gt=0, description="width of the flat top of a hollow, which is bridged")
+    web_mm: float = Field(default=1.6, gt=0, description="thickness of the webs between hollows, and of the outer wall")
     groove_mm: float = Field(default=1.0, gt=0, description="width of a groove that takes surplus glue")
     groove_depth_mm: float = Field(default=0.6, gt=0, description="its depth below the seat")
     groove_pitch_mm: float = Field(default=7.0, gt=0, description="distance of such grooves from one to the next")

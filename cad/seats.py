@@ -126,10 +126,19 @@ def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 
+def light_starts_mm(mirror: Mirror) -> float:
+    """Height over the reflecting plane from which on light may be beside the sheet.
+
+    That of a second-surface mirror comes and goes through its front, which is cut like its back: up to there it is
+    inside the sheet.
+    """
+    return mirror.thickness_mm if mirror.surface == "second" else LIGHT_STARTS_MM
+
+
 def camera_cone(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """Light between the reflecting plane and the pupil, grown by the light fit: a pyramid with its tip in the pupil."""
+    """Light between the mirror and the pupil, grown by the light fit: a pyramid with its tip in the pupil."""
     base = outline_at(mirror, 0.0, hardware.fit.light_mm)
-    return Frustum(base * (1.0 - LIGHT_STARTS_MM / mirror.distance_mm), np.zeros((1, 3)))
+    return Frustum(base * (1.0 - light_starts_mm(mirror) / mirror.distance_mm), np.zeros((1, 3)))
 
 
 def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
@@ -149,7 +158,7 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
         raise InputError(
             f"mirror {index} does not reflect to the plane {depth:g} mm ahead, expected every ray to reach it"
         )
-    near = centre + rays * (1.0 + LIGHT_STARTS_MM / mirror.distance_mm)
+    near = centre + rays * (1.0 + light_starts_mm(mirror) / mirror.distance_mm)
     return Frustum(near, centre + rays * reach[:, None])
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from manifold3d import Manifold
 from shapely import Point, Polygon, box, get_coordinates
+from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Hardware
@@ -23,22 +24,26 @@ STEEPER = 1.01
 
 @dataclass(frozen=True)
 class Hollow:
-    """A prism with a pyramid on it. In rig, mm: `base` (n, 3) below the part's back, `eaves` (n, 3) and `apex` (3,)."""
+    """A prism with a cut-off pyramid on it, corner by corner: `base` below the part's back, `eaves`, and `top`.
+
+    All (n, 3) in rig, mm.
+    """
 
     base: FloatArray
     eaves: FloatArray
-    apex: FloatArray
+    top: FloatArray
 
     @property
     def faces(self) -> list[FloatArray]:
         """The flat faces as corner loops, counter-clockwise from outside."""
-        base, eaves = self.base, self.eaves
+        base, eaves, top = self.base, self.eaves, self.top
         middle = (base.mean(axis=0) + eaves.mean(axis=0)) / 2.0
         pairs = [(i, (i + 1) % len(base)) for i in range(len(base))]
         loops = [
             base,
+            top,
             *(np.array([base[i], base[j], eaves[j], eaves[i]]) for i, j in pairs),
-            *(np.array([eaves[i], eaves[j], self.apex]) for i, j in pairs),
+            *(np.array([eaves[i], eaves[j], top[j], top[i]]) for i, j in pairs),
         ]
         normals, offsets = planes_of(loops)
         inward = normals @ middle > offsets
@@ -62,7 +67,8 @@ def plan_hollows(
 
     Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
     `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
-    across x and across y) half a pin's length.
+    across x and across y) half a pin's length. Of the widths of `cells_mm`, the one that saves the most plastic: wide
+    hollows have few webs, narrow ones a low roof.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
@@ -71,22 +77,32 @@ def plan_hollows(
     if inside.is_empty:
         return ()
     left, low, right, high = inside.bounds
-    columns = _spans(left, right, cuts_mm[0], joint, dimensions.cell_mm, dimensions.web_mm)
-    rows = _spans(low, high, cuts_mm[1], joint, dimensions.cell_mm, dimensions.web_mm)
-    in_mount = body.transform(np.linalg.inv(rig_from_mount)[:3])
-    hollows = []
-    for column in columns:
-        for row in rows:
-            cell = box(column[0], row[0], column[1], row[1]).intersection(inside)
-            for hole in holes_mm:
-                cell = _off_boss(cell, hole, boss)
-            if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
-                continue
-            hollow = _hollow(in_mount, cell, footprint, hardware)
-            if hollow is not None:
-                base, eaves, apex = (points @ rig_from_mount[:3, :3].T + rig_from_mount[:3, 3] for points in hollow)
-                hollows.append(Hollow(base, eaves, apex))
-    return tuple(hollows)
+    mount_from_rig = np.asarray(np.linalg.inv(rig_from_mount), dtype=np.float64)
+    in_mount = body.transform(mount_from_rig[:3])
+    tried = []
+    for width in dimensions.cells_mm:
+        hollows = []
+        for start, end in _spans(left, right, cuts_mm[0], joint, width, dimensions.web_mm):
+            for bottom, top in _spans(low, high, cuts_mm[1], joint, width, dimensions.web_mm):
+                cell = box(start, bottom, end, top).intersection(inside)
+                for hole in holes_mm:
+                    cell = _off_boss(cell, hole, boss)
+                if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
+                    continue
+                hollow = _hollow(in_mount, cell, footprint, hardware)
+                if hollow is not None:
+                    hollows.append(hollow)
+        tried.append(hollows)
+    best = max(tried, key=lambda hollows: sum(_volume_mm3(hollow) for hollow in hollows))
+    turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
+    return tuple(
+        Hollow(hollow.base @ turn.T + origin, hollow.eaves @ turn.T + origin, hollow.top @ turn.T + origin)
+        for hollow in best
+    )
+
+
+def _volume_mm3(hollow: Hollow) -> float:
+    return float(Manifold.hull_points(np.vstack([hollow.base, hollow.eaves, hollow.top])).volume())
 
 
 def _spans(
@@ -117,14 +133,12 @@ def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
     return max((cell.intersection(side) for side in sides), key=lambda part: part.area)
 
 
-def _hollow(
-    body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardware
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Base, eaves and apex of the highest hollow over a convex cell, in the mount frame; None where there is no room.
+def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardware) -> Hollow | None:
+    """The highest hollow over a convex cell, in the mount frame; None where there is no room.
 
-    The roof rises to the apex over the cell's middle. With its roof moved out by the floor's thickness and its walls
-    by a web's, the hollow must meet no air: over each side that is linear in the corners of the air there, so the
-    eaves' height is a minimum over corners.
+    Its roof rises from the eaves towards the cell's middle, up to a flat top that a printer bridges. With roof and top
+    moved out by the floor's thickness and the walls by a web's, it must meet no air. Under each side of the roof, and
+    under its part of the top, that is linear in the corners of the air there: the height is a minimum over corners.
     """
     floor = hardware.holder.floor_mm
     corners = get_coordinates(orient(cell.simplify(1e-6)))[:-1]
@@ -133,53 +147,58 @@ def _hollow(
     outward = np.column_stack([directions[:, 1], -directions[:, 0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     distances = np.sum((corners - middle) * outward, axis=1)
-    rise = STEEPER * float(distances.max()) * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
+    # Height of the whole pyramid, and of what is left of it under the top.
+    steep = STEEPER * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
+    pyramid = float(distances.max()) * steep
+    flat = min(hardware.holder.ceiling_mm / (2.0 * float(distances.min())), 0.95)
+    rise = pyramid * (1.0 - flat)
     scale = 1.0 + hardware.holder.web_mm / float(distances.min())
-    grown = middle + scale * (corners - middle)
     # Below the mount's origin (towards the mirrors) z is negative.
-    lowest, highest = body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM
+    levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
     eaves = np.inf
     for i in range(len(corners)):
-        sector = Polygon([middle, grown[i], grown[(i + 1) % len(corners)]]).intersection(footprint)
-        if sector.area < 1e-9:
-            continue
-        column = Manifold.hull_points(
-            np.vstack(
-                [
-                    np.column_stack([get_coordinates(sector), np.full(len(get_coordinates(sector)), z)])
-                    for z in (lowest, highest)
-                ]
-            )
-        )
-        air = column - body
-        if air.is_empty():
-            continue
-        points = np.asarray(air.to_mesh64().vert_properties)[:, :3]
-        reach = (points[:, :2] - middle) @ outward[i] / distances[i]
-        above = floor * float(np.hypot(1.0, rise / distances[i]))
-        eaves = min(eaves, float((-points[:, 2] - above - rise * (1.0 - reach)).min()))
+        side = corners[[i, (i + 1) % len(corners)]] - middle
+        above = floor * float(np.hypot(1.0, pyramid / distances[i]))
+        # Where the roof, moved out, and the top, moved up, meet.
+        edge = float(np.clip(1.0 - (rise + floor - above) / pyramid, 0.0, scale))
+        under_top = Polygon([middle, *(middle + edge * side)]) if edge > 0.0 else Polygon()
+        under_roof = Polygon([*(middle + edge * side), *(middle + scale * side[::-1])])
+        heights = [height - floor - rise for height, _ in _air(body, under_top.intersection(footprint), levels)]
+        for height, point in _air(body, under_roof.intersection(footprint), levels):
+            reach = float((point - middle) @ outward[i]) / distances[i]
+            heights.append(height - above - pyramid * (1.0 - reach))
+        eaves = min([eaves, *heights])
     if eaves == np.inf:
         return None
-    apex = eaves + rise
-    if eaves < LOWEST_MM:
-        # The roof starts at the back itself: the same pyramid, cut off lower down.
-        shrunk = (apex - LOWEST_MM) / rise
-        corners, eaves = middle + shrunk * (corners - middle), LOWEST_MM
-        if 2.0 * shrunk * distances.min() < NARROWEST_MM:
-            return None
-    return (
-        np.column_stack([corners, np.full(len(corners), 1.0)]),
-        np.column_stack([corners, np.full(len(corners), -eaves)]),
-        np.array([*middle, -apex]),
+    # Where the roof would start below the back: the same pyramid, cut off higher up.
+    size = min(1.0, flat + (1.0 - flat) * (eaves + rise - LOWEST_MM) / rise)
+    if size <= flat or 2.0 * size * distances.min() < NARROWEST_MM:
+        return None
+    low = middle + size * (corners - middle)
+    top = middle + flat * (corners - middle)
+    return Hollow(
+        np.column_stack([low, np.full(len(corners), 1.0)]),
+        np.column_stack([low, np.full(len(corners), -max(eaves, LOWEST_MM))]),
+        np.column_stack([top, np.full(len(corners), -(eaves + rise))]),
     )
 
 
-def sag_um(load_n: float, hardware: Hardware) -> float:
-    """How far the floor over one hollow gives way under a force spread over it, in micrometres.
+def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> list[tuple[float, FloatArray]]:
+    """Height over the back, and x and y (2,), of all corners of what is not plastic over a convex area."""
+    if area.area < 1e-9:
+        return []
+    flat = get_coordinates(area)
+    column = Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))
+    points = np.asarray((column - body).to_mesh64().vert_properties)
+    return [(-float(point[2]), point[:2]) for point in points]
+
+
+def sag_um(load_n: float, side_mm: float, hardware: Hardware) -> float:
+    """How far the floor over one hollow of this width gives way under a force spread over it, in micrometres.
 
     A square plate clamped along its edges, w = 0.00126 q a^4 / D, D = E t^3 / (12 (1 - nu^2)), nu = 0.35 (Timoshenko,
     Theory of Plates and Shells, table 35). The roof is thicker than the floor everywhere but at its apex.
     """
-    side, thickness = hardware.holder.cell_mm, hardware.holder.floor_mm
+    thickness = hardware.holder.floor_mm
     stiffness = hardware.printer.plastic_mpa * thickness**3 / (12.0 * (1.0 - 0.35**2))
-    return 0.00126 * load_n / side**2 * side**4 / stiffness * 1000.0
+    return 0.00126 * load_n * side_mm**2 / stiffness * 1000.0

@@ -41,6 +41,22 @@ def test_rims_stay_out_of_all_light_and_all_pockets(
         assert not any(volume.contains(points).any() for volume in volumes)
 
 
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_rims_stand_at_the_fit_on_two_sides_of_every_mirror(make_parabola: Callable[..., Layout], surface: str) -> None:
+    """Light that leans over an edge keeps its rim back, but not on all sides: something locates every mirror."""
+    layout = make_parabola(2, 2, surface=surface, thickness_mm=2.0, gap_mm=2.0)
+    plan = plan_holder(layout, HARDWARE)
+    for mirror in layout.mirrors:
+        outline = Polygon(mirror.outline_in_plane_mm)
+        frame = mirror.rig_from_plane
+        near = 0
+        for rim in plan.rims[::2]:
+            flat = Polygon((rim.top - frame[:3, 3]) @ frame[:3, :2])
+            level = (rim.top - frame[:3, 3]) @ frame[:3, 2]
+            near += np.ptp(level) < 1e-6 and flat.distance(outline) == pytest.approx(HARDWARE.fit.free_mm, abs=1e-6)
+        assert near >= 2
+
+
 def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Layout) -> None:
     body = plan_holder(default_layout, HARDWARE)
     for rim in body.rims[::2]:
