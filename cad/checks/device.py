@@ -69,6 +69,9 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
         "device.meshes_broken": Metric(value=len(solids) - len(sound), unit="", limit=0),
         **check_mass(hardware, assembly),
+        # By closed form, from the plan: how far gravity turns and moves the mirrors, at worst, by bending the mount.
+        "mount.tilt_deg": Metric(value=round(device.mount.tilt_deg, 4), unit="deg", limit=hardware.mount.tilt_deg),
+        "mount.shift_um": Metric(value=round(device.mount.shift_um, 1), unit="um"),
         **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
         **check_light(layout, hardware, sound_parts, sheets_in_place, sound.get(CAMERA)),
         "device.stray_light": Metric(
