@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from cad.parts.fasteners import ROOF_DEG
 from cad.seats import Frustum
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
@@ -31,9 +32,9 @@ def along_y(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
 
 
 def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[float, float]) -> Frustum:
-    """A window along y of a part that prints with x up: over its far x, a roof of 45 deg."""
+    """A window along y of a part that prints with x up: over its far x, a steep roof."""
     (low, high), (near, far) = x_mm, z_mm
-    ridge = (high + (far - near) / 2.0, (near + far) / 2.0)
+    ridge = (high + (far - near) / 2.0 / np.tan(np.deg2rad(ROOF_DEG)), (near + far) / 2.0)
     return along_y(np.array([(low, near), (low, far), (high, far), ridge, (high, near)]), *y_mm)
 
 

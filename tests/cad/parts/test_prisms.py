@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from cad.hardware import HARDWARE
+from cad.parts.fasteners import ROOF_DEG
 from cad.parts.prisms import box, moved, overlap_mm, require_dark, roofed, volume_mm3
 from cad.seats import Frustum, keep_outs
 from optics.layout import Layout
@@ -53,8 +54,10 @@ def test_solids_overlap_exactly_if_they_share_a_ball(
 def test_volumes() -> None:
     assert volume_mm3(CUBE) == pytest.approx(8.0)
     assert volume_mm3(Frustum(CUBE.base, np.array([[3.0, 1.0, 1.0]]))) == pytest.approx(4.0)
-    # A window with a roof of 45 deg is a rectangle and a triangle half as high as the rectangle's side.
-    assert volume_mm3(roofed((0.0, 6.0), (1.0, 5.0), (0.0, 3.0))) == pytest.approx(3.0 * (6.0 * 4.0 + 4.0))
+    # A window with a roof is a rectangle and a triangle.
+    assert volume_mm3(roofed((0.0, 6.0), (1.0, 5.0), (0.0, 3.0))) == pytest.approx(
+        3.0 * (6.0 * 4.0 + 4.0 / np.tan(np.deg2rad(ROOF_DEG)))
+    )
 
 
 def test_what_stands_in_the_light_is_refused_with_mirror_part_and_measure(default_layout: Layout) -> None:
