@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -100,6 +100,21 @@ class BuiltPart(Value):
     explode_mm: Vector3
     mass: MassProperties
     checks: dict[str, Metric]
+
+    @classmethod
+    def of(cls, plan: PartPlan, folder: Path, mass: MassProperties, checks: dict[str, Metric]) -> Self:
+        """A part as it was made of its plan."""
+        return cls(
+            name=plan.name,
+            title=plan.title,
+            number=plan.number,
+            folder=folder,
+            rgb=plan.rgb,
+            print_from_rig=plan.print_from_rig,
+            explode_mm=plan.explode_mm,
+            mass=mass,
+            checks=checks,
+        )
 
     @property
     def step(self) -> Path:

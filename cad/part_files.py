@@ -61,17 +61,8 @@ def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None
     write_stl(stl, solid)
     write_3mf(threemf, stl, part, printer)
     drawings = write_drawing(out / "drawings", solid, part, printer)
-    built = BuiltPart(
-        name=part.name,
-        title=part.title,
-        number=part.number,
-        folder=folder,
-        rgb=part.rgb,
-        print_from_rig=part.print_from_rig,
-        explode_mm=part.explode_mm,
-        mass=mass_properties(solid, printer.plastic_g_per_cm3),
-        checks=check_part(part, folder, printer),
-    )
+    mass = mass_properties(solid, printer.plastic_g_per_cm3)
+    built = BuiltPart.of(part, folder, mass, check_part(part, folder, printer))
     files = {path.relative_to(out).as_posix(): _digest(path) for path in (step, stl, threemf, *drawings)}
     record = _Record(key=key, files=files, part=built.replaced(folder=Path("parts")))
     write_text(_record_path(out, part), record.model_dump_json(indent=1) + "\n")

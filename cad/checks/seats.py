@@ -29,8 +29,9 @@ COVER_ROUNDING = 1e-3
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# What bears nothing over less than this is a crumb between two rounded lines.
-DOT_MM2 = 1e-3
+# Less than this, a third of the square of a printed line, is a crumb: it neither bears a mirror nor leaves it unborne.
+# What stands in a mirror's way, however small, is found when the mirror is let down into its seat.
+DOT_MM2 = 0.05
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
         if np.abs(heights).min() > SEAT_SEARCH_MM:
             continue
         area = face.seen_from(mirror.rig_from_plane).intersection(outline)
-        if area.area > 0.0:
+        if area.area > DOT_MM2:
             bearing.append((face, area))
     if not bearing:
         return None

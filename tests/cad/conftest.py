@@ -148,14 +148,4 @@ def built_block(block: PartPlan, tmp_path_factory: pytest.TempPathFactory) -> Bu
     solid = block.make(block.plan)
     write_step(folder / "block.step", solid)
     write_stl(folder / "block.stl", solid)
-    return BuiltPart(
-        name=block.name,
-        title=block.title,
-        number=block.number,
-        folder=folder,
-        rgb=block.rgb,
-        print_from_rig=block.print_from_rig,
-        explode_mm=block.explode_mm,
-        mass=mass_properties(solid, 1.24),
-        checks={},
-    )
+    return BuiltPart.of(block, folder, mass_properties(solid, 1.24), {})

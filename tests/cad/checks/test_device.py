@@ -33,17 +33,7 @@ def failed(checks: dict[str, Metric]) -> set[str]:
 
 
 def built_part(plan: PartPlan, folder: Path) -> BuiltPart:
-    return BuiltPart(
-        name=plan.name,
-        title=plan.title,
-        number=plan.number,
-        folder=folder,
-        rgb=plan.rgb,
-        print_from_rig=plan.print_from_rig,
-        explode_mm=plan.explode_mm,
-        mass=mass_of(trimesh.load_mesh(folder / f"{plan.name}.stl"), 1.24),
-        checks={},
-    )
+    return BuiltPart.of(plan, folder, mass_of(trimesh.load_mesh(folder / f"{plan.name}.stl"), 1.24), {})
 
 
 @pytest.fixture
