@@ -89,8 +89,8 @@ class HolderDimensions(Value):
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = Field(default=2.4, gt=0, description="thickness of both skins: what screw heads rest on")
-    web_mm: float = Field(default=1.4, gt=0, description="thickness of the webs between the skins")
+    skin_mm: float = Field(default=1.6, gt=0, description="thickness of both skins: what screw heads rest on")
+    web_mm: float = Field(default=1.2, gt=0, description="thickness of the webs between the skins")
     deepest_mm: float = Field(default=80.0, gt=0, description="largest distance of the skins that is tried")
     clearance_mm: float = Field(default=1.0, gt=0, description="gap to the mirror holder, off its back")
     tilt_deg: float = Field(

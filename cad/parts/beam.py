@@ -15,12 +15,13 @@ POISSON = 0.35
 
 @dataclass(frozen=True)
 class Section:
-    """Two skins, `depth_mm` from outside to outside and `width_mm` wide (along x), with webs at 45 deg between them."""
+    """Two skins, `depth_mm` from outside to outside, `width_mm` wide (along x), and webs at `web_deg` to them."""
 
     depth_mm: float
     width_mm: float
     skin_mm: float
     web_mm: float
+    web_deg: float
     plastic_mpa: float
 
     @property
@@ -36,8 +37,9 @@ class Section:
 
     @property
     def shear_n(self) -> float:
-        """Shear force per angle: E A sin^2 a cos a of webs of area A at a = 45 deg (Timoshenko's laced columns)."""
-        return self.plastic_mpa * self.web_mm * self.width_mm * float(np.sqrt(0.5)) ** 3
+        """Shear force per angle: E A sin^2 a cos a of webs of area A at an angle a (Timoshenko's laced columns)."""
+        angle = np.deg2rad(self.web_deg)
+        return float(self.plastic_mpa * self.web_mm * self.width_mm * np.sin(angle) ** 2 * np.cos(angle))
 
     @property
     def torsion_nmm2(self) -> float:

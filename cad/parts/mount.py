@@ -41,12 +41,14 @@ from optics.values import FloatArray, InputError
 if TYPE_CHECKING:
     from cad.documents.dimension import Hole, Length
 
+# Webs at this angle to the skins: less plastic than at 45 deg, and stiff enough.
+WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # The adapter's screws in the mount's foot: +-x from the middle, and below the slide's plane.
 FOOT_X_MM = 24.0
-FOOT_Y_MM = (6.0, 18.0)
-FOOT_DEPTH_MM = 24.0
+FOOT_Y_MM = (4.5, 15.5)
+FOOT_DEPTH_MM = 20.0
 # Marks of the scale beside the clip's upper end, 1 mm apart.
 MARK_MM = 0.6
 # Steps in which wider and deeper mounts are tried.
@@ -175,7 +177,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     for (half_width, inner), depth in product(zip(halves, inners, strict=True), depths.tolist()):
         outer = _offset(inner, depth)
         path = _to_head((inner + outer) / 2.0, holder)
-        section = Section(depth, 2.0 * half_width, mount.skin_mm, mount.web_mm, hardware.printer.plastic_mpa)
+        section = Section(depth, 2.0 * half_width, mount.skin_mm, mount.web_mm, WEB_DEG, hardware.printer.plastic_mpa)
         turn, shift = (bend * load_g / 1000.0 * GRAVITY_N_PER_KG for bend in bends_per_newton(path, load_at, section))
         tilt = float(np.degrees(np.linalg.norm(turn, ord=2)))
         best = min(best, tilt)
@@ -271,7 +273,8 @@ def _truss(
     end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * mount.web_mm / 2.0
     inside[-1], outside[-1] = inside[-1] - end, outside[-1] - end
     for (a, b), (c, d) in zip(pairwise(inside), pairwise(outside), strict=True):
-        count = max(1, round(float(np.linalg.norm((b + d) - (a + c)) / 2.0 / depth)))
+        panel = depth / np.tan(np.deg2rad(WEB_DEG))
+        count = max(1, round(float(np.linalg.norm((b + d) - (a + c)) / 2.0 / panel)))
         for i in range(count):
             low, high = i / count, (i + 1) / count
             near_to_far = ((a + low * (b - a), c + high * (d - c)), (c + low * (d - c), a + high * (b - a)))

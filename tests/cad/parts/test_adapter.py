@@ -77,5 +77,5 @@ def test_another_wrist_gives_another_clamp() -> None:
 
 def test_a_riser_too_thin_for_its_screws_is_refused() -> None:
     hardware: Hardware = HARDWARE.replaced(wrist=HARDWARE.wrist.replaced(riser_mm=10.0))
-    with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 6\.6 mm"):
+    with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 5\.8 mm"):
         plan_adapter(plan_clip(hardware), hardware)

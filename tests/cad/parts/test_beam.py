@@ -7,7 +7,7 @@ import pytest
 
 from cad.parts.beam import POISSON, Section, bends_per_newton
 
-SECTION = Section(depth_mm=24.0, width_mm=80.0, skin_mm=2.4, web_mm=1.4, plastic_mpa=2300.0)
+SECTION = Section(depth_mm=24.0, width_mm=80.0, skin_mm=2.4, web_mm=1.4, web_deg=45.0, plastic_mpa=2300.0)
 HEIGHT = 120.0
 POST = np.array([[0.0, 0.0], [0.0, HEIGHT]])
 TIP = np.array([0.0, 0.0, HEIGHT])
@@ -55,9 +55,9 @@ def test_twist_lies_between_loose_skins_and_a_closed_box() -> None:
     apart = SECTION.depth_mm - SECTION.skin_mm
     box = 2.0 * shear * SECTION.skin_mm * apart**2 * SECTION.width_mm
     assert 0.0 < SECTION.torsion_nmm2 < box
-    stiff = Section(24.0, 80.0, 2.4, 1e6, 2300.0)
+    stiff = Section(24.0, 80.0, 2.4, 1e6, 45.0, 2300.0)
     assert stiff.torsion_nmm2 == pytest.approx(box, rel=0.01)
     # A soft core: k b / 2 = x is small and 1 - tanh(x) / x is x^2 / 3.
-    soft = Section(24.0, 80.0, 2.4, 1e-4, 2300.0)
+    soft = Section(24.0, 80.0, 2.4, 1e-4, 45.0, 2300.0)
     half = np.sqrt(2.0 * soft.shear_n / (80.0 * apart) / (shear * 2.4 * apart)) * 40.0
     assert soft.torsion_nmm2 == pytest.approx(box * half**2 / 3.0, rel=1e-3)
