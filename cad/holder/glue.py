@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from shapely import LineString, Polygon, box, get_coordinates, union_all
+from shapely.geometry.base import BaseGeometry
 
 from cad.hardware import Hardware
-from cad.seats import Frustum, back_height_mm
+from cad.seats import Frustum, back_height_mm, outline_at
 from optics.mirror import Mirror
 from optics.transforms import transform
 from optics.values import FloatArray
 
 # An edge that runs along a groove to less than this does not cross it, and leaves a thin wall beside it.
 ALONG_DEG = 30.0
+# Grooves end so far outside the rims, and so far before a neighbour's column: inside its pocket.
+BEYOND_MM = 0.2
+BESIDE_OF_FIT = 0.8
 
 
 @dataclass(frozen=True)
@@ -29,24 +34,46 @@ class Groove:
     shape: FloatArray
 
 
-def grooves_of(mirror: Mirror, hardware: Hardware) -> tuple[Groove, ...]:
-    """Parallel grooves, evenly spaced about the middle of the outline, from edge to edge; none in a narrow mirror.
+def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
+    """Parallel grooves of one mirror, evenly spaced about the middle of its outline; none in a narrow mirror.
 
-    Air and surplus glue leave at both ends: the rims have a notch there.
+    They pass through notches of the rims and out of the part, or up to the column of the next mirror, so that air and
+    surplus glue leave and no thin wall stands before their ends. `away` (3,) points out of the part's back.
     """
-    dimensions = hardware.holder
+    dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
-    # A little inside the pocket's sides, so that the two have no face in common.
-    room = outline.buffer(0.8 * hardware.fit.free_mm, join_style="mitre", mitre_limit=2.0)
+    beyond = hardware.fit.free_mm + dimensions.rim_mm + BEYOND_MM
+    room = outline.buffer(beyond, join_style="mitre", mitre_limit=2.0)
+    columns = [_column(mirror, other, away) for place, other in enumerate(mirrors) if place != index]
+    taken = union_all([column.buffer(BESIDE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, low, right, high = outline.bounds
+    half = dimensions.groove_mm / 2.0
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
     grooves = []
     for at in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
-        strip = box(at - dimensions.groove_mm / 2.0, low - 1.0, at + dimensions.groove_mm / 2.0, high + 1.0)
-        shape = room.intersection(strip)
-        if isinstance(shape, Polygon) and not shape.is_empty and _clear_of_edges(outline, strip, hardware):
-            grooves.append(Groove(float(at), get_coordinates(shape)[:-1]))
+        strip = box(at - half, low - beyond, at + half, high + beyond)
+        if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
+            continue
+        middle = strip.intersection(outline).centroid.y
+        blocked = taken.intersection(strip)
+        below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < middle]
+        above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > middle]
+        shape = room.intersection(box(at - half, max([low - beyond, *below]), at + half, min([high + beyond, *above])))
+        grooves.append(Groove(float(at), get_coordinates(shape)[:-1]))
     return tuple(grooves)
+
+
+def _column(mirror: Mirror, other: Mirror, away: FloatArray) -> Polygon:
+    """The column behind another mirror, where it passes through a mirror's seat plane, in that plane's axes."""
+    frame = mirror.rig_from_plane
+    origin = frame[:3, 3] + back_height_mm(mirror) * frame[:3, 2]
+    corners = outline_at(other, back_height_mm(other)) - origin
+    flat = corners - ((corners @ frame[:3, 2]) / (away @ frame[:3, 2]))[:, None] * away
+    return Polygon(flat @ frame[:3, :2])
+
+
+def _parts(area: BaseGeometry) -> list[BaseGeometry]:
+    return [part for part in getattr(area, "geoms", [area]) if not part.is_empty]
 
 
 def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> bool:

@@ -100,7 +100,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     reach = mount.back_mm - min(float((polygon @ away).min()) for polygon in seats)
     reach += max(mirror.thickness_mm for mirror in layout.mirrors)
     volumes = keep_outs(layout, hardware)
-    grooves = [grooves_of(mirror, hardware) for mirror in layout.mirrors]
+    grooves = [grooves_of(index, layout.mirrors, away, hardware) for index in range(len(layout.mirrors))]
     rims = plan_rims(layout, volumes, grooves, reach, hardware)
     rig_from_mount = np.eye(4)
     rig_from_mount[:3, :3] = axes.T

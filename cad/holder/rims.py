@@ -10,7 +10,7 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Hardware
-from cad.holder.glue import Groove
+from cad.holder.glue import Groove, groove_volume
 from cad.seats import Frustum, back_height_mm, outline_at
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -73,8 +73,12 @@ def plan_rims(
     """
     fit = hardware.fit.free_mm
     taken = [
-        [Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)), *group[1:]]
-        for mirror, group in zip(layout.mirrors, keep_outs, strict=True)
+        [
+            Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)),
+            *group[1:],
+            *(groove_volume(mirror, groove, hardware) for groove in own),
+        ]
+        for mirror, group, own in zip(layout.mirrors, keep_outs, grooves, strict=True)
     ]
     rims = []
     for index, mirror in enumerate(layout.mirrors):
@@ -114,10 +118,12 @@ def _rims_of(
         room = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
             room &= ~volume.contains(points).any(axis=(1, 2))
-        flat = edge.start + steps[:, None] * edge.direction
+        # A groove leaves across the whole width of the rim, which it need not meet at right angles.
+        band = np.concatenate([[0.0], sides])
+        across = edge.start[0] + steps[:, None] * edge.direction[0] + band * edge.outward[0]
         for groove in grooves:
-            notch = np.abs(flat[:, 0] - groove.at_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
-            room &= ~(notch & edge.crosses(groove.shape))
+            notch = np.abs(across - groove.at_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
+            room &= ~(notch.any(axis=1) & edge.crosses(groove.shape))
         for first, last in _runs(room):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
             if to_mm - from_mm >= hardware.holder.rim_length_mm:

@@ -70,7 +70,9 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     expected = plate.area * depth + (on_back(plan, plan.flange.top).area - plate.area) * dimensions.floor_mm
     expected += ground * (depth - RELIEF_MM - dimensions.floor_mm)
     expected += sum(on_back(plan, rim.top).area for rim in plan.rims[::2]) * dimensions.rim_height_of_sheet * 2.0
-    expected -= sum(on_back(plan, groove.base).area for groove in plan.grooves) * dimensions.groove_depth_mm
+    expected -= (
+        sum(on_back(plan, groove.base).intersection(plate).area for groove in plan.grooves) * dimensions.groove_depth_mm
+    )
     for hollow in plan.hollows:
         eaves, top = height(plan, hollow.eaves[0]), height(plan, hollow.top[0])
         low, high = on_back(plan, hollow.eaves).area, on_back(plan, hollow.top).area
