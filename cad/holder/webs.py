@@ -72,7 +72,8 @@ def plan_hollows(
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    joint = dimensions.pin_mm[1] / 2.0 + hardware.printer.wall_mm
+    # A hair more, so that no section through a joint lies in the side of a hollow.
+    joint = dimensions.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     if inside.is_empty:
         return ()
