@@ -8,6 +8,7 @@ import numpy as np
 from shapely import Polygon, box, get_coordinates
 
 from cad.hardware import Hardware
+from cad.parts.fasteners import ROOF_DEG
 from cad.parts.prisms import along_x
 from cad.seats import Frustum
 from optics.values import FloatArray
@@ -24,13 +25,14 @@ FAR_MM = 1e4
 
 @dataclass(frozen=True)
 class Lay:
-    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`.
+    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`; or one that `fits` no way.
 
     Where it fits only in two pieces, `cut_mm` is where along the bed's y it is cut, `at` (2, 2) are the points of its
     inner and outer side there, `along` (2,) is its direction in y and z.
     """
 
     turn_deg: float
+    fits: bool = True
     cut_mm: float | None = None
     at: FloatArray | None = None
     along: FloatArray | None = None
@@ -48,12 +50,13 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
             return Lay(float(degrees))
     lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
     if len(lengths) == 0:
-        return Lay(0.0)
+        return Lay(0.0, fits=False)
     piece = 1 + int(lengths.argmax())
     along = (inner[piece + 1] - inner[piece]) / lengths.max()
     upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
     turns = [float(degrees) for degrees in range(-90, 91, TURN_STEP_DEG) if abs(degrees - upright) <= CUTS_DEG]
-    for turned in sorted(turns, key=lambda degrees: abs(degrees - upright)):
+    # As it is, if it can be: slicers bridge askew slots worse.
+    for turned in sorted(turns, key=abs):
         for part in CUTS_AT:
             near = inner[piece] + part * (inner[piece + 1] - inner[piece])
             cut = float((turn(turned) @ near)[1])
@@ -61,8 +64,8 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
                 normal = np.array([-along[1], along[0]])
                 depth = float((outer[piece] - inner[piece]) @ normal)
                 far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
-                return Lay(turned, cut, np.array([near, far]), along)
-    return Lay(0.0)
+                return Lay(turned, True, cut, np.array([near, far]), along)
+    return Lay(0.0, fits=False)
 
 
 def turn(degrees: float) -> FloatArray:
@@ -95,9 +98,12 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
     normal = np.array([-laid.along[1], laid.along[0]])
     span = laid.at[1] - laid.at[0]
     askew = float(np.abs(span @ laid.along) / np.abs(span @ normal))
-    reach = length / 2.0 + 1.0
-    thick = diameter + 2.0 * hardware.fit.press_mm + 3.0 * hardware.printer.wall_mm + 2.0 * reach * askew
-    long = reach + 3.0 * hardware.printer.wall_mm + thick * askew
+    # As `cad.split` asks for: a wall round the roof of a pin's hole, and beyond its end; 1 mm to spare.
+    wall = hardware.printer.wall_mm
+    around = (diameter / 2.0 + hardware.fit.press_mm) / np.sin(np.deg2rad(ROOF_DEG)) + wall
+    reach = length / 2.0 + wall + 1.0
+    thick = 2.0 * around + 1.0 + 2.0 * reach * askew
+    long = reach + thick * askew
     blocks = []
     for point, inwards in zip(laid.at, (normal, -normal), strict=True):
         ends = np.array([point - long * laid.along, point + long * laid.along])

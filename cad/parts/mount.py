@@ -51,8 +51,9 @@ FOOT_Y_MM = (4.5, 15.5)
 FOOT_DEPTH_MM = 20.0
 # Marks of the scale beside the clip's upper end, 1 mm apart.
 MARK_MM = 0.6
-# Steps in which wider and deeper mounts are tried.
+# Steps in which wider, deeper and thicker mounts are tried.
 WIDER_MM, DEEPER_MM = 8.0, 2.0
+THICKER = (1.0, 1.5, 2.0)
 
 
 @dataclass(frozen=True)
@@ -170,33 +171,42 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     # Plastic goes with the width more than with the depth: the narrowest first.
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
     load_g, load_at = _load(layout, holder, hardware)
-    best = np.inf
+    best, chosen = np.inf, None
     halves = np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist()
-    inners = [inner_path(holder, clip, half, around, hardware) for half in halves]
-    depths = np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM)
-    for (half_width, inner), depth in product(zip(halves, inners, strict=True), depths.tolist()):
-        outer = _offset(inner, depth)
-        path = _to_head((inner + outer) / 2.0, holder)
-        section = Section(depth, 2.0 * half_width, mount.skin_mm, mount.web_mm, WEB_DEG, hardware.printer.plastic_mpa)
-        turn, shift = (bend * load_g / 1000.0 * GRAVITY_N_PER_KG for bend in bends_per_newton(path, load_at, section))
-        tilt = float(np.degrees(np.linalg.norm(turn, ord=2)))
-        best = min(best, tilt)
-        if tilt <= mount.tilt_deg:
+    inners = {half: inner_path(holder, clip, half, around, hardware) for half in halves}
+    # Plastic goes with width and thickness: the lightest first. What lies on no bed is taken if nothing else is stiff.
+    for thicker, half_width in sorted(product(THICKER, halves), key=lambda pair: (pair[0] * pair[1], pair)):
+        skin_mm, web_mm, inner = thicker * mount.skin_mm, thicker * mount.web_mm, inners[half_width]
+        for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
+            section = Section(depth, 2.0 * half_width, skin_mm, web_mm, WEB_DEG, hardware.printer.plastic_mpa)
+            outer = _offset(inner, depth)
+            path = _to_head((inner + outer) / 2.0, holder)
+            bends = bends_per_newton(path, load_at, section)
+            turn, shift = (bend * load_g / 1000.0 * GRAVITY_N_PER_KG for bend in bends)
+            tilt = float(np.degrees(np.linalg.norm(turn, ord=2)))
+            best = min(best, tilt)
+            if tilt <= mount.tilt_deg:
+                laid = lay(inner, outer, hardware)
+                if chosen is None or laid.fits:
+                    chosen = (section, inner, outer, path, tilt, shift, laid)
+                break
+        if chosen is not None and chosen[-1].fits:
             break
-    else:
+    if chosen is None:
         raise InputError(
             f"mirrors tilt by {best:.3f} deg under their holder's {load_g:.0f} g on the stiffest mount, "
             f"{2.0 * widest_half:.0f} mm wide and {mount.deepest_mm:g} mm deep, expected at most {mount.tilt_deg:g} deg"
         )
-    pieces, webs = _truss(inner, outer, half_width, hardware)
+    section, inner, outer, path, tilt, shift, laid = chosen
+    half_width, depth = section.width_mm / 2.0, section.depth_mm
+    pieces, webs = _truss(inner, outer, section, hardware)
     head = stack_into(mount.skin_mm, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, screw)
     rig_from_head = holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0])
     holes_in_head = holder.holes_in_mount_mm * [1.0, -1.0]
     foot_z, plate = foot_z_mm(clip, hardware), foot_plate_mm(hardware)
     foot = np.array([(x, clip.slide_y_mm - y, foot_z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
     pieces.append(_rib(clip))
-    laid = lay(inner, outer, hardware)
-    webs += joint_blocks(laid, mount.skin_mm, half_width, hardware)
+    webs += joint_blocks(laid, section.skin_mm, half_width, hardware)
     cuts = _holes(holder, clip, foot, foot_z, plate, inner, depth, half_width, hardware)
     light = tuple(
         volume
@@ -252,12 +262,11 @@ def _offset(inner: FloatArray, depth: float) -> FloatArray:
 
 
 def _truss(
-    inner: FloatArray, outer: FloatArray, half_width: float, hardware: Hardware
+    inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[list[Frustum], list[Frustum]]:
     """The skins, and the webs between them with the foot's plate."""
-    mount = hardware.mount
-    depth = float(np.linalg.norm(outer[0] - inner[0]))
-    part = mount.skin_mm / depth
+    depth, half_width, web_mm = section.depth_mm, section.width_mm / 2.0, section.web_mm
+    part = section.skin_mm / depth
     inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
     skins, webs = [], []
     for (a, b), (c, d) in zip(pairwise(inner), pairwise(outer), strict=True):
@@ -265,12 +274,12 @@ def _truss(
         far = np.array([c, d, d + part * (b - d), c + part * (a - c)])
         skins += [along_x(near, -half_width, half_width), along_x(far, -half_width, half_width)]
     # Over the foot's plate there is the cable's window, which no web crosses.
-    plate, window = foot_plate_mm(hardware), mount.cable_window_mm[1]
-    over = plate + window + mount.web_mm / 2.0
+    plate, window = foot_plate_mm(hardware), hardware.mount.cable_window_mm[1]
+    over = plate + window + web_mm / 2.0
     inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
-    webs.append(_web(inside[0], outside[0], mount.web_mm, half_width))
+    webs.append(_web(inside[0], outside[0], web_mm, half_width))
     # The last web ends flush with the skins.
-    end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * mount.web_mm / 2.0
+    end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * web_mm / 2.0
     inside[-1], outside[-1] = inside[-1] - end, outside[-1] - end
     for (a, b), (c, d) in zip(pairwise(inside), pairwise(outside), strict=True):
         panel = depth / np.tan(np.deg2rad(WEB_DEG))
@@ -278,8 +287,8 @@ def _truss(
         for i in range(count):
             low, high = i / count, (i + 1) / count
             near_to_far = ((a + low * (b - a), c + high * (d - c)), (c + low * (d - c), a + high * (b - a)))
-            webs.append(_web(*near_to_far[i % 2], mount.web_mm, half_width))
-        webs.append(_web(b, d, mount.web_mm, half_width))
+            webs.append(_web(*near_to_far[i % 2], web_mm, half_width))
+        webs.append(_web(b, d, web_mm, half_width))
     y, z = inner[0]
     foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
     skins.append(along_x(foot, -half_width, half_width))
@@ -348,7 +357,7 @@ def _cable_and_tripod(
         roofed(
             (x, x + tie_width),
             (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
-            (y - depth - 1.0, y - depth + mount.skin_mm + 1.0),
+            (y - depth - 1.0, y - depth + max(THICKER) * mount.skin_mm + 1.0),
         )
         for x in (-half - 3.0 - tie_width, half + height / 2.0 + 3.0)
     ]
