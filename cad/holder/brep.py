@@ -31,6 +31,7 @@ def brep(workshop: Workshop, body: Manifold) -> Solid:
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
     faces = _faces(*_welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id)))
+    faces = _without_needless_corners(_without_spikes(corners, faces))
     corners = _settled(workshop, corners, faces)
     solid = _solid(corners, [(_outward(corners, workshop.normals[plane], loops), loops) for plane, loops in faces])
     if not solid.is_valid:
@@ -128,6 +129,33 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
                 edge = following[edge[::-1]]
         loops[face[t]] += _simple(loop)
     return _without_needless_corners(list(zip(plane_of, loops, strict=True)))
+
+
+def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
+    """Faces whose loops nowhere run back along the edge that they came by: what is so thin belongs to the next face."""
+    loops = [loop for _, group in faces for loop in group]
+    found = True
+    while found:
+        found = False
+        for loop in loops:
+            for i in range(len(loop)):
+                a, b, c = loop[i - 2], loop[i - 1], loop[i]
+                first, second = corners[a] - corners[b], corners[c] - corners[b]
+                if first @ second <= 0.0 or len(loop) < 4:
+                    continue
+                far, near, start, end = (a, c, b, a) if first @ first > second @ second else (c, a, c, b)
+                way = corners[far] - corners[b]
+                if np.linalg.norm(np.cross(way, corners[near] - corners[b])) > CORNER_MM * np.linalg.norm(way):
+                    continue
+                other = next(o for o in loops if any(o[k - 1] == start and o[k] == end for k in range(len(o))))
+                place = next(k for k in range(len(other)) if other[k - 1] == start and other[k] == end)
+                other.insert(place if place > 0 else len(other), near)
+                loop.remove(b)
+                found = True
+                break
+            if found:
+                break
+    return faces
 
 
 def _simple(loop: Loop) -> list[Loop]:
