@@ -33,10 +33,12 @@ def build(
     with crew(workers) as executor:
         try:
             from cad.device_files import write_device
+            from cad.holder.solid import check_gaps
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] not in EXTRA:
                 raise
             raise InputError(f'{error.name} is not installed, needed to build parts: pip install -e ".[cad]"') from None
+        check_gaps(layout, hardware)
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
