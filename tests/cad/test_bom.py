@@ -68,11 +68,11 @@ def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: Built
 def test_the_three_files_say_the_same(bom: Bom, tmp_path: Path) -> None:
     write_bom(tmp_path, bom)
     assert read_model(Bom, tmp_path / "bom.json") == bom
-    assert json.loads((tmp_path / "bom.json").read_text())["printed"][0]["print_minutes"] == 75.4
-    rows = list(csv.DictReader((tmp_path / "bom.csv").read_text().splitlines()))
+    assert json.loads((tmp_path / "bom.json").read_text(encoding="utf-8"))["printed"][0]["print_minutes"] == 75.4
+    rows = list(csv.DictReader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == len(bom.printed) + len(bom.mirrors) + len(bom.bought)
     assert {row["item"]: row["count"] for row in rows}["M3 x 8 screw"] == "5"
-    text = (tmp_path / "bom.md").read_text()
+    text = (tmp_path / "bom.md").read_text(encoding="utf-8")
     tables = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|---")]
     assert len(tables) == len(rows) + 3
     assert "| MC-99 | Block | [block.3mf](parts/block.3mf) | 18.0 | 22.3 | 9.5 | 1:15 h |" in text

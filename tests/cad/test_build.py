@@ -34,7 +34,7 @@ def test_the_default_layout_gives_all_files_and_passes(built_default: Built) -> 
     expected |= {f"drawings/{part}{suffix}" for part in PARTS for suffix in (".svg", ".pdf")}
     assert expected | WHOLE <= names(folder)
     assert {name: check for name, check in checks.items() if not check.passed} == {}
-    written = json.loads((folder / "checks.json").read_text())
+    written = json.loads((folder / "checks.json").read_text(encoding="utf-8"))
     assert {name: entry["value"] for name, entry in written.items()} == {n: c.value for n, c in checks.items()}
     assert written["mirrors.seat_offset_um"]["limit"] == 1.0
     assert {name.partition(".")[0] for name in checks} >= {*PARTS, "device", "mirrors"}

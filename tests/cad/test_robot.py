@@ -150,7 +150,7 @@ def test_meshes_are_there_at_their_scale(urdf: Element, folder: Path, pieces: tu
 
 
 def test_the_macro_is_the_same_with_its_names_left_open(folder: Path, urdf: Element) -> None:
-    text = (folder / "robot" / "mirrorcam.xacro").read_text()
+    text = (folder / "robot" / "mirrorcam.xacro").read_text(encoding="utf-8")
     root = ElementTree.fromstring(text)
     (macro,) = root
     assert macro.tag == "{http://www.ros.org/wiki/xacro}macro"

@@ -104,5 +104,7 @@ def test_a_slicer_takes_it(written: Path, tmp_path: Path) -> None:
     gcode = tmp_path / "block.gcode"
     command = ["prusa-slicer", "--export-gcode", "--bed-shape", f"0x0,{BED[0]}x0,{BED[0]}x{BED[1]},0x{BED[1]}"]
     subprocess.run([*command, "--output", str(gcode), str(written)], check=True, capture_output=True, timeout=120)
-    heights = [float(line.split(":")[1]) for line in gcode.read_text().splitlines() if line.startswith(";Z:")]
+    heights = [
+        float(line.split(":")[1]) for line in gcode.read_text(encoding="utf-8").splitlines() if line.startswith(";Z:")
+    ]
     assert max(heights) == pytest.approx(30.0, abs=0.3)

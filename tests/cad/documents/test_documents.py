@@ -134,24 +134,26 @@ def will_exist(made: Made) -> set[str]:
 
 
 def test_every_link_leads_to_a_file_or_a_place_on_the_page(made: Made) -> None:
-    links = Links((made.folder / "index.html").read_text())
+    links = Links((made.folder / "index.html").read_text(encoding="utf-8"))
     there = will_exist(made) | {f"#{name}" for name in links.ids}
     assert set(links.named) - there == set()
     assert {f"parts/{part.name}.3mf" for part in made.parts} < set(links.named)
     assert {picture.path for picture in made.pictures} < set(links.named)
     assert "mirrors/mirrors.dxf" in links.named
-    in_guide = set(re.findall(r"\]\(([^)]*)\)", (made.folder / "guide.md").read_text()))
+    in_guide = set(re.findall(r"\]\(([^)]*)\)", (made.folder / "guide.md").read_text(encoding="utf-8")))
     assert in_guide - there == set()
 
 
 def test_nothing_on_the_page_is_fetched_from_elsewhere(made: Made) -> None:
-    page = (made.folder / "index.html").read_text()
+    page = (made.folder / "index.html").read_text(encoding="utf-8")
     assert not [link for link in Links(page).named if re.match(r"[a-z]+:|//", link)]
-    css = (WEB / "page.css").read_text()
+    css = (WEB / "page.css").read_text(encoding="utf-8")
     assert "@import" not in css
     assert "url(" not in css
     # Its one address is a namespace; the loader of models fetches what a model names, and ours names nothing.
-    script = (WEB / "page.js").read_text() + (WEB / "three.bundle.js").read_text().partition("*/")[2]
+    script = (WEB / "page.js").read_text(encoding="utf-8") + (WEB / "three.bundle.js").read_text(
+        encoding="utf-8"
+    ).partition("*/")[2]
     assert set(re.findall(r"https?://[\w./-]+", script)) <= {"http://www.w3.org/1999/xhtml"}
     header = json.loads(model_json((made.folder / "assembly.glb").read_bytes()))
     assert not [buffer for buffer in (*header["buffers"], *header.get("images", ())) if "uri" in buffer]
@@ -165,7 +167,7 @@ def model_json(glb: bytes) -> bytes:
 
 
 def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
-    scripts = Links((made.folder / "index.html").read_text()).scripts
+    scripts = Links((made.folder / "index.html").read_text(encoding="utf-8")).scripts
     glb = base64.b64decode(scripts["glb"])
     assert glb == (made.folder / "assembly.glb").read_bytes()
     extras = [node["extras"] for node in json.loads(model_json(glb))["nodes"] if "kind" in node.get("extras", {})]
@@ -180,12 +182,12 @@ def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
 
 
 def test_a_failed_check_is_said_at_the_top_and_in_its_row(made: Made, tmp_path: Path) -> None:
-    assert f"all {len(CHECKS)} checks pass" in (made.folder / "index.html").read_text()
+    assert f"all {len(CHECKS)} checks pass" in (made.folder / "index.html").read_text(encoding="utf-8")
     broken = tmp_path / "broken"
     shutil.copytree(made.folder, broken)
     thin = CHECKS | {"mirror_holder.wall_mm": Metric(value=0.4, unit="mm", limit=1.2, lower_is_better=False)}
     write_documents(Made(broken, made.device, made.parts, made.pieces, made.pictures), thin)
-    page = (broken / "index.html").read_text()
+    page = (broken / "index.html").read_text(encoding="utf-8")
     assert "1 of 3 checks failed" in page
     row = next(line for line in page.splitlines() if "0.4 mm" in line)
     assert 'class="bad"' in row
@@ -199,7 +201,7 @@ def test_what_the_page_quotes_is_escaped(made: Made, tmp_path: Path) -> None:
     camera = made.device.hardware.camera.replaced(name="<script>alert(1)</script>")
     device = plan_device(made.device.layout, made.device.hardware.replaced(camera=camera))
     write_documents(Made(odd, device, made.parts, made.pieces, made.pictures))
-    assert "<script>alert(1)" not in (odd / "index.html").read_text()
+    assert "<script>alert(1)" not in (odd / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
@@ -242,7 +244,7 @@ def test_the_guide_takes_every_bought_piece_once(made: Made) -> None:
 
 
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
-    text = (made.folder / "guide.md").read_text()
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert [int(n) for n in re.findall(r"^## Step (\d+)", text, re.MULTILINE)] == list(range(1, 11))
     for word in ("heat-set", "lips", "row 0 is the", made.device.layout.identity, "Ø63"):
         assert word in text
@@ -251,7 +253,7 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     hardware = Hardware.model_validate({"camera": "board_38", "screw": {"kind": "nut"}})
     device = plan_device(made.device.layout, hardware)
     write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
-    other = (tmp_path / "guide.md").read_text()
+    other = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Set the board on the posts" in other
     assert "Slide each nut" in other
     assert "heat-set" not in other
@@ -283,8 +285,8 @@ def test_fasteners_find_their_piece_of_a_part_that_is_split(made: Made) -> None:
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:
     pin = BoughtItem("pin", "3", 16.0, np.eye(4), np.zeros(3), ("mirror_holder_1", "mirror_holder_2"))
     write_guide(tmp_path, made.device, made.parts, (*made.pieces, *item_pieces([pin, pin])))
-    assert "Press the pins (2 x 3 x 16 pin)" in (tmp_path / "guide.md").read_text()
-    assert "Press the pins" not in (made.folder / "guide.md").read_text()
+    assert "Press the pins (2 x 3 x 16 pin)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
+    assert "Press the pins" not in (made.folder / "guide.md").read_text(encoding="utf-8")
 
 
 def test_the_exploded_view_shows_every_part_and_mirror(made: Made) -> None:
