@@ -22,6 +22,7 @@ from optics.values import Value
 # What the titles of `item_title` end in.
 STANDARDS = {
     "set screw": "ISO 4026, flat point",
+    "thread-forming screw": "for plastics, pan head",
     "screw": "ISO 4762, socket head",
     "heat-set insert": "brass",
     "nut": "ISO 4032",

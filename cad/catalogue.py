@@ -11,7 +11,7 @@ import numpy as np
 from cad.device import Device
 from cad.hardware import Lips
 from cad.holder.solid import make_holder
-from cad.part import BoughtItem, PartPlan
+from cad.part import FORMING, BoughtItem, PartPlan
 from cad.parts.bed import turn
 from cad.parts.fasteners import Stack
 from cad.parts.prisms import corners_of
@@ -24,6 +24,7 @@ from optics.values import FloatArray
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 Z_UP = np.eye(3)
+ACROSS = np.array([1.0, 0.0, 0.0])
 
 EXPLODE = {
     "mirror_holder": (0.0, 30.0, 60.0),
@@ -138,16 +139,25 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
         *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder")),
         *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip")),
         *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
-        *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle")),
+        # The channel for these nuts runs along y: their flats are on its sides.
+        *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle"), scene),
         *_camera_screws(device),
         *_on_bed(device).pins,
     )
 
 
 def _screws(
-    device: Device, heads: FloatArray, out: FloatArray, stack: Stack, joins: tuple[str, str]
+    device: Device,
+    heads: FloatArray,
+    out: FloatArray,
+    stack: Stack,
+    joins: tuple[str, str],
+    corner: FloatArray = ACROSS,
 ) -> Iterator[BoughtItem]:
-    """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head."""
+    """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head.
+
+    Nuts have a corner in the direction `corner` (3,).
+    """
     screw = device.hardware.screw
     outer, inner = (np.array(EXPLODE[name]) for name in joins)
     for head in heads:
@@ -157,7 +167,7 @@ def _screws(
             yield BoughtItem("insert", "M3", screw.insert_mm, _along(mouth, out), inner + 12.0 * out, joins[1:])
         else:
             near = mouth - stack.begins_mm * out
-            yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out), inner - 12.0 * out, joins[1:])
+            yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out, corner), inner - 12.0 * out, joins[1:])
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
@@ -167,7 +177,7 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     apart = np.array(EXPLODE["camera_clip"])
     if not isinstance(hardware.camera.held_by, Lips):
         for head in clip.board_screws:
-            size = f"M{hardware.camera.held_by.screw_mm:g}"
+            size = f"M{hardware.camera.held_by.screw_mm:g}{FORMING}"
             yield BoughtItem(
                 "screw",
                 size,
@@ -187,9 +197,9 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
         yield BoughtItem(screw.kind, "M3", length, _along(mouth, above), apart + 15.0 * above, ("camera_clip",))
 
 
-def _along(origin: FloatArray, z_axis: FloatArray) -> FloatArray:
-    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x across it, along the rig's x if it can be."""
-    x_axis = np.array([1.0, 0.0, 0.0]) - z_axis[0] * z_axis
+def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
+    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
+    x_axis = across - (z_axis @ across) * z_axis
     matrix = np.eye(4)
     matrix[:3, 0] = x_axis / np.linalg.norm(x_axis)
     matrix[:3, 1] = np.cross(z_axis, matrix[:3, 0])

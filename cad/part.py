@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 Rgb = tuple[float, float, float]
 
+FORMING = " thread-forming"
+"""End of the size of a screw that cuts its thread itself, in plastic."""
+
 
 @dataclass(frozen=True)
 class PartPlan:

@@ -14,7 +14,7 @@ from build123d import Part
 from cad.catalogue import bought_items
 from cad.device import Device
 from cad.mirrors.sheets import mirror_names
-from cad.part import BoughtItem, BuiltPart, MassProperties, Rgb
+from cad.part import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from cad.reference import camera_solid, item_solid
 from cad.seats import Frustum, sheet
 from optics.mirror import Mirror
@@ -145,12 +145,13 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
 
 
 def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
-    """Names of fasteners, numbered by kind: "screw_01"."""
+    """Names of fasteners, numbered by kind: "screw_01"; one that cuts its own thread is a "screw_forming_13"."""
     counted: Counter[str] = Counter()
     names = []
     for item in items:
         counted[item.kind] += 1
-        names.append(f"{item.kind}_{counted[item.kind]:02d}")
+        form = "forming_" if item.size.endswith(FORMING) else ""
+        names.append(f"{item.kind}_{form}{counted[item.kind]:02d}")
     return tuple(names)
 
 

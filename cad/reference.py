@@ -19,7 +19,7 @@ from build123d import (
     extrude,
 )
 
-from cad.hardware import CameraBody
+from cad.hardware import BoardHoles, CameraBody
 from cad.part import BoughtItem
 
 ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
@@ -48,6 +48,9 @@ def camera_solid(camera: CameraBody) -> Part:
                 Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
         with Locations((camera.cable_x_mm, middle[1], front - camera.depth_mm)):
             Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
+        if isinstance(camera.held_by, BoardHoles):
+            with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
+                Hole(camera.held_by.hole_mm / 2.0)
     return _solid(body)
 
 

@@ -16,11 +16,16 @@ ROUNDING_MM = 1e-4
 # Round shapes of one diameter are meshes with different corners: they sink into each other, or leave as much between.
 PRESSED_MM = 0.1
 TOUCH_MM = 0.08
+# A pin is glued into holes a little wider than itself, one in each of two parts: it holds where so much is between.
+PINNED_MM = 0.2
 # How far apart solids further from each other than this are is not looked for.
 NEAR_MM = 10.0
 # Fasteners by the beginning of their names, and what a screw holds in.
 FASTENERS = ("screw", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
+# A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
+FORMING = "screw_forming"
+FORMED_MM = 0.25
 HOLDER = "mirror_holder"
 
 
@@ -48,7 +53,7 @@ def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
             continue
         first, second = (solids[name] for name in pair)
         gap = first.min_gap(second, NEAR_MM)
-        depth = PRESSED_MM if _pressed(*pair) else ROUNDING_MM
+        depth = FORMED_MM if _forms(*pair) else PRESSED_MM if _pressed(*pair) else ROUNDING_MM
         if gap < NEAR_MM:
             found.append(Meeting(pair, common_mm3(first, second, depth) if apart <= 0.0 else 0.0, gap))
     return found
@@ -78,14 +83,19 @@ def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) ->
     for meeting in met:
         for name, other in (meeting.names, meeting.names[::-1]):
             common[name] += meeting.common_mm3
-            if meeting.touch:
+            if meeting.touch or (name.startswith("pin") and meeting.gap_mm <= PINNED_MM):
                 touched[name].add(other)
             elif name in gaps and other in gaps:
                 gaps[name] = min(gaps[name], meeting.gap_mm)
     mirrors = [name for name in others if is_mirror(name)]
     threadless = [
-        name for name in fasteners if name.startswith("screw") and not any(t.startswith(THREADS) for t in touched[name])
+        name
+        for name in fasteners
+        if name.startswith("screw")
+        and not any(_forms(name, other) or other.startswith(THREADS) for other in touched[name])
     ]
+    # What a pin joins holds it from both sides.
+    loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
     return {
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
         "device.clearance_mm": _gap(min(gaps.values(), default=NEAR_MM), least_mm),
@@ -94,7 +104,7 @@ def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) ->
             unit="",
             limit=0,
         ),
-        "device.fasteners_loose": Metric(value=sum(not touched[name] for name in fasteners), unit="", limit=0),
+        "device.fasteners_loose": Metric(value=sum(loose), unit="", limit=0),
         "device.screws_without_thread": Metric(value=len(threadless), unit="", limit=0),
         **{
             f"{name}.clash_mm3": Metric(value=volume, unit="mm3", limit=0.0)
@@ -112,6 +122,14 @@ def is_mirror(name: str) -> bool:
 
 def _gap(gap_mm: float, least_mm: float) -> Metric:
     return Metric(value=round(gap_mm, 4), unit="mm", limit=least_mm, lower_is_better=False)
+
+
+def _forms(first: str, second: str) -> bool:
+    """Whether one is a screw that cuts its own thread, the other a part to cut it in."""
+    return any(
+        inner.startswith(FORMING) and not (outer.startswith(FASTENERS) or outer == "camera" or is_mirror(outer))
+        for inner, outer in ((first, second), (second, first))
+    )
 
 
 def _pressed(first: str, second: str) -> bool:

@@ -125,7 +125,7 @@ def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
         saddle_cuts.append(Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, skin + 1.0, UP))
         saddle_cuts.append(Bore(head, -ABOVE, driver, 99.0, UP))
     for ear in ear_at:
-        hole, *pocket = thread(ear, ABOVE, UP, clamp.wall_mm, screw)
+        hole, *pocket = thread(ear, ABOVE, UP, clamp, clamp.wall_mm, screw)
         saddle_cuts.append(hole)
         if pocket:
             # The ear is too narrow for a pocket all round: a channel through it holds the nut by two sides.

@@ -102,7 +102,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     slide_z = (bottom + top) / 2.0
     for side in (-1.0, 1.0):
         mouth = np.array([side * clip.screws_apart_mm / 2.0, outer_y, slide_z])
-        cuts += thread(mouth, SCENE, UP, slide.wall_mm, hardware.screw)
+        cuts += thread(mouth, SCENE, UP, slide, slide.wall_mm, hardware.screw)
     deep = clip.rib_mm + hardware.fit.slide_mm
     groove = np.array(
         [[-deep - OUTSIDE_MM, outer_y - OUTSIDE_MM], [deep + OUTSIDE_MM, outer_y - OUTSIDE_MM], [0.0, outer_y + deep]]

@@ -59,7 +59,8 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
     ring, radius = hardware.camera.lens_ring_mm, hardware.wrist.diameter_mm / 2.0
     pitch = ring + 2.0 * GAUGE_WALL_MM
     seat_x, seat_y = (side + 2.0 * (fit + rim) for side in MIRROR_MM)
-    wall = stack(hardware.mount.skin_mm, hardware).wall_mm
+    held = stack(hardware.mount.skin_mm, hardware)
+    wall = held.wall_mm
     block = screw.nut_flats_mm + 2.0 * screw.insert_wall_mm + 1.0
     depth = seat_y + pitch
     half_chord = min(0.42 * depth, 0.5 * radius)
@@ -89,7 +90,7 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
     block_x = seat_x + 2.0
     pieces.append(solid((block_x, 0.0, 0.0), (block_x + block, wall, PLATE_MM + block + screw.insert_wall_mm)))
     mouth = at + np.array([block_x + block / 2.0, 0.0, PLATE_MM + block / 2.0])
-    cuts += thread(mouth, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), wall, screw)
+    cuts += thread(mouth, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), held, wall, screw)
     for index, step in enumerate(LENS_STEPS_MM):
         x = pitch * (index + 0.5)
         middle = at + np.array([x, seat_y + pitch / 2.0, PLATE_MM + 0.5])

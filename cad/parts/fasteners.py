@@ -112,14 +112,17 @@ def stack_into(
 
 
 def thread(
-    mouth: FloatArray, axis: FloatArray, up: FloatArray, wall_mm: float, screw: Fastening
+    mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """What a wall gets for a screw that enters it at a mouth (3,) along an axis (3,)."""
+    """What a wall, at least as thick as its stack says, gets for a screw that enters it at a mouth (3,) along an axis.
+
+    In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
+    """
     start = mouth - OUTSIDE_MM * axis
     if screw.kind == "insert":
         return (Bore(start, axis, screw.insert_hole_mm / 2.0, screw.insert_depth_mm + OUTSIDE_MM, up),)
-    depth = screw.nut_height_mm + NUT_FIT_MM
+    depth = wall_mm - held.begins_mm + OUTSIDE_MM
     return (
         Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
-        Hexagon(mouth + (wall_mm - depth) * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM),
+        Hexagon(mouth + held.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
     )

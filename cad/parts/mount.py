@@ -336,7 +336,7 @@ def _holes(
         mouth = np.array([x, y - mount.skin_mm, clip.slide_z_mm])
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for spot in foot:
-        cuts += thread(spot, ABOVE, UP, plate, screw)
+        cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
     cuts += _cable_and_tripod(y, foot_z + plate, depth, plate, hardware)
     cuts += _scale(clip, half_width)
     if abs(away[0]) > 1e-6:

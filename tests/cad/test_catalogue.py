@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from build123d import Location, Part, Plane, Rotation
 
 from cad.catalogue import bought_items, parts_of
 from cad.device import Device, plan_device
 from cad.hardware import HARDWARE, Hardware, read_camera
 from cad.part import BoughtItem
+from cad.reference import item_solid
 from optics.layout import Layout
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
+POCKETS = ("mount", "camera_clip", "adapter_saddle")
 BOARD = HARDWARE.replaced(camera=read_camera("board_38"))
 
 
@@ -59,7 +62,7 @@ def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
     sizes = [(item.kind, item.size) for item in items]
     assert sizes.count((kind, "M3")) == 12 + (3 if lips else 0)
     assert sizes.count(("screw", "M3 set")) == (3 if lips else 0)
-    assert sizes.count(("screw", "M2")) == (0 if lips else 4)
+    assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
 
 
 def test_set_screws_reach_from_the_socket_through_their_thread_to_the_body(device: Device) -> None:
@@ -69,6 +72,25 @@ def test_set_screws_reach_from_the_socket_through_their_thread_to_the_body(devic
             origin, out = axis_of(item)
             assert (origin - item.length_mm * out)[2] == pytest.approx(back)
             assert origin[2] < device.clip.bottom_mm
+
+
+def test_nuts_lie_in_their_pockets(device: Device) -> None:
+    """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
+    made = {part.name: part.make(part.plan) for part in parts_of(device) if part.name in POCKETS}
+    nuts = [item for item in bought_items(device) if item.kind == "nut" and item.joins[-1] in made]
+    assert len(nuts) == (11 if device.hardware.camera.held_by.kind == "lips" else 8) * (
+        device.hardware.screw.kind == "nut"
+    )
+    for item in nuts:
+        placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
+        nut = item_solid(item)
+        part = made[item.joins[-1]]
+        assert common_mm3(part, placed * nut) == pytest.approx(0.0, abs=1e-6)
+        assert common_mm3(part, placed * Rotation(0.0, 0.0, 30.0) * nut) > 0.3
+
+
+def common_mm3(part: Part, other: Part) -> float:
+    return float(sum(solid.volume for solid in part.intersect(other) or []))
 
 
 def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> None:

@@ -83,6 +83,19 @@ def test_a_screw_in_the_air_and_one_without_a_thread_are_found() -> None:
     assert {"device.clash_mm3", "screw_01.clash_mm3"} <= failed(check_clashes(through_plastic, 0.1))
 
 
+def test_a_screw_that_forms_its_thread_holds_in_a_narrow_hole_and_nowhere_else() -> None:
+    post, board = box(10.0), box(10.0, 0.0, 0.0, 10.0) - rod(2.2, 12.0, 5.0, 5.0, 9.0)
+    screw = rod(2.0, 14.0, 5.0, 5.0, 6.0) + rod(4.0, 2.0, 5.0, 5.0, 20.0)
+    fastened = {"camera_clip": post - rod(1.6, 6.0, 5.0, 5.0, 5.0), "camera": board, "screw_forming_01": screw}
+    assert failed(check_clashes(fastened, 0.1)) == set()
+    too_wide = fastened | {"camera_clip": post - rod(2.4, 6.0, 5.0, 5.0, 5.0)}
+    assert failed(check_clashes(too_wide, 0.1)) == {"device.screws_without_thread"}
+    for narrow in ({"camera_clip": post}, {"camera": box(10.0, 0.0, 0.0, 10.0)}):
+        assert {"device.clash_mm3", "screw_forming_01.clash_mm3"} <= failed(check_clashes(fastened | narrow, 0.1))
+    machine = {"screw_01" if name == "screw_forming_01" else name: solid for name, solid in fastened.items()}
+    assert {"device.clash_mm3", "device.screws_without_thread"} <= failed(check_clashes(machine, 0.1))
+
+
 def test_a_mirror_off_its_seat_is_found() -> None:
     mirror = Manifold.cube((10.0, 10.0, 1.0))
     seated = {"mirror_holder": box(10.0), "mirror_0-0": mirror.translate((0.0, 0.0, 10.0))}

@@ -90,11 +90,15 @@ def test_a_nuts_pocket_holds_it_by_four_sides_and_has_a_roof_that_prints() -> No
 
 
 def test_threads_are_cut_for_an_insert_or_a_nut() -> None:
-    (hole,) = thread(np.zeros(3), Y, X, 8.0, HARDWARE.screw)
+    (hole,) = thread(np.zeros(3), Y, X, stack(1.6, HARDWARE), 8.0, HARDWARE.screw)
     assert isinstance(hole, Bore)
     assert 2.0 * hole.radius_mm == HARDWARE.screw.insert_hole_mm
-    through, pocket = thread(np.zeros(3), Y, X, 8.0, NUTS.screw)
+    held = stack(1.6, NUTS)
+    through, pocket = thread(np.zeros(3), Y, X, held, 8.0, NUTS.screw)
     assert isinstance(through, Bore)
     assert isinstance(pocket, Hexagon)
     assert through.depth_mm > 8.0
+    # The wall is thicker than the stack's: the nut is where the screw ends, and can be put there.
+    assert held.wall_mm < 8.0
+    assert pocket.mouth[1] == pytest.approx(held.begins_mm)
     assert pocket.mouth[1] + pocket.depth_mm > 8.0
