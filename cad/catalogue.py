@@ -134,9 +134,10 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     slide = np.array(
         [(x, clip.slide_y_mm - clip.slide.grip_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)]
     )
+    slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
     return (
-        *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder")),
+        *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder"), slots),
         *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip")),
         *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
         # The channel for these nuts runs along y: their flats are on its sides.
@@ -152,15 +153,15 @@ def _screws(
     out: FloatArray,
     stack: Stack,
     joins: tuple[str, str],
-    corner: FloatArray = ACROSS,
+    corners: FloatArray = ACROSS,
 ) -> Iterator[BoughtItem]:
     """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head.
 
-    Nuts have a corner in the direction `corner` (3,).
+    Nuts have a corner in the direction `corners`, (3,) or (n, 3).
     """
     screw = device.hardware.screw
     outer, inner = (np.array(EXPLODE[name]) for name in joins)
-    for head in heads:
+    for head, corner in zip(heads, np.broadcast_to(corners, heads.shape), strict=True):
         yield BoughtItem("screw", "M3", stack.length_mm, _along(head, out), outer + 25.0 * out, joins)
         mouth = head - stack.grip_mm * out
         if screw.kind == "insert":

@@ -29,7 +29,11 @@ TRIED = 9
 # Sections are looked at so far apart along a pin.
 SLICE_MM = 1.0
 FAR_MM = 1e4
+# Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
+PARALLEL = float(np.cos(np.radians(15.0)))
 MESH_MM = 0.05
+# A triangle is level to the rounding of its corners.
+LEVEL_MM = 1e-6
 EXPLODE_MM = 25.0
 
 Span = tuple[float, float]
@@ -39,6 +43,7 @@ Span = tuple[float, float]
 class PiecePlan:
     """A piece of a part: `make(whole)` inside the spans of `low_mm` to `high_mm` (3,) along the bed's axes.
 
+    What a cut leaves that is smaller than a cube of `crumb_mm` does not print and is left out.
     `rig_from_bed` (4, 4) is that of the whole part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut,
     z into the piece, y up on the bed; `hole_mm` is their diameter and depth.
     """
@@ -50,6 +55,7 @@ class PiecePlan:
     high_mm: tuple[float, float, float]
     rig_from_pins: FloatArray
     hole_mm: tuple[float, float]
+    crumb_mm: float
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,7 @@ def make_piece(plan: PiecePlan) -> Part:
                 Circle(radius)
                 Polygon((-tangent[0], tangent[1]), tangent, (0.0, radius / np.sin(steep)), align=None)
             extrude(amount=depth, mode=Mode.SUBTRACT)
-    solids = piece.solids()
+    solids = [solid for solid in piece.solids() if solid.volume > plan.crumb_mm**3]
     if len(solids) != 1:
         raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)}, expected one")
     return Part(solids)
@@ -155,6 +161,45 @@ def _places(body: Manifold, axis: int, spans: list[Span], room_mm: float, hardwa
         best = max(range(TRIED), key=lambda k: (round(room[k], 3), -abs(tried[k] - middle)))
         places.append(float(tried[best]))
     return tuple(places)
+
+
+def thin_beside_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
+    """Area (m,) of the walls thinner than `wall_mm` that cuts at places (m,) across an axis leave beside them.
+
+    Such a wall stands between the cut and a face that is parallel to it, to 15 deg, and looks away from it. Triangles
+    (n, 3, 3) are counter-clockwise from outside.
+    """
+    first, second, third = np.moveaxis(triangles_mm, 1, 0)
+    normals = np.cross(second - first, third - first)
+    areas = np.linalg.norm(normals, axis=1) / 2.0
+    total = np.zeros(len(places_mm))
+    for side in (-1.0, 1.0):
+        facing = side * normals[:, axis] > 2.0 * PARALLEL * areas
+        corners = side * triangles_mm[facing, :, axis]
+        ends = (_share_below(corners, side * places_mm + beyond) for beyond in (wall_mm, 0.0))
+        total += np.subtract(*ends) @ areas[facing]
+    return total
+
+
+def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
+    """Shares (m, n) of triangles, whose corners (n, 3) lie at these heights, that lie below levels (m,)."""
+    low, middle, high = np.sort(corners_mm, axis=1).T[:, None, :]
+    level = levels_mm[:, None]
+    at = np.clip(level, low, high)
+    rising = (at - low) ** 2 / np.maximum((middle - low) * (high - low), 1e-12)
+    falling = 1.0 - (high - at) ** 2 / np.maximum((high - middle) * (high - low), 1e-12)
+    return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
+
+
+def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
+    """Whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
+    normal = np.eye(3)[axis]
+    return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
+
+
+def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
+    """What a body falls apart into, less crumbs too small to print."""
+    return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
 
 
 def cut_slack_mm(length_mm: float, count: int, room_mm: float) -> float:
@@ -232,7 +277,7 @@ def _pieces(
         piece_high = (across[1], along[1], float(high[2]) + 1.0)
         rest = body.trim_by_plane([1.0, 0.0, 0.0], across[0]).trim_by_plane([-1.0, 0.0, 0.0], -across[1])
         rest = rest.trim_by_plane([0.0, 1.0, 0.0], along[0]).trim_by_plane([0.0, -1.0, 0.0], -along[1])
-        _check_piece(part, number, rest, rooms_mm)
+        rest = _one_piece(part, number, rest, rooms_mm, hardware)
         bounds = np.array(rest.bounding_box()).reshape(2, 3)
         lowered = np.eye(4)
         lowered[2, 3] = -bounds[0, 2]
@@ -252,6 +297,7 @@ def _pieces(
                 high_mm=piece_high,
                 rig_from_pins=np.array(frames).reshape(-1, 4, 4),
                 hole_mm=(hardware.holder.pin_mm[0] + 2.0 * hardware.fit.press_mm, depth),
+                crumb_mm=hardware.printer.wall_mm,
             ),
             make=make_piece,
             print_from_rig=lowered @ part.print_from_rig,
@@ -312,14 +358,15 @@ def _lifted(by_mm: float) -> FloatArray:
     return frame
 
 
-def _check_piece(part: PartPlan, number: int, body: Manifold, rooms_mm: Span) -> None:
+def _one_piece(part: PartPlan, number: int, body: Manifold, rooms_mm: Span, hardware: Hardware) -> Manifold:
     title = f"piece {number} of the {part.title.lower()}"
-    fragments = body.decompose()
-    if len(fragments) != 1:
-        raise InputError(f"{title} falls apart into {len(fragments)}, expected one")
-    low, high = np.array(body.bounding_box()).reshape(2, 3)
+    whole = fragments(body, hardware.printer.wall_mm)
+    if len(whole) != 1:
+        raise InputError(f"{title} falls apart into {len(whole)}, expected one")
+    low, high = np.array(whole[0].bounding_box()).reshape(2, 3)
     for axis in (0, 1):
         if high[axis] - low[axis] > rooms_mm[axis] + 1e-6:
             raise InputError(
                 f"{title} is {high[axis] - low[axis]:.1f} mm along the bed, expected at most {rooms_mm[axis]:g} mm"
             )
+    return whole[0]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from build123d import Face, GeomType, Shape, Wire
-from shapely import Polygon, get_parts, maximum_inscribed_circle, unary_union
+from shapely import Polygon, get_parts, make_valid, maximum_inscribed_circle, unary_union
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -46,10 +46,13 @@ class FlatFace:
         """Corners (n, 3) of its borders, the outer one first."""
         return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
 
-    def seen_from(self, frame: FloatArray) -> Polygon:
-        """Its area in the x and y of a frame (4, 4)."""
+    def seen_from(self, frame: FloatArray) -> BaseGeometry:
+        """Its area in the x and y of a frame (4, 4).
+
+        Where borders touch in the solid, they may cross here, by rounding.
+        """
         outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
-        return Polygon(outer, holes)
+        return make_valid(Polygon(outer, holes), method="structure", keep_collapsed=False)
 
     def angle_deg(self, direction: FloatArray) -> float:
         """Angle between its normal and a unit vector (3,)."""

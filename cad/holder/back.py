@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from manifold3d import Manifold
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, unary_union
+from shapely.geometry.polygon import orient
 
-from cad.hardware import Hardware
+from cad.hardware import Fastening, Hardware
+from cad.parts.fasteners import ROOF_DEG
 from cad.seats import back_height_mm, outline_at, seat_distance_mm
-from cad.split import cut_slack_mm, room_round_pin_mm, rooms_on_bed
+from cad.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
 
@@ -17,8 +20,12 @@ from optics.values import FloatArray, InputError
 IN_SLAB_MM = 0.5
 # What is cut is thicker than its pins need by so much: room to place them.
 PIN_SLACK_MM = 0.5
+# A cone at the end of a hole is blunt, with this radius: half a line of plastic.
+POINT_MM = 0.2
 # A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
 OFF_MIDDLE = 0.1
+# A cut rather passes through so much more of the mirrors than leave a square millimetre of a wall that does not print.
+THIN_MM_PER_MM2 = 20.0
 
 
 @dataclass(frozen=True)
@@ -116,17 +123,21 @@ class FrontSurface:
 
 
 def place_cuts(
-    layout: Layout, axes: FloatArray, border: Polygon, hardware: Hardware
+    layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Where a part with this outline is cut along the mount's x and y so that every piece fits the bed.
+    """Where a body (in rig) with this outline is cut along the mount's x and y so that every piece fits the bed.
 
-    Of all places that leave pieces which fit, each cut takes the one that passes through the least mirror. The longer
-    side of the part lies along the longer side of the bed.
+    Of all places that leave pieces which fit and hang together, each cut takes the one that passes through the least
+    mirror and leaves no thin wall beside it. The longer side of the part lies along the longer side of the bed.
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
     rooms = rooms_on_bed(lengths, hardware)
     seats = [Polygon(outline_at(mirror, back_height_mm(mirror)) @ axes[:2].T) for mirror in layout.mirrors]
+    turned = body.transform(np.column_stack([axes, np.zeros(3)]))
+    mesh = turned.to_mesh64()
+    triangles = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
+    wall = hardware.printer.wall_mm
     cuts = []
     for axis, (start, length, room) in enumerate(zip((left, bottom), lengths, rooms, strict=True)):
         pieces = int(np.ceil(length / room))
@@ -135,8 +146,11 @@ def place_cuts(
             middle = start + length * i / pieces
             slack = min(cut_slack_mm(length, pieces, room), OFF_MIDDLE * length)
             tried = np.linspace(middle - slack, middle + slack, 61)
-            costs = [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
-            places.append(float(tried[int(np.argmin(costs))]))
+            costs = THIN_MM_PER_MM2 * thin_beside_mm2(triangles, axis, tried, wall)
+            costs += [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
+            by_cost = [float(place) for place in tried[np.argsort(costs, kind="stable")]]
+            whole = (place for place in by_cost if not falls_apart(turned, axis, place, wall))
+            places.append(next(whole, by_cost[0]))
         cuts.append(tuple(places))
     return cuts[0], cuts[1]
 
@@ -159,9 +173,30 @@ def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
     return begin, end, end + slot_width_mm(hardware) / 2.0
 
 
+def hole_mm(screw: Fastening) -> float:
+    """Diameter of the holder's screw holes."""
+    return screw.insert_hole_mm if screw.kind == "insert" else screw.clearance_hole_mm
+
+
+def tip_mm(screw: Fastening) -> float:
+    """Height of the cone that such a hole ends in: a flat ceiling would need support beside a hollow's slope."""
+    return float((hole_mm(screw) / 2.0 - POINT_MM) / np.tan(np.deg2rad(ROOF_DEG)))
+
+
 def slot_width_mm(hardware: Hardware) -> float:
     """Width of the slot that a nut slides in by."""
     return hardware.screw.nut_flats_mm + 2.0 * hardware.fit.slide_mm
+
+
+def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
+    """The direction (2,) in which a nut's slot leaves a convex footprint: square to the nearest edge.
+
+    What stands over a slot that leaves askew would end in a tip that recedes faster than the slot's roof.
+    """
+    corners = get_coordinates(orient(footprint))
+    sides = np.diff(corners, axis=0)
+    outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
+    return np.asarray(outward[int(np.argmin(((corners[:-1] - hole) * outward).sum(axis=1)))])
 
 
 def place_mount(
@@ -194,14 +229,18 @@ def place_mount(
                 continue
             bosses = [Point(centre + hole).buffer(around) for hole in holes]
             if hardware.screw.kind == "nut":
+                far = right - left + top - bottom
                 bosses += [
-                    LineString([centre + hole, [right if hole[0] > 0.0 else left, centre[1] + hole[1]]])
+                    LineString([centre + hole, centre + hole + far * slot_way(front.footprint, centre + hole)])
                     .buffer(beside, cap_style="flat")
                     .intersection(front.footprint)
                     for hole in holes
                 ]
             lowest = max(front.recedes_to_mm(boss) for boss in bosses)
-            back = max(front.deepest_mm + thinnest, lowest + depth)
+            over_tips = max(
+                front.recedes_to_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes
+            )
+            back = max(front.deepest_mm + thinnest, lowest + depth, over_tips + tip_mm(hardware.screw) + depth)
             if best is None or (back, -a * b) < best:
                 best, chosen = (back, -a * b), holes
     if best is None:

@@ -102,6 +102,24 @@ def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum
     return Frustum(base, top)
 
 
+def runs_along_cut(
+    mirror: Mirror,
+    groove: Groove,
+    axes: FloatArray,
+    cuts_mm: tuple[tuple[float, ...], tuple[float, ...]],
+    hardware: Hardware,
+) -> bool:
+    """Whether a groove runs along a cut across one of two axes (3,) so near to it that a thin wall would be left."""
+    volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
+    for axis, places in zip(axes[:2], cuts_mm, strict=True):
+        if np.degrees(np.arcsin(abs(axis @ mirror.rig_from_plane[:3, 1]))) > ALONG_DEG:
+            continue
+        reach = np.vstack([volume.base, volume.top]) @ axis
+        if any(reach.min() - wall < place < reach.max() + wall for place in places):
+            return True
+    return False
+
+
 def planned_cover(
     mirrors: tuple[Mirror, ...], grooves: list[tuple[Groove, ...]], keep_outs: list[list[Frustum]]
 ) -> tuple[float, ...]:

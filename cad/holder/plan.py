@@ -15,8 +15,8 @@ from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Fastening, Hardware
-from cad.holder.back import FrontSurface, mount_axes, place_cuts, place_mount, screw_depths_mm, slot_width_mm
-from cad.holder.glue import groove_volume, grooves_of, planned_cover
+from cad.holder.back import FrontSurface, mount_axes, place_cuts, place_mount, screw_depths_mm, slot_way, slot_width_mm
+from cad.holder.glue import groove_volume, grooves_of, planned_cover, runs_along_cut
 from cad.holder.mesh import Workshop
 from cad.holder.rims import RELIEF_MM, plan_rims
 from cad.holder.stray import Ring, plan_walls
@@ -25,6 +25,7 @@ from cad.seats import Frustum, back_height_mm, keep_outs, outline_at
 from cad.split import rooms_on_bed
 from optics.layout import Layout
 from optics.mirror import Mirror
+from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
 # Solids that are joined reach into each other by so much: faces that only touch are not joined for sure.
@@ -77,6 +78,12 @@ class HolderPlan:
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
 
     @property
+    def slot_ways(self) -> FloatArray:
+        """The directions (n, 3) in rig of the slots for nuts, in the order of the holes; none for inserts."""
+        ways = np.array([slot.top[0] - slot.base[0] for slot in self.slots]).reshape(-1, 3)
+        return ways / np.linalg.norm(ways, axis=1, keepdims=True)
+
+    @property
     def cuts_on_bed_mm(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """The cuts along x and y of the bed, on which the part lies by its back: y is the mount's, turned round."""
         return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
@@ -87,10 +94,31 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     for index, mirror in enumerate(layout.mirrors):
         _check_sheet(index, mirror)
     axes = mount_axes(layout)
-    away = axes[2]
     front = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
     border = _border(front.footprint, hardware)
-    cuts = place_cuts(layout, axes, border, hardware)
+    plan, body = _solid_plan(layout, axes, front, border, ((), ()), hardware)
+    cuts = place_cuts(layout, axes, border, body, hardware)
+    if any(cuts):
+        # What a cut meets at the front does not depend on how thick the part is, which its pins decide.
+        plan, body = _solid_plan(layout, axes, front, border, cuts, hardware)
+    points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
+    size = tuple(np.ptp(points, axis=0).tolist())
+    _check_height(size[2], hardware)
+    in_mount = Polygon(get_coordinates(border) - plan.rig_from_mount[:3, 3] @ axes[:2].T)
+    hollows = plan_hollows(body, plan.rig_from_mount, in_mount, plan.holes_in_mount_mm, plan.cuts_mm, hardware)
+    return replace(plan, size_mm=size, hollows=hollows)
+
+
+def _solid_plan(
+    layout: Layout,
+    axes: FloatArray,
+    front: FrontSurface,
+    border: Polygon,
+    cuts: tuple[tuple[float, ...], tuple[float, ...]],
+    hardware: Hardware,
+) -> tuple[HolderPlan, Manifold]:
+    """A holder without hollows, to be cut at places along the mount's axes from the pupil; and its body."""
+    away = axes[2]
     mount = place_mount(front, hardware, cuts)
 
     def down_from(polygon: FloatArray) -> Frustum:
@@ -100,7 +128,14 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     reach = mount.back_mm - min(float((polygon @ away).min()) for polygon in seats)
     reach += max(mirror.thickness_mm for mirror in layout.mirrors)
     volumes = keep_outs(layout, hardware)
-    grooves = [grooves_of(index, layout.mirrors, away, hardware) for index in range(len(layout.mirrors))]
+    grooves = [
+        tuple(
+            groove
+            for groove in grooves_of(index, layout.mirrors, away, hardware)
+            if not runs_along_cut(mirror, groove, axes, cuts, hardware)
+        )
+        for index, mirror in enumerate(layout.mirrors)
+    ]
     rims = plan_rims(layout, volumes, grooves, reach, hardware)
     rig_from_mount = np.eye(4)
     rig_from_mount[:3, :3] = axes.T
@@ -131,7 +166,9 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
             for groove in group
         ),
         hollows=(),
-        slots=_slots(mount.holes_mm, rig_from_mount, hardware) if hardware.screw.kind == "nut" else (),
+        slots=_slots(mount.holes_mm, front.footprint, mount.centre_mm, rig_from_mount, hardware)
+        if hardware.screw.kind == "nut"
+        else (),
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
         thread_mm=(thread_from, thread_to),
@@ -147,12 +184,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
         wall_mm=hardware.printer.wall_mm,
     )
     workshop = Workshop()
-    body = one_piece(workshop.cut(body_of(workshop, plan), plan.slots), plan.wall_mm)
-    points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ rig_from_mount[:3, :3]
-    size = tuple(np.ptp(points, axis=0).tolist())
-    _check_height(size[2], hardware)
-    hollows = plan_hollows(body, rig_from_mount, in_mount, mount.holes_mm, plan.cuts_mm, hardware)
-    return replace(plan, size_mm=size, hollows=hollows)
+    return plan, one_piece(workshop.cut(body_of(workshop, plan), plan.slots), plan.wall_mm)
 
 
 def body_of(workshop: Workshop, plan: HolderPlan) -> Manifold:
@@ -205,8 +237,10 @@ def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))
 
 
-def _slots(holes_mm: FloatArray, rig_from_mount: FloatArray, hardware: Hardware) -> tuple[Frustum, ...]:
-    """The slots, from outside to each hole along the mount's x, that nuts slide in by: held at their flats.
+def _slots(
+    holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, rig_from_mount: FloatArray, hardware: Hardware
+) -> tuple[Frustum, ...]:
+    """The slots, from each hole square to the nearest edge, that nuts slide in by: held at their flats.
 
     A screw from the back pulls its nut against the slot's floor. The roof is a ridge of 45 deg.
     """
@@ -215,12 +249,12 @@ def _slots(holes_mm: FloatArray, rig_from_mount: FloatArray, hardware: Hardware)
     profile = np.array([(-half, -begin), (half, -begin), (half, -end), (0.0, -ridge - 0.05), (-half, -end)])
     corner = hardware.screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.slide_mm
     slots = []
-    for x, y in holes_mm:
-        side = np.sign(x)
+    for hole in holes_mm:
+        way = slot_way(footprint, centre_mm + hole)
+        across = np.array([-way[1], way[0]])
         ends = [
-            np.column_stack([np.full(5, place), profile[:, 0] + y, profile[:, 1]]) @ rig_from_mount[:3, :3].T
-            + rig_from_mount[:3, 3]
-            for place in (x - side * corner, x + side * 1e3)
+            transform(rig_from_mount, np.column_stack([hole + place * way + profile[:, :1] * across, profile[:, 1]]))
+            for place in (-corner, 1e3)
         ]
         slots.append(Frustum(ends[0], ends[1]))
     return tuple(slots)

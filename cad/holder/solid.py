@@ -5,15 +5,18 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from build123d import BuildPart, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
+from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from cad.hardware import Hardware
+from cad.holder.back import POINT_MM, hole_mm, tip_mm
 from cad.holder.brep import brep
 from cad.holder.mesh import Workshop
 from cad.holder.plan import HolderPlan, body_of, one_piece
 from cad.seats import Frustum, sheet
 from optics.layout import Layout
 from optics.values import InputError
+
+UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)
 
 
 def solid_of(frustum: Frustum) -> Solid:
@@ -44,15 +47,17 @@ def make_holder(plan: HolderPlan) -> Part:
     workshop = Workshop()
     whole = one_piece(body_of(workshop, plan), plan.wall_mm)
     body = one_piece(workshop.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
-    width_mm = plan.screw.insert_hole_mm if plan.screw.kind == "insert" else plan.screw.clearance_hole_mm
+    radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
     with BuildPart() as holder:
         insert(brep(workshop, body))
         x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
         with (
             Locations(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)),
-            Locations(*((x, y, -plan.hole_depth_mm / 2.0) for x, y in plan.holes_in_mount_mm)),
+            Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)),
         ):
-            Cylinder(width_mm / 2.0, plan.hole_depth_mm, mode=Mode.SUBTRACT)
+            Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+            with Locations((0.0, 0.0, -cone_mm)):
+                Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
     solids = holder.solids()
     if len(solids) != 1:
         raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")

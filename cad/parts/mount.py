@@ -163,8 +163,10 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     """The lightest mount that is stiff enough; raises InputError with the measure that breaks where there is none."""
     mount, screw = hardware.mount, hardware.screw
     around = screw.head_mm / 2.0 + hardware.fit.free_mm + screw.insert_wall_mm
+    # The holder's middle need not be the camera's.
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
     least_half = max(
-        float(np.abs(holder.holes_in_mount_mm[:, 0]).max()) + around,
+        float(np.abs(screws[:, 0]).max()) + around,
         clip.slide_x_mm + around,
         FOOT_X_MM + around,
     )

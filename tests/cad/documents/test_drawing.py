@@ -92,7 +92,7 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
     part = block()
     half = part.make(part.plan) & (Pos(-30, 0, 0) * Box(60, 60, 60))
     low, high = (-30.0, -15.0, -5.0), (0.0, 15.0, 5.0)
-    piece = PiecePlan(part.plan, part.make, np.eye(4), low, high, np.zeros((0, 4, 4)), (3.0, 8.0))
+    piece = PiecePlan(part.plan, part.make, np.eye(4), low, high, np.zeros((0, 4, 4)), (3.0, 8.0), 1.2)
     said = [words.text for words in draw(half, replace(part, plan=piece), HARDWARE.printer).words]
     assert "Ø6 through" in said
     assert "2x Ø6 through" not in said

@@ -15,7 +15,7 @@ from manifold3d import Manifold
 from shapely import Polygon, get_coordinates, union_all
 
 from cad.hardware import HARDWARE
-from cad.holder.back import slot_width_mm
+from cad.holder.back import POINT_MM, slot_way, slot_width_mm, tip_mm
 from cad.holder.mesh import Workshop
 from cad.holder.plan import HolderPlan, body_of, one_piece, plan_holder
 from cad.holder.rims import RELIEF_MM
@@ -61,7 +61,8 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     layout = make_flat_pair(gap_mm=8.0, width_mm=40.0, height_mm=30.0, thickness_mm=2.0)
     plan = without_walls(plan_holder(layout, hardware))
     margin, dimensions, screw = hardware.fit.free_mm + hardware.holder.rim_mm, hardware.holder, hardware.screw
-    depth = plan.hole_depth_mm + hardware.printer.wall_mm
+    tip = tip_mm(screw)
+    depth = plan.hole_depth_mm + tip + hardware.printer.wall_mm
     plate = on_back(plan, plan.slab.top)
     assert plate.area == pytest.approx((2 * 40.0 + 8.0 + 2 * margin) * (30.0 + 2 * margin) - 4 * margin**2 / 2)
     assert height(plan, plan.slab.top[0]) == pytest.approx(depth)
@@ -79,7 +80,9 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
         expected -= low * eaves + (top - eaves) * (low + math.sqrt(low * high) + high) / 3.0
     part = make_holder(plan)
     if kind == "insert":
-        expected -= 4 * math.pi * (screw.insert_hole_mm / 2) ** 2 * screw.insert_depth_mm
+        wide, blunt = screw.insert_hole_mm / 2.0, POINT_MM
+        expected -= 4 * math.pi * wide**2 * screw.insert_depth_mm
+        expected -= 4 * math.pi * tip * (wide**2 + wide * blunt + blunt**2) / 3.0
         assert part.volume == pytest.approx(expected, rel=1e-9)
     else:
         half, (begin, end) = slot_width_mm(hardware) / 2.0, plan.thread_mm
@@ -88,6 +91,37 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     assert len(plan.grooves) == 12
     assert len(part.solids()) == 1
     assert part.is_valid
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
+    """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
+    plan = plan_holder(default_layout, hardware)
+    part = make_holder(plan)
+    into = -plan.rig_from_mount[:3, 2]
+    cones = [face for face in part.faces() if face.geom_type == GeomType.CONE]
+    assert len(cones) == 4
+    for cone in cones:
+        assert 90.0 - cone.semi_angle < 90.0 and cone.semi_angle < hardware.printer.overhang_deg
+    for hole in transform(plan.rig_from_mount, np.column_stack([plan.holes_in_mount_mm, np.zeros(4)])):
+        end = hole + (plan.hole_depth_mm + tip_mm(hardware.screw)) * into
+        assert not part.is_inside(tuple(end - 0.05 * into))
+        for over in (0.05, hardware.printer.wall_mm - 0.05):
+            assert part.is_inside(tuple(end + over * into))
+
+
+def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
+    """No tip of a wall stands over a slot: each leaves a side of the part's outline at a right angle, the nearest."""
+    square = Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
+    np.testing.assert_allclose(slot_way(square, np.array([3.0, 5.0])), [-1.0, 0.0])
+    np.testing.assert_allclose(slot_way(square, np.array([5.0, 8.0])), [0.0, 1.0])
+    plan = plan_holder(default_layout, HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut")))
+    corners = get_coordinates(on_back(plan, plan.slab.top).convex_hull)
+    sides = np.diff(corners, axis=0) / np.linalg.norm(np.diff(corners, axis=0), axis=1)[:, None]
+    ways = plan.slot_ways @ plan.rig_from_mount[:3, :2]
+    assert len(ways) == 4
+    np.testing.assert_allclose(np.abs(ways @ sides.T).min(axis=1), 0.0, atol=1e-9)
 
 
 def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
