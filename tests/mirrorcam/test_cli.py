@@ -71,6 +71,7 @@ def assert_one_line(said: str, *expected: str) -> None:
         ("design --camera nikon.json", "nikon.json: no such file"),
         ("cad", "LAYOUT"),
         ("cad nowhere.json", "nowhere.json: no such file"),
+        ("cad nowhere.json --fasteners glue", "invalid choice 'glue' for argument '--fasteners'"),
         ("decode --layout layout.json", "--frames (): Tuple should have at least 1 item"),
         ("decode frame.png", "--layout"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
@@ -92,6 +93,29 @@ def test_a_bad_command_line_is_refused_in_one_line(
     assert cli.main(arguments.split()) == 2
     assert_one_line(capfd.readouterr().err, expected)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("--camera nikon", "camera body 'nikon': expected one of board_38, c920, or a .toml file"),
+        ("--camera nikon.toml", "nikon.toml: no such file"),
+        ("--hardware mine.toml", "mine.toml: no such file"),
+    ],
+)
+def test_hardware_that_is_none_is_refused_in_one_line(
+    default_layout: Layout,
+    tmp_path: Path,
+    arguments: str,
+    expected: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    default_layout.save(tmp_path / "layout.json")
+    assert cli.main(["cad", "layout.json", *arguments.split()]) == 2
+    assert_one_line(capfd.readouterr().err, expected)
+    assert [path.name for path in tmp_path.iterdir()] == ["layout.json"]
 
 
 def not_a_number(data: dict[str, Any]) -> None:
