@@ -111,7 +111,8 @@ class FrontSurface:
     def recedes_to_mm(self, area: Polygon) -> float:
         """How far along the mount's z the front lies at most, over an area of the back (off the fillers: the slab)."""
         gap = area.difference(self._all_cores)
-        if not self._all_fillers.contains(gap):
+        # No area contains an empty one.
+        if not gap.is_empty and not self._all_fillers.contains(gap):
             return self.deepest_mm
         lowest = -np.inf
         for index, recess in enumerate(self._recesses_mm):

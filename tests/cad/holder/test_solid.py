@@ -23,6 +23,7 @@ from cad.holder.solid import check_gaps, make_holder, solid_of
 from cad.holder.webs import sag_um
 from cad.seats import Frustum
 from optics.layout import Layout
+from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
 
