@@ -70,12 +70,21 @@ def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
 
 
 def _loop(wire: Wire) -> FloatArray:
-    """Corners (n, 3) of a closed line; curved edges are points."""
-    points: list[tuple[float, ...]] = []
-    for edge in wire.order_edges():
+    """Corners (n, 3) of a closed line; curved edges are points.
+
+    Edges follow each other by their nearest ends: in a file, corners of one place differ by more than build123d allows.
+    """
+    left = []
+    for edge in wire.edges():
         count = 1 if edge.geom_type == GeomType.LINE else CURVE_POINTS
-        points += [tuple(edge @ (place / count)) for place in range(count)]
-    return np.array(points)
+        left.append(np.array([tuple(edge @ (place / count)) for place in range(count + 1)]))
+    points = [left.pop(0)]
+    while left:
+        ends = np.array([(line[0], line[-1]) for line in left])
+        place, turned = divmod(int(np.linalg.norm(ends - points[-1][-1], axis=2).argmin()), 2)
+        line = left.pop(place)
+        points.append(line[::-1] if turned else line)
+    return np.concatenate([line[:-1] for line in points])
 
 
 def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float) -> list[FlatFace]:

@@ -96,6 +96,18 @@ def test_a_screw_that_forms_its_thread_holds_in_a_narrow_hole_and_nowhere_else()
     assert {"device.clash_mm3", "device.screws_without_thread"} <= failed(check_clashes(machine, 0.1))
 
 
+def test_a_pin_holds_in_the_holes_of_two_pieces_and_in_no_wider_ones() -> None:
+    def piece(hole: float, x: float) -> Manifold:
+        return box(10.0, x) - rod(hole, 30.0, 0.0, 0.0, 0.0).rotate((0.0, 90.0, 0.0)).translate((-5.0, 5.0, 5.0))
+
+    pin = rod(3.0, 16.0, 0.0, 0.0, 0.0, sides=29).rotate((0.0, 90.0, 0.0)).translate((2.0, 5.0, 5.0))
+    joined = {"mount_1": piece(3.2, 0.0), "mount_2": piece(3.2, 10.0), "pin_01": pin}
+    assert failed(check_clashes(joined, 0.1)) == set()
+    assert failed(check_clashes(joined | {"mount_2": piece(3.8, 10.0)}, 0.1)) == {"device.fasteners_loose"}
+    one_sided = joined | {"pin_01": pin.translate((-4.0, 0.0, 0.0)), "mount_2": box(10.0, 14.5)}
+    assert "device.fasteners_loose" in failed(check_clashes(one_sided, 0.1))
+
+
 def test_a_mirror_off_its_seat_is_found() -> None:
     mirror = Manifold.cube((10.0, 10.0, 1.0))
     seated = {"mirror_holder": box(10.0), "mirror_0-0": mirror.translate((0.0, 0.0, 10.0))}

@@ -7,10 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from build123d import Box, Part, Plane, Pos, import_step
+from build123d import Box, Part, Plane, Pos, Wire, import_step
+from OCP.BRep import BRep_Builder
+from OCP.Geom import Geom_Line
+from OCP.gp import gp_Dir, gp_Pnt
+from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Vertex, TopoDS_Wire
 from scipy.spatial.transform import Rotation
+from shapely import Polygon
 
-from cad.checks.seats import FlatFace, check_seats, find_seat, flat_faces, pocket_gaps_mm
+from cad.checks.seats import FlatFace, _loop, check_seats, find_seat, flat_faces, pocket_gaps_mm
 from cad.exports import write_step
 from cad.hardware import HARDWARE
 from cad.seats import back_height_mm
@@ -87,6 +93,29 @@ def test_a_seat_tilted_by_two_thousandths_of_a_degree_is_found(seated: Seated, t
     )
     assert checks["seat_angle_deg"].value == pytest.approx(0.002, rel=1e-4)
     assert "seat_angle_deg" in failed(checks)
+
+
+@pytest.mark.parametrize("turned", [0b0000, 0b0110, 0b1011])
+def test_a_border_is_read_in_order_though_its_edges_do_not_quite_meet(turned: int) -> None:
+    corners = np.array([(0.0, 0.0, 0.0), (10.0, 0.0, 0.0), (9.0, 6.0, 0.0), (1.0, 6.0, 0.0)])
+    builder, wire = BRep_Builder(), TopoDS_Wire()
+    builder.MakeWire(wire)
+    vertices = [TopoDS_Vertex() for _ in corners]
+    for vertex, corner in zip(vertices, corners, strict=True):
+        builder.MakeVertex(vertex, gp_Pnt(*corner.tolist()), 1e-4)
+    for place in range(4):
+        ends = [place, (place + 1) % 4]
+        first, last = ends[::-1] if turned >> place & 1 else ends
+        way = corners[last] + 5e-6 - corners[first]
+        line, edge = Geom_Line(gp_Pnt(*corners[first].tolist()), gp_Dir(*way.tolist())), TopoDS_Edge()
+        builder.MakeEdge(edge, line, 1e-4)
+        builder.Add(edge, vertices[first].Oriented(TopAbs_FORWARD))
+        builder.Add(edge, vertices[last].Oriented(TopAbs_REVERSED))
+        builder.Range(edge, 0.0, float(np.linalg.norm(way)))
+        builder.Add(wire, edge.Oriented(TopAbs_REVERSED) if turned >> place & 1 else edge)
+    loop = Polygon(_loop(Wire(wire))[:, :2])
+    assert loop.is_valid
+    assert loop.area == pytest.approx(54.0, abs=1e-3)
 
 
 def test_a_missing_seat_is_found(seated: Seated, tmp_path: Path) -> None:
