@@ -24,6 +24,7 @@ from cad.parts.clip import ABOVE, SCENE, UP, ClipPlan
 from cad.parts.fasteners import (
     NUT_FIT_MM,
     OUTSIDE_MM,
+    ROOF_IN_SKINS_DEG,
     ROOF_IN_WEBS_DEG,
     Bore,
     Hexagon,
@@ -329,7 +330,8 @@ def _holes(
     up = UP - (UP @ away) * away
     up /= np.linalg.norm(up)
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
-        cuts.append(Bore(hole - away, away, screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0, up))
+        clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
+        cuts.append(Bore(hole - away, away, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
         cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     y = clip.slide_y_mm
     for x in (-clip.slide_x_mm, clip.slide_x_mm):

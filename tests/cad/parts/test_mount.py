@@ -144,3 +144,17 @@ def test_any_parabola_gets_a_mount_off_its_light(
     assert mount.tilt_deg <= HARDWARE.mount.tilt_deg
     assert mount.light == ()
     assert beside(holder, mount) < 1e-6
+
+
+def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
+    """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
+    *_, plan = planned
+    away = -plan.rig_from_head[:3, 2]
+    through = HARDWARE.screw.clearance_hole_mm / 2.0
+    holes = [
+        cut
+        for cut in plan.cuts
+        if isinstance(cut, Bore) and cut.radius_mm == through and abs(cut.axis @ away) > 1.0 - 1e-9
+    ]
+    assert len(holes) >= 4
+    assert all(hole.roof_deg <= 36.0 for hole in holes)
