@@ -215,7 +215,7 @@ def _room_for_pins(body: Manifold, axis: int, place: float, span: Span, hardware
     """
     # The bed's other axis, up, and the axis that is cut across.
     turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
-    half = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm
+    half = reach_of_pin_mm(hardware)
     levels = np.linspace(place - half, place + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
     solid = intersection_all([_section(turned, float(level)) for level in levels])
     around = room_round_pin_mm(hardware)
@@ -226,6 +226,16 @@ def room_round_pin_mm(hardware: Hardware) -> float:
     """Distance from a pin's middle to the outside: the roof of its hole reaches higher than its radius."""
     radius = hardware.holder.pin_mm[0] / 2.0 + hardware.fit.press_mm
     return radius / float(np.sin(np.radians(ROOF_DEG))) + hardware.printer.wall_mm
+
+
+def reach_of_pin_mm(hardware: Hardware) -> float:
+    """How far from a cut solid material reaches along a pin: its hole, and the thinnest wall behind that."""
+    return hole_depth_mm(hardware) + hardware.printer.wall_mm
+
+
+def hole_depth_mm(hardware: Hardware) -> float:
+    """Depth of a pin's hole in either piece: the pin does not reach its end."""
+    return hardware.holder.pin_mm[1] / 2.0 + hardware.fit.slide_mm
 
 
 def _section(body: Manifold, level: float) -> BaseGeometry:
@@ -268,7 +278,6 @@ def _pieces(
                 holes[place].append(frames[0])
                 holes[following].append(frames[1])
                 pins.append((frames[1], place, following))
-    depth = hardware.holder.pin_mm[1] / 2.0 + hardware.fit.slide_mm
     plans = {}
     centre = (low + high) / 2.0
     for number, (place, frames) in enumerate(holes.items(), start=1):
@@ -296,7 +305,7 @@ def _pieces(
                 low_mm=piece_low,
                 high_mm=piece_high,
                 rig_from_pins=np.array(frames).reshape(-1, 4, 4),
-                hole_mm=(hardware.holder.pin_mm[0] + 2.0 * hardware.fit.press_mm, depth),
+                hole_mm=(hardware.holder.pin_mm[0] + 2.0 * hardware.fit.press_mm, hole_depth_mm(hardware)),
                 crumb_mm=hardware.printer.wall_mm,
             ),
             make=make_piece,

@@ -76,7 +76,11 @@ def plan_rims(
         [
             Frustum(outline_at(mirror, -reach_mm, fit), outline_at(mirror, reach_mm, fit)),
             *group[1:],
-            *(groove_volume(mirror, groove, hardware) for groove in own),
+            # Not over a groove either: the rim's foot reaches lower than it is tried at.
+            *(
+                groove_volume(mirror, groove, hardware).stretched(np.zeros(3), reach_mm * mirror.normal_in_rig)
+                for groove in own
+            ),
         ]
         for mirror, group, own in zip(layout.mirrors, keep_outs, grooves, strict=True)
     ]

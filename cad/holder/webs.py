@@ -13,6 +13,7 @@ from shapely.geometry.polygon import orient
 
 from cad.hardware import Hardware
 from cad.seats import planes_of
+from cad.split import reach_of_pin_mm
 from optics.values import FloatArray
 
 # A narrower hollow saves nothing.
@@ -67,13 +68,13 @@ def plan_hollows(
 
     Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
     `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
-    across x and across y) half a pin's length. Of the widths of `cells_mm`, the one that saves the most plastic: wide
+    across x and across y) what a pin's hole needs. Of the widths of `cells_mm`, the one that saves the most plastic: wide
     hollows have few webs, narrow ones a low roof.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
     # A hair more, so that no section through a joint lies in the side of a hollow.
-    joint = dimensions.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 0.1
+    joint = reach_of_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     if inside.is_empty:
         return ()
