@@ -13,7 +13,7 @@ from build123d import import_step
 from shapely import Polygon
 
 from cad.catalogue import bought_items
-from cad.checks.clashes import FASTENERS, HOLDER, check_clashes, common_mm3, is_mirror
+from cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
 from cad.checks.cuts import Fit, check_cuts, mirror_fits, prism, read_cuts, sheets_as_cut
 from cad.checks.light import check_light
 from cad.checks.mesh import is_manifold, read_stl, solid_of
@@ -92,7 +92,8 @@ def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in mirror_names(device.layout)), CAMERA}
     for item in bought_items(device):
         counted[item.kind] += 1
-        names.add(f"{item.kind}_{counted[item.kind]:02d}")
+        kind = FORMING if item.size.endswith(" thread-forming") else item.kind
+        names.add(f"{kind}_{counted[item.kind]:02d}")
     return names
 
 

@@ -7,9 +7,13 @@ import pytest
 from build123d import Location, Part, Plane, Rotation
 
 from cad.catalogue import bought_items, parts_of
+from cad.checks.clashes import FORMING
+from cad.checks.device import _names_expected
 from cad.device import Device, plan_device
 from cad.hardware import HARDWARE, Hardware, read_camera
+from cad.mirrors.sheets import mirror_names
 from cad.part import BoughtItem
+from cad.pieces import item_names
 from cad.reference import item_solid
 from optics.layout import Layout
 
@@ -63,6 +67,15 @@ def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
     assert sizes.count((kind, "M3")) == 12 + (3 if lips else 0)
     assert sizes.count(("screw", "M3 set")) == (3 if lips else 0)
     assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
+
+
+def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(device: Device) -> None:
+    """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
+    names = item_names(bought_items(device))
+    mirrors = {f"mirror_{name}" for name in mirror_names(device.layout)}
+    assert {*names, *mirrors, "camera"} == _names_expected(device, ())
+    forming = [name for name in names if name.startswith(FORMING)]
+    assert len(forming) == (0 if device.hardware.camera.held_by.kind == "lips" else 4)
 
 
 def test_set_screws_reach_from_the_socket_through_their_thread_to_the_body(device: Device) -> None:
