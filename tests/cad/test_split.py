@@ -12,7 +12,7 @@ from manifold3d import CrossSection, Manifold
 
 from cad.hardware import HARDWARE
 from cad.part import PartPlan
-from cad.split import PiecePlan, falls_apart, fragments, split, thin_beside_mm2
+from cad.split import PiecePlan, _room_for_pins, falls_apart, fragments, split, thin_beside_mm2
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
@@ -164,3 +164,13 @@ def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
         assert falls_apart(body, 0, 150.9, 1.2) == apart
         assert not falls_apart(body, 0, 149.0, 1.2)
         assert len(fragments(body.trim_by_plane((-1.0, 0.0, 0.0), -150.9), 1.2)) == (2 if apart else 1)
+
+
+def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
+    """Pins find no room where a hollow begins nearer to the cut than their holes and a wall reach."""
+    needed = HARDWARE.holder.pin_mm[1] / 2.0 + HARDWARE.fit.slide_mm + HARDWARE.printer.wall_mm
+    bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
+    for beyond, room in ((0.05, True), (-0.05, False)):
+        hollow = Manifold.cube((50.0, 26.0, 16.0)).translate((150.0 + needed + beyond, 2.0, 2.0))
+        found = _room_for_pins(bar - hollow, 0, 150.0, axes, HARDWARE)
+        assert (not found.is_empty) == room

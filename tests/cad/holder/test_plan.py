@@ -10,6 +10,7 @@ from shapely import Polygon
 
 from cad.hardware import HARDWARE
 from cad.holder.back import FrontSurface, mount_axes
+from cad.holder.glue import groove_volume, grooves_of, runs_along_cut
 from cad.holder.plan import HolderPlan, plan_holder
 from cad.holder.rims import RELIEF_MM
 from cad.seats import keep_outs, seat_distance_mm, sheet
@@ -110,6 +111,19 @@ def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> No
                 level = ((filler[0] - common) @ normal) / (axes[2] @ normal)
                 points = common + level[:, None] * axes[2]
                 assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror) < 1e-9).all()
+
+
+def test_a_groove_keeps_away_from_a_cut_that_it_runs_along_and_may_cross_one(default_layout: Layout) -> None:
+    axes = mount_axes(default_layout)
+    mirror = default_layout.mirrors[4]
+    groove = grooves_of(4, default_layout.mirrors, -mirror.normal_in_rig, HARDWARE)[0]
+    volume = groove_volume(mirror, groove, HARDWARE)
+    corners = np.vstack([volume.base, volume.top])
+    low, high = float((corners @ axes[0]).min()), float((corners @ axes[0]).max())
+    wall = HARDWARE.printer.wall_mm
+    for place, near in ((low - wall - 0.01, False), (low - wall + 0.01, True), (high + 0.9, True), (high + 1.3, False)):
+        assert runs_along_cut(mirror, groove, axes, ((place,), ()), HARDWARE) == near
+    assert not runs_along_cut(mirror, groove, axes, ((), (float((corners @ axes[1]).mean()),)), HARDWARE)
 
 
 def thin_floor(body: HolderPlan) -> float:

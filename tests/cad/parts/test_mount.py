@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,15 @@ def test_the_mount_lies_on_the_back_and_enters_nothing(planned: Planned) -> None
         wall = moved(clip.pieces[0], np.array([0.0, 0.0, by]))
         others = [overlap_mm(piece, wall) for piece in mount.pieces if piece is not rib[0]]
         assert max(others) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_mount_is_wide_enough_for_screws_that_are_off_its_middle(planned: Planned) -> None:
+    layout, holder, clip, _ = planned
+    aside = holder.rig_from_mount.copy()
+    aside[0, 3] += 20.0
+    mount = plan_mount(layout, replace(holder, rig_from_mount=aside), clip, HARDWARE)
+    outermost = float(np.abs(20.0 + holder.holes_in_mount_mm[:, 0]).max())
+    assert mount.half_width_mm >= outermost + HARDWARE.screw.head_mm / 2.0 + HARDWARE.screw.insert_wall_mm
 
 
 def test_the_made_mount_has_its_face_on_the_holders_back(planned: Planned) -> None:

@@ -1,0 +1,24 @@
+"""Devices larger than the bed, from their layout to their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cad.build import build
+from optics.design.optimise import design
+from optics.spec import DesignSpec
+
+
+@pytest.mark.slow
+def test_a_device_in_pieces_passes_every_check(tmp_path: Path) -> None:
+    """3 x 3 at scale 140 mm: holder and mount are cut in two, each joined by two pins."""
+    checks = build(design(DesignSpec(scale_mm=140.0)), tmp_path, workers=2)
+    assert {name for name, check in checks.items() if not check.passed} == set()
+    assert {path.stem for path in (tmp_path / "parts").glob("*_[0-9].step")} == {
+        "mirror_holder_1",
+        "mirror_holder_2",
+        "mount_1",
+        "mount_2",
+    }
