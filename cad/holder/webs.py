@@ -68,8 +68,8 @@ def plan_hollows(
 
     Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
     `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
-    across x and across y) what a pin's hole needs. Of the widths of `cells_mm`, the one that saves the most plastic: wide
-    hollows have few webs, narrow ones a low roof.
+    across x and across y) what a pin's hole needs. Of the widths of `cells_mm`, the one that saves the most plastic:
+    wide hollows have few webs, narrow ones a low roof.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
