@@ -9,7 +9,7 @@ import pytest
 from shapely import Polygon
 
 from cad.hardware import HARDWARE
-from cad.holder.back import FrontSurface, mount_axes
+from cad.holder.back import FrontSurface, mount_axes, tip_mm
 from cad.holder.glue import groove_volume, grooves_of, runs_along_cut
 from cad.holder.plan import HolderPlan, plan_holder
 from cad.holder.rims import RELIEF_MM
@@ -135,7 +135,7 @@ def thin_floor(body: HolderPlan) -> float:
 def test_the_floor_is_as_thick_as_the_table_says(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=10.0)
     assert thin_floor(plan_holder(layout, HARDWARE)) == pytest.approx(
-        HARDWARE.screw.insert_depth_mm + HARDWARE.printer.wall_mm
+        HARDWARE.screw.insert_depth_mm + tip_mm(HARDWARE.screw) + HARDWARE.printer.wall_mm
     )
     assert thin_floor(
         plan_holder(layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(floor_mm=12.0)))
