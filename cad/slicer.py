@@ -74,7 +74,9 @@ def slicer_version() -> str | None:
     program = find_slicer()
     if program is None:
         return None
-    helped = subprocess.run([program, "--help"], capture_output=True, text=True, check=True, timeout=LONGEST_S)
+    helped = subprocess.run(
+        [program, "--help"], capture_output=True, encoding="utf-8", errors="replace", check=True, timeout=LONGEST_S
+    )
     found = re.search(r"PrusaSlicer-[\d.]+", helped.stdout)
     return found.group() if found else program
 

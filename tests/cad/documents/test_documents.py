@@ -224,7 +224,9 @@ def browse(page: Path, profile: Path, *flags: str) -> str:
         "--dump-dom",
         *flags,
     ]
-    return subprocess.run([*command, page.as_uri()], capture_output=True, text=True, check=True, timeout=120).stdout
+    return subprocess.run(
+        [*command, page.as_uri()], capture_output=True, encoding="utf-8", check=True, timeout=120
+    ).stdout
 
 
 def test_the_guide_takes_every_bought_piece_once(made: Made) -> None:
