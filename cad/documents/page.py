@@ -73,7 +73,7 @@ def write_page(
         others=_other_files(folder),
         guide=markdown.render(_text(folder / "guide.md")),
         bom=markdown.render(_text(folder / "bom.md")),
-        checks=checks,
+        limited=sum(metric.limit is not None for metric in checks.values()),
         failed=[name for name, metric in checks.items() if not metric.passed],
         check_groups=_groups(checks, parts),
         data=json.dumps({"rays_mm": [middle_ray(layout, i).round(3).tolist() for i in range(len(layout.mirrors))]}),
