@@ -48,7 +48,7 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
     node by a share of it.
     """
     scene = trimesh.Scene()
-    scene.graph.update(ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)  # type: ignore[no-untyped-call]
+    scene.graph.update(ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)
     for piece in pieces:
         extras = {
             "kind": piece.kind,
@@ -72,7 +72,7 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
                 for accessor in primitive["attributes"].values():
                     _set_target(tree, accessor, VERTICES)
 
-    data = export_glb(scene, include_normals=True, tree_postprocessor=finish)  # type: ignore[no-untyped-call]
+    data = export_glb(scene, include_normals=True, tree_postprocessor=finish)
     with atomic(path) as temporary:
         temporary.write_bytes(data)
 
@@ -86,7 +86,7 @@ def _shaded(piece: Piece) -> trimesh.Trimesh:
     """The mesh of a piece, its vertices doubled along sharp edges, with its material."""
     mesh = smooth_shade(piece.mesh, angle=CREASE_RAD, facet_minarea=None)
     metallic, roughness = FINISH[piece.kind]
-    material = PBRMaterial(  # type: ignore[no-untyped-call]
+    material = PBRMaterial(
         name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
     )
     normals = np.array(mesh.vertex_normals)
@@ -96,7 +96,7 @@ def _shaded(piece: Piece) -> trimesh.Trimesh:
         mesh.vertices,
         mesh.faces,
         vertex_normals=normals,
-        visual=TextureVisuals(material=material),  # type: ignore[no-untyped-call]
+        visual=TextureVisuals(material=material),
         process=False,
     )
 

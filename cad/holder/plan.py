@@ -91,8 +91,6 @@ class HolderPlan:
 
 def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     """Lay out the mirror holder; raises InputError with the measure that breaks where it cannot be made."""
-    for index, mirror in enumerate(layout.mirrors):
-        _check_sheet(index, mirror)
     axes = mount_axes(layout)
     front = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
     border = _border(front.footprint, hardware)
@@ -258,16 +256,6 @@ def _slots(
         ]
         slots.append(Frustum(ends[0], ends[1]))
     return tuple(slots)
-
-
-def _check_sheet(index: int, mirror: Mirror) -> None:
-    """A laser needs features at least as wide as the sheet is thick."""
-    rectangle = get_coordinates(Polygon(mirror.outline_in_plane_mm).minimum_rotated_rectangle)
-    narrowest = np.linalg.norm(np.diff(rectangle[:3], axis=0), axis=1).min()
-    if narrowest < mirror.thickness_mm:
-        raise InputError(
-            f"mirror {index} is {narrowest:.2f} mm across, expected at least its thickness, {mirror.thickness_mm:g} mm"
-        )
 
 
 def _check_height(height_mm: float, hardware: Hardware) -> None:

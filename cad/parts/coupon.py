@@ -41,7 +41,6 @@ class CouponPlan:
     ring_mm: float
     band_mm: float
     right_mm: float
-    half_chord_mm: float
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -107,5 +106,4 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
         ring_mm=hardware.wrist.ring_mm,
         band_mm=hardware.wrist.band_mm,
         right_mm=float(at[0] + right),
-        half_chord_mm=half_chord,
     )

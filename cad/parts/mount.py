@@ -76,7 +76,6 @@ class MountPlan:
     holes_in_head_mm: FloatArray
     head: Stack
     foot: FloatArray
-    foot_wall_mm: float
     slide: FloatArray
     path: FloatArray
     section: Section
@@ -225,7 +224,6 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         holes_in_head_mm=holes_in_head,
         head=head,
         foot=foot,
-        foot_wall_mm=plate,
         slide=np.array([0.0, inner[0, 0], clip.slide_z_mm]),
         path=path,
         section=section,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from build123d import Box, Location, RigidJoint
@@ -68,3 +70,8 @@ def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_par
     same = {"camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"}
     first, second = ({part.name: part.identity for part in parts_of(d)} for d in (device, other))
     assert {name for name in first if first[name] == second[name]} == same
+
+
+def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    with pytest.raises(InputError, match=r"mirror 0-0 is 2\.50 mm across, expected at least its thickness, 3 mm"):
+        plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)

@@ -77,7 +77,7 @@ def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, co
     mesh.export(clip)
     scene = trimesh.load_scene(copied / ASSEMBLY)
     scene.delete_geometry([scene.graph.get("camera")[1]])
-    (copied / ASSEMBLY).write_bytes(export_glb(scene))  # type: ignore[no-untyped-call]
+    (copied / ASSEMBLY).write_bytes(export_glb(scene))
     for sheet in (copied / "mirrors").glob("*.dxf"):
         sheet.unlink()
     expected = {
