@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import locale
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
 
@@ -54,7 +57,7 @@ def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
     item.SetPartNumber(part.number)
     item.SetUUID(_uuid(part, "item"))
     model.SetBuildUUID(_uuid(part, "build"))
-    with atomic(path) as temporary:
+    with atomic(path) as temporary, _same_locale():
         model.QueryWriter("3mf").WriteToFile(str(temporary))
 
 
@@ -70,6 +73,16 @@ def lying(points_in_rig: FloatArray, part: PartPlan, printer: Printer) -> FloatA
         points = points @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     low, high = points.min(axis=0), points.max(axis=0)
     return points - (*(low[:2] + high[:2]) / 2.0, low[2])
+
+
+@contextmanager
+def _same_locale() -> Iterator[None]:
+    """Undo what lib3mf's writer does to the process: it sets the locale C, in which Python reads text as ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
 
 
 def _uuid(part: PartPlan, what: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import locale
 import shutil
 import subprocess
 from dataclasses import replace
@@ -33,6 +34,18 @@ def read(path: Path) -> Any:
     reader.ReadFromFile(str(path))
     assert reader.GetWarningCount() == 0
     return model
+
+
+def test_writing_leaves_the_locale_of_the_process_alone(
+    block: PartPlan, built_block: BuiltPart, tmp_path: Path
+) -> None:
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        locale.setlocale(locale.LC_ALL, "C.UTF-8")
+        write_3mf(tmp_path / "block.3mf", built_block.stl, block, HARDWARE.printer)
+        assert locale.getpreferredencoding(False) == "UTF-8"
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
 
 
 def test_it_lies_as_it_prints_amid_the_bed(written: Path) -> None:
