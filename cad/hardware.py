@@ -69,6 +69,9 @@ class HolderDimensions(Value):
     rim_length_mm: float = Field(default=3.0, gt=0, description="shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
     mount_step_mm: float = Field(default=2.0, gt=0, description="steps in which the rectangle of mount holes is tried")
+    mount_of_width: float = Field(
+        default=0.36, gt=0, lt=1, description="widest rectangle of them, of the holder's width: narrow mounts are light"
+    )
     cells_mm: tuple[float, ...] = Field(
         default=(8.0, 12.0, 18.0, 26.0, 36.0),
         min_length=1,
@@ -117,7 +120,7 @@ class ClipDimensions(Value):
     )
     behind_mm: float = Field(default=1.0, gt=0, description="room behind the body, for the tips of the set screws")
     rib_mm: float = Field(default=2.0, gt=0, description="height of the V rib that guides the clip")
-    screws_apart_mm: float = Field(default=56.0, gt=0, description="distance of the two screws that hold the clip")
+    screws_apart_mm: float = Field(default=40.0, gt=0, description="distance of the two screws that hold the clip")
     set_screw_mm: float = Field(default=10.0, gt=0, description="length of the M3 set screws (ISO 4026)")
 
 

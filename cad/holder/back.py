@@ -25,7 +25,7 @@ POINT_MM = 0.2
 # A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
 OFF_MIDDLE = 0.1
 # A cut rather passes through so much more of the mirrors than leave a square millimetre of a wall that does not print.
-THIN_MM_PER_MM2 = 20.0
+THIN_MM_PER_MM2 = 1000.0
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,13 @@ class FrontSurface:
         return min(lowest, self.deepest_mm)
 
 
+def fits_bed(border: Polygon, hardware: Hardware) -> bool:
+    """Whether a part with this outline is printed in one piece."""
+    left, bottom, right, top = border.bounds
+    rooms = rooms_on_bed((right - left, top - bottom), hardware)
+    return bool(right - left <= rooms[0] and top - bottom <= rooms[1])
+
+
 def place_cuts(
     layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -203,10 +210,11 @@ def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
 def place_mount(
     front: FrontSurface, hardware: Hardware, cuts_mm: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
 ) -> MountFace:
-    """The widest rectangle of four holes that leaves the part thinnest; raises InputError where there is no room.
+    """The rectangle of four holes, not too wide nor half as wide, that leaves the part thinnest, the largest of equals.
 
     Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the
-    cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by.
+    cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by. Raises InputError
+    where there is no room.
     """
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
@@ -220,7 +228,10 @@ def place_mount(
     thinnest = max(hardware.holder.floor_mm, thinnest)
     best: tuple[float, float] | None = None
     chosen = np.zeros((4, 2))
-    for a in np.arange(around, (right - left) / 2.0, hardware.holder.mount_step_mm):
+    widest = max(around + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
+    for a in np.arange(around, widest, hardware.holder.mount_step_mm):
+        if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
+            continue
         for b in np.arange(around, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
             near_cut = any(

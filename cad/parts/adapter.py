@@ -14,7 +14,7 @@ import numpy as np
 from cad.hardware import Hardware
 from cad.parts.clip import ABOVE, ClipPlan
 from cad.parts.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
-from cad.parts.mount import FOOT_DEPTH_MM, FOOT_X_MM, FOOT_Y_MM, foot_z_mm
+from cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
 from cad.parts.prisms import box, corners_of
 from cad.seats import Frustum
 from optics.values import FloatArray, InputError
@@ -117,7 +117,7 @@ def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
     ear_y = float(band.mean()) + EAR_OFF_MM
     ear_at = np.array([(-ear_x, ear_y, axis_z + face), (ear_x, ear_y, axis_z + face)])
     clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
-    heads = np.array([(x, clip.slide_y_mm - y, foot_z - skin) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
+    heads = foot_screws(clip, hardware) - skin * ABOVE
     driver = screw.head_mm / 2.0 + hardware.fit.free_mm
     clearance = screw.clearance_hole_mm / 2.0
     saddle_cuts: list[Frustum | Bore | Hexagon] = []

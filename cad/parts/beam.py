@@ -25,6 +25,11 @@ class Section:
     plastic_mpa: float
 
     @property
+    def plastic_mm2(self) -> float:
+        """Volume per length: skins, and webs that are longer than what they span."""
+        return float(self.width_mm * (2.0 * self.skin_mm + self.web_mm / np.cos(np.deg2rad(self.web_deg))))
+
+    @property
     def bending_nmm2(self) -> float:
         """E I about x, of both skins about the middle (parallel axes)."""
         inside = self.depth_mm - 2.0 * self.skin_mm

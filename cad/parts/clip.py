@@ -86,9 +86,12 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     body = body_box(camera)
     slide = stack(hardware.mount.skin_mm, hardware)
     reach = clip.screws_apart_mm / 2.0 + hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    from_x = min(float(body.low[0]) - clip.wall_mm, -reach)
-    to_x = max(float(body.high[0]), reach)
     held = camera.held_by
+    from_x = min(float(body.low[0]) - clip.wall_mm, -reach)
+    if isinstance(held, BoardHoles):
+        # The part stands on this end: no post's slope begins before it.
+        from_x = min(from_x, min(x for x, _ in held.holes_mm) - _post_radius_mm(held) - held.post_mm)
+    to_x = max(float(body.high[0]), reach)
     pieces, cuts, bottom, top, set_screws, board_screws = (
         _by_lips(camera, held, body, from_x, to_x, hardware)
         if isinstance(held, Lips)
@@ -196,7 +199,7 @@ def _by_board(
     back = float(body.low[2])
     floor_top = back - holes.post_mm
     bottom = floor_top - clip.wall_mm
-    radius = holes.hole_mm / 2.0 + 2.0
+    radius = _post_radius_mm(holes)
     low_y = float(body.low[1]) - hardware.fit.slide_mm
     high_y = max(float(body.high[1]), float(np.array(holes.holes_mm)[:, 1].max()) + radius)
     pieces = [box((from_x, low_y, bottom), (to_x, high_y, floor_top))]
@@ -217,3 +220,7 @@ def _by_board(
     )
     board_screws = np.column_stack([centres, np.full(len(centres), back + camera.depth_mm)])
     return pieces, cuts, bottom, float(body.high[2]), np.zeros((0, 3)), board_screws
+
+
+def _post_radius_mm(holes: BoardHoles) -> float:
+    return holes.hole_mm / 2.0 + 2.0

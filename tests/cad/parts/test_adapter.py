@@ -9,7 +9,7 @@ from build123d import GeomType
 from cad.hardware import HARDWARE, Hardware
 from cad.parts.adapter import CAP_EAR_MM, plan_adapter
 from cad.parts.clip import plan_clip
-from cad.parts.mount import foot_z_mm
+from cad.parts.foot import foot_z_mm
 from cad.parts.solids import make_ring
 from optics.values import InputError
 

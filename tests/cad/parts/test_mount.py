@@ -15,9 +15,11 @@ from cad.hardware import HARDWARE
 from cad.holder.plan import HolderPlan, plan_holder
 from cad.parts.clip import ClipPlan, plan_clip
 from cad.parts.fasteners import Bore
-from cad.parts.mount import MountPlan, plan_mount
-from cad.parts.prisms import moved, overlap_mm
+from cad.parts.foot import FOOT_DEPTH_MM
+from cad.parts.mount import MountPlan, plan_mount, stiff_profiles
+from cad.parts.prisms import moved, overlap_mm, volume_mm3
 from cad.parts.solids import make_mount
+from cad.parts.truss import truss
 from cad.seats import keep_outs
 from optics.layout import Layout
 from optics.values import InputError
@@ -102,6 +104,35 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
     assert stiffer.tilt_deg <= 0.7 * mount.tilt_deg
     assert stiffer.section.depth_mm * stiffer.section.width_mm > mount.section.depth_mm * mount.section.width_mm
     assert beside(holder, stiffer) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
+    """Narrower than its screws need it cannot be; a heavy load is borne by more depth before more width."""
+    layout, holder, clip, mount = planned
+    around = HARDWARE.screw.head_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
+    screws = max(float(np.abs(holder.holes_in_mount_mm[:, 0]).max()), clip.slide_x_mm)
+    assert mount.half_width_mm == pytest.approx(screws + around, abs=0.5)
+    assert mount.section.depth_mm == FOOT_DEPTH_MM
+    strict = HARDWARE.replaced(mount=HARDWARE.mount.replaced(tilt_deg=0.7 * mount.tilt_deg))
+    profiles = stiff_profiles(holder, clip, mount.load_g, mount.load_at, strict)
+    taken = plan_mount(layout, holder, clip, strict).section
+    assert len({profile.section.width_mm for profile in profiles}) > 3
+    assert min(profiles, key=lambda profile: profile.volume_mm3).section == taken
+
+
+def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
+    """Skins and webs along the middle, and the foot's plate: but for what bends and short panels add."""
+    _, holder, clip, mount = planned
+    for profile in stiff_profiles(holder, clip, mount.load_g, mount.load_at, HARDWARE):
+        skins, webs = truss(profile.inner, profile.outer, profile.section, HARDWARE)
+        volume = sum(volume_mm3(piece) for piece in (*skins, *webs))
+        assert profile.volume_mm3 == pytest.approx(volume, rel=0.15)
+
+
+def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
+    layout, holder, clip, mount = planned
+    wide = HARDWARE.replaced(mount=HARDWARE.mount.replaced(cable_window_mm=(50.0, 10.0)))
+    assert plan_mount(layout, holder, clip, wide).half_width_mm > max(mount.half_width_mm, 25.0 + 5.0 + 4.0)
 
 
 def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: Planned) -> None:

@@ -1,0 +1,123 @@
+"""The mount's profile in the y-z plane: a line round the light, and a truss of skins and webs along it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates
+from shapely.geometry.polygon import orient
+from shapely.ops import substring
+
+from cad.hardware import Hardware
+from cad.holder.plan import HolderPlan
+from cad.parts.beam import Section
+from cad.parts.clip import ClipPlan
+from cad.parts.foot import foot_plate_mm, foot_z_mm
+from cad.parts.prisms import along_x
+from cad.seats import Frustum
+from optics.transforms import transform
+from optics.values import FloatArray, InputError
+
+
+def inner_path(
+    holder: HolderPlan, clip: ClipPlan, half_width_mm: float, around_mm: float, hardware: Hardware
+) -> FloatArray:
+    """The inner line (n, 2) in y and z: from the foot up along the slide, taut round the holder, along its back.
+
+    It goes round the convex hull of holder and pupil, which holds all camera cones.
+    """
+    away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
+    if abs(away[0]) > np.sin(np.deg2rad(5.0)):
+        raise InputError(
+            f"mirror holder's back is turned {np.degrees(np.arcsin(abs(away[0]))):.1f} deg to the side, "
+            "expected at most 5 deg for the mount"
+        )
+    across = float(np.linalg.norm(away[1:]))
+    out = away[1:] / across
+    # The back's plane where it lies nearest to the camera over the mount's width; the rest is cut flush.
+    level = float(away @ origin) / across - abs(away[0]) / across * half_width_mm
+    up = np.array([out[1], -out[0]])
+    corners = holder.corners_in_rig[:, 1:]
+    far = 10.0 * np.abs(corners).max()
+    behind = Polygon(
+        [
+            level * out + far * up,
+            level * out - far * up,
+            level * out - far * up - far * out,
+            level * out + far * up - far * out,
+        ]
+    )
+    shadow = (
+        MultiPoint(corners).convex_hull.buffer(hardware.mount.clearance_mm, join_style="mitre").intersection(behind)
+    )
+    holes = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
+    top = level * out + (float((holes @ up).max()) + around_mm) * up
+    y, foot, slide_top = clip.slide_y_mm, foot_z_mm(clip, hardware), clip.top_mm + clip.travel_mm + 2.0
+    hull = MultiPoint([*get_coordinates(shadow), (y, slide_top), (0.0, 0.0), top]).convex_hull
+    # Clockwise from the slide (seen with y right, z up) the boundary runs up behind the camera.
+    loop = get_coordinates(orient(hull))[-2::-1]
+    first = np.abs(loop - [y, slide_top]).sum(axis=1)
+    loop = np.roll(loop, -int(first.argmin()), axis=0)
+    on_back = np.flatnonzero(np.abs(loop @ out - level) < 1e-6)
+    if first.min() > 1e-9 or len(on_back) < 2:
+        raise InputError("mirror holder's back does not face away from the camera's clip, expected it to for the mount")
+    chain = LineString(np.vstack([loop[: on_back[0] + 1], top])).simplify(0.2)
+    return np.vstack([(y, foot), get_coordinates(chain)])
+
+
+def to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
+    """The path up to the middle of the head: its two rows of screws share the load."""
+    line = LineString(path)
+    middle = line.project(Point(holder.rig_from_mount[1:3, 3]))
+    return get_coordinates(substring(line, 0.0, middle))
+
+
+def offset(inner: FloatArray, depth: float) -> FloatArray:
+    """A polyline (n, 2) moved to its left by a depth, its corners mitred."""
+    directions = np.diff(inner, axis=0) / np.linalg.norm(np.diff(inner, axis=0), axis=1)[:, None]
+    lefts = np.column_stack([-directions[:, 1], directions[:, 0]])
+    moved = [inner[0] + depth * lefts[0]]
+    for point, before, after in zip(inner[1:-1], lefts[:-1], lefts[1:], strict=True):
+        moved.append(point + depth * (before + after) / (1.0 + before @ after))
+    return np.array([*moved, inner[-1] + depth * lefts[-1]])
+
+
+def truss(
+    inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware
+) -> tuple[list[Frustum], list[Frustum]]:
+    """The skins, and the webs between them with the foot's plate."""
+    depth, half_width, web_mm = section.depth_mm, section.width_mm / 2.0, section.web_mm
+    part = section.skin_mm / depth
+    inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
+    skins, webs = [], []
+    for (a, b), (c, d) in zip(pairwise(inner), pairwise(outer), strict=True):
+        near = np.array([a, b, b + part * (d - b), a + part * (c - a)])
+        far = np.array([c, d, d + part * (b - d), c + part * (a - c)])
+        skins += [along_x(near, -half_width, half_width), along_x(far, -half_width, half_width)]
+    # Over the foot's plate there is the cable's window, which no web crosses.
+    plate, window = foot_plate_mm(hardware), hardware.mount.cable_window_mm[1]
+    over = plate + window + web_mm / 2.0
+    inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
+    webs.append(_web(inside[0], outside[0], web_mm, half_width))
+    # The last web ends flush with the skins.
+    end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * web_mm / 2.0
+    inside[-1], outside[-1] = inside[-1] - end, outside[-1] - end
+    for (a, b), (c, d) in zip(pairwise(inside), pairwise(outside), strict=True):
+        panel = depth / np.tan(np.deg2rad(section.web_deg))
+        count = max(1, round(float(np.linalg.norm((b + d) - (a + c)) / 2.0 / panel)))
+        for i in range(count):
+            low, high = i / count, (i + 1) / count
+            near_to_far = ((a + low * (b - a), c + high * (d - c)), (c + low * (d - c), a + high * (b - a)))
+            webs.append(_web(*near_to_far[i % 2], web_mm, half_width))
+        webs.append(_web(b, d, web_mm, half_width))
+    y, z = inner[0]
+    foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
+    skins.append(along_x(foot, -half_width, half_width))
+    return skins, webs
+
+
+def _web(start: FloatArray, end: FloatArray, thickness: float, half_width: float) -> Frustum:
+    """A web whose ends lie in the middle of the skins."""
+    corners = get_coordinates(LineString([start, end]).buffer(thickness / 2.0, cap_style="flat"))[:-1]
+    return along_x(corners, -half_width, half_width)
