@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import reduce
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, reduce
 from itertools import pairwise, product
 from typing import Any
 
@@ -17,7 +19,7 @@ from shapely import box, get_coordinates, intersection_all
 from shapely.geometry.base import BaseGeometry
 
 from cad.hardware import Hardware
-from cad.part import BoughtItem, PartPlan
+from cad.part import BoughtItem, PartPlan, plain
 from cad.parts.fasteners import ROOF_DEG
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
@@ -59,6 +61,15 @@ class PiecePlan:
 
 
 @dataclass(frozen=True)
+class _Whole:
+    """A part before it is cut; the same numbers, the same part."""
+
+    numbers: str
+    plan: Any = field(compare=False)
+    make: Callable[[Any], Part] = field(compare=False)
+
+
+@dataclass(frozen=True)
 class Pieces:
     """What a part is printed as, and the pins between the pieces."""
 
@@ -87,7 +98,7 @@ def split(
     rooms = rooms_on_bed((float(high[0] - low[0]), float(high[1] - low[1])), hardware)
     if high[0] - low[0] <= rooms[0] and high[1] - low[1] <= rooms[1]:
         return Pieces((turned_onto_bed(part, float(high[0] - low[0]), rooms[0], hardware),), ())
-    body = _mesh(part.make(part.plan)).transform(bed_from_rig[:3])
+    body = _mesh(_whole(part.plan, part.make)).transform(bed_from_rig[:3])
     if cuts_mm is None:
         spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
         cuts_mm = (
@@ -123,7 +134,7 @@ def make_piece(plan: PiecePlan) -> Part:
     steep = np.radians(ROOF_DEG)
     tangent = (radius * np.cos(steep), radius * np.sin(steep))
     with BuildPart() as piece:
-        insert(plan.make(plan.whole))
+        insert(_whole(plan.whole, plan.make))
         with Locations(bed), Locations(Location(tuple((low + high) / 2.0))):
             width, length, height = (high - low).tolist()
             Block(width, length, height, mode=Mode.INTERSECT)
@@ -136,6 +147,18 @@ def make_piece(plan: PiecePlan) -> Part:
     if len(solids) != 1:
         raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)}, expected one")
     return Part(solids)
+
+
+def _whole(plan: Any, make: Callable[[Any], Part]) -> Part:
+    """A part before it is cut, made once for all its pieces; each gets a copy, since booleans write into what they
+    cut."""
+    numbers = json.dumps([f"{make.__module__}.{make.__qualname__}", plain(plan)])
+    return deepcopy(_make_whole(_Whole(numbers, plan, make)))
+
+
+@lru_cache(maxsize=1)
+def _make_whole(whole: _Whole) -> Part:
+    return whole.make(whole.plan)
 
 
 def _mesh(solid: Part) -> Manifold:

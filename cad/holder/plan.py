@@ -15,10 +15,19 @@ from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Fastening, Hardware
-from cad.holder.back import FrontSurface, mount_axes, place_cuts, place_mount, screw_depths_mm, slot_way, slot_width_mm
+from cad.holder.back import (
+    FrontSurface,
+    fits_bed,
+    mount_axes,
+    place_cuts,
+    place_mount,
+    screw_depths_mm,
+    slot_way,
+    slot_width_mm,
+)
 from cad.holder.glue import groove_volume, grooves_of, planned_cover, runs_along_cut
 from cad.holder.mesh import Workshop
-from cad.holder.rims import RELIEF_MM, plan_rims
+from cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from cad.holder.stray import Ring, plan_walls
 from cad.holder.webs import Hollow, plan_hollows
 from cad.seats import Frustum, back_height_mm, keep_outs, outline_at
@@ -95,8 +104,10 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     front = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
     border = _border(front.footprint, hardware)
     plan, body = _solid_plan(layout, axes, front, border, ((), ()), hardware)
-    cuts = place_cuts(layout, axes, border, body, hardware)
-    if any(cuts):
+    if not fits_bed(border, hardware):
+        # Rims give way to cuts wherever these are.
+        bare = body_of(Workshop(), replace(plan, rims=()))
+        cuts = place_cuts(layout, axes, border, bare, hardware)
         # What a cut meets at the front does not depend on how thick the part is, which its pins decide.
         plan, body = _solid_plan(layout, axes, front, border, cuts, hardware)
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
@@ -134,7 +145,7 @@ def _solid_plan(
         )
         for index, mirror in enumerate(layout.mirrors)
     ]
-    rims = plan_rims(layout, volumes, grooves, reach, hardware)
+    rims = plan_rims(layout, volumes, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
     rig_from_mount = np.eye(4)
     rig_from_mount[:3, :3] = axes.T
     rig_from_mount[:3, 3] = mount.centre_mm @ axes[:2] + mount.back_mm * away

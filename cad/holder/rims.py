@@ -23,6 +23,7 @@ STEP_MM = 0.25
 RELIEF_MM = 0.3
 # How far the ground of a rim is wider than the rim.
 GROUND_MM = 0.1
+FAR_MM = 1e4
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def plan_rims(
     layout: Layout,
     keep_outs: list[list[Frustum]],
     grooves: list[tuple[Groove, ...]],
+    beside_cuts: list[Frustum],
     reach_mm: float,
     hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
@@ -69,7 +71,7 @@ def plan_rims(
 
     A rim enters no light and stands neither before nor behind another mirror or its rim (looked for `reach_mm` far
     along their normals), where it would become a ridge. Where a mirror's own light spreads over its edge, its rim
-    stands back.
+    stands back. What cuts would leave of rims is thinner than a wall: none stands in `beside_cuts`.
     """
     fit = hardware.fit.free_mm
     taken = [
@@ -86,12 +88,25 @@ def plan_rims(
     ]
     rims = []
     for index, mirror in enumerate(layout.mirrors):
-        others = [volume for other, group in enumerate(taken) if other != index for volume in group]
+        others = [*beside_cuts, *(volume for other, group in enumerate(taken) if other != index for volume in group)]
         placed = _rims_of(mirror, keep_outs[index][1:], others, grooves[index], hardware)
         away = reach_mm * mirror.normal_in_rig
         taken[index] += [Frustum(ground - away, ground + away) for _, ground in placed]
         rims += placed
     return rims
+
+
+def beside_cuts(
+    axes: FloatArray, cuts_mm: tuple[tuple[float, ...], tuple[float, ...]], hardware: Hardware
+) -> list[Frustum]:
+    """Where cuts across the first two of three axes (rows) would leave less than a wall of a rim or of its ground."""
+    near = hardware.printer.wall_mm + GROUND_MM + STEP_MM
+    zones = []
+    for axis, places in enumerate(cuts_mm):
+        across, one, two = axes[axis], FAR_MM * axes[1 - axis], FAR_MM * axes[2]
+        square = np.array([-one - two, one - two, one + two, two - one])
+        zones += [Frustum(square + (place - near) * across, square + (place + near) * across) for place in places]
+    return zones
 
 
 def _rims_of(

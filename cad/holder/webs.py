@@ -19,6 +19,8 @@ from optics.values import FloatArray
 # A narrower hollow saves nothing.
 NARROWEST_MM = 5.0
 LOWEST_MM = 0.5
+# Where the body's own sides end is not looked at: by rounding, it is air or not.
+ROUNDING_MM = 1e-3
 # Roofs are a hair steeper than the overhang that prints.
 STEEPER = 1.01
 
@@ -76,6 +78,7 @@ def plan_hollows(
     # A hair more, so that no section through a joint lies in the side of a hollow.
     joint = reach_of_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
+    footprint = footprint.buffer(-ROUNDING_MM, join_style="mitre")
     if inside.is_empty:
         return ()
     left, low, right, high = inside.bounds
@@ -157,6 +160,8 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
     levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
+    # All that is looked at, and a little more: with the whole body it takes twice as long.
+    near = body ^ _column(middle + 1.01 * scale * (corners - middle), levels)
     eaves = np.inf
     for i in range(len(corners)):
         side = corners[[i, (i + 1) % len(corners)]] - middle
@@ -165,8 +170,8 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
         edge = float(np.clip(1.0 - (rise + floor - above) / pyramid, 0.0, scale))
         under_top = Polygon([middle, *(middle + edge * side)]) if edge > 0.0 else Polygon()
         under_roof = Polygon([*(middle + edge * side), *(middle + scale * side[::-1])])
-        heights = [height - floor - rise for height, _ in _air(body, under_top.intersection(footprint), levels)]
-        for height, point in _air(body, under_roof.intersection(footprint), levels):
+        heights = [height - floor - rise for height, _ in _air(near, under_top.intersection(footprint), levels)]
+        for height, point in _air(near, under_roof.intersection(footprint), levels):
             reach = float((point - middle) @ outward[i]) / distances[i]
             heights.append(height - above - pyramid * (1.0 - reach))
         eaves = min([eaves, *heights])
@@ -189,10 +194,13 @@ def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> lis
     """Height over the back, and x and y (2,), of all corners of what is not plastic over a convex area."""
     if area.area < 1e-9:
         return []
-    flat = get_coordinates(area)
-    column = Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))
-    points = np.asarray((column - body).to_mesh64().vert_properties)
+    points = np.asarray((_column(get_coordinates(area), levels) - body).to_mesh64().vert_properties)
     return [(-float(point[2]), point[:2]) for point in points]
+
+
+def _column(flat: FloatArray, levels: tuple[float, float]) -> Manifold:
+    """What stands between two levels on the hull of points (n, 2)."""
+    return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))
 
 
 def sag_um(load_n: float, side_mm: float, hardware: Hardware) -> float:

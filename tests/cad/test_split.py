@@ -55,6 +55,24 @@ def test_what_fits_the_bed_is_left_alone_and_not_even_made() -> None:
         split(replace(part, make=never), 2.0 * corners, HARDWARE)
 
 
+def test_a_part_is_made_once_for_all_its_pieces_and_no_piece_changes_another() -> None:
+    part, corners = bar_part(BarPlan(310.0, 260.0, 20.0))
+    made = []
+
+    def make(plan: BarPlan) -> Part:
+        made.append(plan)
+        return make_bar(plan)
+
+    parts = split(replace(part, make=make), corners, HARDWARE).parts
+    volumes = [piece.make(piece.plan).volume for piece in (*parts, *parts[::-1])]
+    assert len(made) == 1
+    assert volumes[:4] == volumes[:3:-1]
+    # Another part of the same function is another part.
+    longer, corners = bar_part(BarPlan(312.0, 260.0, 20.0))
+    split(replace(longer, make=make), corners, HARDWARE)
+    assert len(made) == 2
+
+
 @pytest.mark.parametrize(("length", "width", "count"), [(300.0, 30.0, 2), (500.0, 40.0, 3), (300.0, 260.0, 4)])
 def test_pieces_fit_the_bed_and_are_the_part_less_its_pin_holes(length: float, width: float, count: int) -> None:
     part, corners = bar_part(BarPlan(length, width, 20.0))

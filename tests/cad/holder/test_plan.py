@@ -12,7 +12,7 @@ from cad.hardware import HARDWARE
 from cad.holder.back import FrontSurface, mount_axes, tip_mm
 from cad.holder.glue import groove_volume, grooves_of, runs_along_cut
 from cad.holder.plan import HolderPlan, plan_holder
-from cad.holder.rims import RELIEF_MM
+from cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from cad.seats import keep_outs, seat_distance_mm, sheet
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -124,6 +124,34 @@ def test_a_groove_keeps_away_from_a_cut_that_it_runs_along_and_may_cross_one(def
     for place, near in ((low - wall - 0.01, False), (low - wall + 0.01, True), (high + 0.9, True), (high + 1.3, False)):
         assert runs_along_cut(mirror, groove, axes, ((place,), ()), HARDWARE) == near
     assert not runs_along_cut(mirror, groove, axes, ((), (float((corners @ axes[1]).mean()),)), HARDWARE)
+
+
+def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_layout: Layout) -> None:
+    axes, wall = mount_axes(default_layout), HARDWARE.printer.wall_mm
+    volumes = keep_outs(default_layout, HARDWARE)
+
+    def rims_beside(cuts: tuple[tuple[float, ...], tuple[float, ...]]) -> list[FloatArray]:
+        zones = beside_cuts(axes, cuts, HARDWARE)
+        rims = plan_rims(default_layout, volumes, [()] * len(volumes), zones, 20.0, HARDWARE)
+        return [np.vstack([rim.base, rim.top, ground]) for rim, ground in rims]
+
+    def nearest_mm(rims: list[FloatArray], axis: int, place: float) -> float:
+        across = [rim @ axes[axis] - place for rim in rims]
+        return min(max(float(side.min()), float(-side.max()), 0.0) for side in across)
+
+    free = rims_beside(((), ()))
+    # One cut through the middle of a rim that runs along it, and one through that of a rim that it crosses.
+    along = min(free, key=lambda rim: float(np.ptp(rim @ axes[0])))
+    crossed = max(free, key=lambda rim: float(np.ptp(rim @ axes[1])))
+    x, y = float((along @ axes[0]).mean()), float((crossed @ axes[1]).mean())
+    assert nearest_mm(free, 0, x) == nearest_mm(free, 1, y) == 0.0
+    rims = rims_beside(((x,), (y,)))
+    assert nearest_mm(rims, 0, x) >= wall
+    assert nearest_mm(rims, 1, y) >= wall
+    # All others stand, those crossed in two parts.
+    assert sum(float(np.ptp(rim, axis=0).max()) for rim in rims) > 0.75 * sum(
+        float(np.ptp(rim, axis=0).max()) for rim in free
+    )
 
 
 def thin_floor(body: HolderPlan) -> float:
