@@ -35,7 +35,7 @@ def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int)
     )
     across, along = (int(np.ceil((side - web) / (widest + web))) for side in (length, width))
     assert len(hollows) == across * along
-    mount_from_rig = np.linalg.inv(rig_from_mount)
+    mount_from_rig = np.asarray(np.linalg.inv(rig_from_mount), dtype=np.float64)
     for hollow in hollows:
         top, eaves = transform(mount_from_rig, hollow.top), transform(mount_from_rig, hollow.eaves)
         assert top[:, 2] == pytest.approx(floor - height, abs=1e-9)
