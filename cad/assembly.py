@@ -9,10 +9,24 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from build123d import Color, Compound, Face, Location, Plane, RigidJoint, Shape, Solid, Vector, Wire, import_step
+from build123d import (
+    Axis,
+    Color,
+    Compound,
+    Face,
+    LinearJoint,
+    Location,
+    Plane,
+    RigidJoint,
+    Shape,
+    Solid,
+    Vector,
+    Wire,
+    import_step,
+)
 
 from cad.catalogue import bought_items
-from cad.device import Device, connections
+from cad.device import Connection, Device, connections
 from cad.exports import write_step
 from cad.mirrors.sheets import mirror_names
 from cad.part import BuiltPart, Rgb
@@ -48,8 +62,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
     printed = {part.name: _printed(part) for part in fitted}
     for connection in connections(device):
         parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
-        place = RigidJoint(connection.name, parent, location_of(connection.rig_from_parent_joint))
-        place.connect_to(RigidJoint(connection.name, child, location_of(connection.rig_from_child_joint)))
+        connect(connection, parent, child)
     mirrors, bought = [], []
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
         sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)
@@ -68,6 +81,23 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
     groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
     return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
+
+
+def connect(connection: Connection, parent: Solid, child: Solid) -> None:
+    """Join two parts, both as they are in rig, by joints of the connection's name; what slides is put amid its way."""
+    rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
+    if connection.slides_mm == 0.0:
+        place = RigidJoint(connection.name, parent, location_of(rig_from_parent))
+        place.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
+        return
+    origin = rig_from_parent[:3, 3]
+    way = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
+    slide = LinearJoint(connection.name, parent, way, (-connection.slides_mm, connection.slides_mm))
+    # A linear joint hands on where it is, but not how its frame is turned: that is left to the child's.
+    level = np.eye(4)
+    level[:3, 3] = origin
+    turned = rig_from_child @ np.linalg.inv(rig_from_parent) @ level
+    slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
 
 
 def _printed(part: BuiltPart) -> Solid:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from build123d import CenterOf, Shape, import_step
+from build123d import CenterOf, LinearJoint, Shape, Solid, import_step
 from shapely import Polygon
 
 import cad.assembly
-from cad.assembly import assemble, write_assembly
+from cad.assembly import assemble, connect, location_of, write_assembly
 from cad.device import Connection, Device
 from cad.mirrors.sheets import mirror_names
 from cad.part import BoughtItem, BuiltPart
@@ -114,6 +114,43 @@ def test_parts_are_joined_by_their_connections(
     found = {leaf.label: leaf for group in assemble(device, parts).children for leaf in group.children}
     np.testing.assert_allclose(tuple(found["mount"].center(CenterOf.MASS)), [31.0, 17.0, 8.0], atol=1e-9)
     np.testing.assert_allclose(tuple(found["camera_clip"].center(CenterOf.MASS)), [31.0, 17.0, 6.0], atol=1e-9)
+
+
+@pytest.mark.usefixtures("screws")
+def test_the_clip_slides_on_the_mount_along_the_lens_axis_as_far_as_it_may(
+    device: Device, parts: list[BuiltPart]
+) -> None:
+    found = {leaf.label: leaf for group in assemble(device, parts).children for leaf in group.children}
+    mount, clip = found["mount"], found["camera_clip"]
+    slide, carried = mount.joints["slide"], clip.joints["slide"]
+    assert isinstance(slide, LinearJoint)
+    travel = device.hardware.clip.travel_mm
+    assert slide.linear_range == (-travel, travel)
+    assert slide.position == 0.0
+    before = np.array(tuple(clip.center(CenterOf.MASS)))
+    for by in (-travel, 1.5, travel):
+        slide.connect_to(carried, position=by)
+        np.testing.assert_allclose(tuple(clip.center(CenterOf.MASS)), np.add(before, (0.0, 0.0, by)), atol=1e-9)
+    with pytest.raises(ValueError, match="in range"):
+        slide.connect_to(carried, position=travel + 0.1)
+    others = {name: joint for leaf in found.values() for name, joint in leaf.joints.items() if name != "slide"}
+    assert {"back", "foot", "clamp"} < set(others)
+    assert not any(isinstance(joint, LinearJoint) for joint in others.values())
+
+
+def test_what_slides_is_turned_as_its_connection_says() -> None:
+    """The child's frame comes to lie on the parent's, however both are turned."""
+    rng = np.random.default_rng(3)
+    frames = [np.eye(4), np.eye(4)]
+    for frame in frames:
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        frame[:3, :3] = turn * np.sign(np.linalg.det(turn))
+        frame[:3, 3] = rng.uniform(-50.0, 50.0, 3)
+    parent, child = Solid.make_box(10.0, 20.0, 30.0), Solid.make_box(3.0, 2.0, 1.0)
+    connect(Connection("slide", "mount", "camera_clip", frames[0], frames[1], 4.0), parent, child)
+    expected = location_of(frames[0] @ np.linalg.inv(frames[1]))
+    np.testing.assert_allclose(tuple(child.location.position), tuple(expected.position), atol=1e-9)
+    np.testing.assert_allclose(tuple(child.location.orientation), tuple(expected.orientation), atol=1e-9)
 
 
 GEOMETRY = """#1 = SOLID('it''s #3',#2);
