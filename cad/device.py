@@ -50,7 +50,6 @@ class Connection:
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
     """Plan every part; raises InputError with the measure that breaks where the device cannot be made."""
     require_cuttable(layout, hardware.cutting)
-    holder = plan_holder(layout, hardware)
     clip = plan_clip(hardware)
     adapter = plan_adapter(clip, hardware)
     light = keep_outs(layout, hardware)
@@ -63,6 +62,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         "robot's wrist": (wrist_box(adapter, hardware),),
     }.items():
         require_dark(name, solids, layout, light)
+    # Last what takes longest: of large layouts a minute.
+    holder = plan_holder(layout, hardware)
     return Device(
         layout=layout,
         hardware=hardware,
