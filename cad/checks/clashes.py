@@ -27,6 +27,8 @@ THREADS = ("insert", "nut")
 FORMING = "screw_forming"
 FORMED_MM = 0.25
 HOLDER = "mirror_holder"
+# The shell of the robot's wrist, and what is clamped round it, bored to its diameter.
+WRIST, CLAMP = "wrist", "adapter_"
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
 def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) -> dict[str, Metric]:
     """Volume that two solids fill; gaps between those that do not touch; fasteners that hold nothing.
 
-    Of each part and the camera, and of each mirror and fastener in the way. A gap of less than `least_mm` is
+    Of each part, the camera and the wrist, and of each mirror and fastener in the way. A gap of less than `least_mm` is
     neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
     """
     met = meetings(solids)
@@ -133,8 +135,13 @@ def _forms(first: str, second: str) -> bool:
 
 
 def _pressed(first: str, second: str) -> bool:
-    """Whether one sits in the other's hole of its own diameter: an insert or pin in a part, a screw in its thread."""
+    """Whether one sits in the other's hole of its own diameter.
+
+    An insert or pin does in a part, a screw in its thread, the wrist in its clamp.
+    """
     for inner, outer in ((first, second), (second, first)):
+        if inner == WRIST and outer.startswith(CLAMP):
+            return True
         if inner.startswith(("insert", "pin")) and not outer.startswith(FASTENERS):
             return True
         if inner.startswith("screw") and outer.startswith(THREADS):

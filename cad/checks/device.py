@@ -13,7 +13,7 @@ from build123d import import_step
 from shapely import Polygon
 
 from cad.catalogue import bought_items
-from cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
+from cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
 from cad.checks.cuts import Fit, check_cuts, mirror_fits, prism, read_cuts, sheets_as_cut
 from cad.checks.light import check_light
 from cad.checks.mesh import is_manifold, read_stl, solid_of
@@ -30,6 +30,8 @@ from optics.values import Metric
 
 ASSEMBLY = "assembly.glb"
 CAMERA = "camera"
+# Its corners lie on the shell; the flats between them are this little below it, as those of the clamp's mesh are.
+WRIST_SAGITTA_MM = 0.02
 # How far off its seat a mirror is let down from, in thicknesses of its sheet.
 DROP_OF_SHEET = 4.0
 # The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
@@ -39,8 +41,9 @@ ROUNDING_MM = 1e-3
 def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
     """All checks of the device in the folder of a build: `mirrors/*.dxf`, `assembly.glb`, STEP and STL of its parts.
 
-    Parts are taken as printed, mirrors as cut, camera and fasteners as they are in the assembly. Names of checks begin
-    with what they are of: `device`, `mirrors`, or a piece's name.
+    Parts are taken as printed, mirrors as cut, camera and fasteners as they are in the assembly; the robot's wrist, on
+    no list of parts, as the hardware says. Names of checks begin with what they are of: `device`, `mirrors`, or a
+    piece's name.
     """
     layout, hardware = device.layout, device.hardware
     printed = [part for part in parts if part.name != COUPON]
@@ -52,6 +55,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
     sound = {name: solid for name, solid in solids.items() if is_manifold(solid)}
     sound_parts = {part.name: sound[part.name] for part in printed if part.name in sound}
+    wrist = {WRIST: wrist_shell(device)}
     sheets_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
     of_mirrors = {
         **check_cuts(sheets, layout, hardware.cutting),
@@ -73,7 +77,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         "mount.tilt_deg": Metric(value=round(device.mount.tilt_deg, 4), unit="deg", limit=hardware.mount.tilt_deg),
         "mount.shift_um": Metric(value=round(device.mount.shift_um, 1), unit="um"),
         **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
-        **check_light(layout, hardware, sound_parts, sheets_in_place, sound.get(CAMERA)),
+        **check_light(layout, hardware, sound_parts | wrist, sheets_in_place, sound.get(CAMERA)),
         "device.stray_light": Metric(
             value=stray_light(
                 layout,
@@ -82,8 +86,17 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
             ),
             unit="of the pixels without a mirror",
         ),
-        **check_clashes(sound, hardware.fit.press_mm),
+        **check_clashes(sound | wrist, hardware.fit.press_mm),
     }
+
+
+def wrist_shell(device: Device) -> manifold3d.Manifold:
+    """The cylindrical shell of the robot's wrist in rig: along y, with the clamp in the middle of its length."""
+    wrist, saddle = device.hardware.wrist, device.adapter.saddle
+    radius = wrist.diameter_mm / 2.0
+    corners = int(np.ceil(np.pi / np.arccos(1.0 - WRIST_SAGITTA_MM / radius)))
+    shell = manifold3d.Manifold.cylinder(wrist.length_mm, radius, circular_segments=corners, center=True)
+    return shell.rotate((90.0, 0.0, 0.0)).translate((0.0, float(saddle.band_mm.mean()), saddle.axis_z_mm))
 
 
 def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:

@@ -117,9 +117,10 @@ def check_light(
 ) -> dict[str, Metric]:
     """Rays that a part or the camera's body stops, how near each part comes, and what the mirrors' sheets hide.
 
-    `sheets` are the mirrors' in the layout's order, None where one is missing. The camera holds the pupil, so that only
-    the light on its way out is cast at it. A part keeps as far from the light as it is cut, but for the tolerance of
-    its mesh. Sheets may hide what a layout allows a built device to hide of a sub-image.
+    Parts are all that must not stand in the light, the robot's wrist among them. `sheets` are the mirrors' in the
+    layout's order, None where one is missing. The camera holds the pupil, so that only the light on its way out is cast
+    at it. A part keeps as far from the light as it is cut, but for the tolerance of its mesh. Sheets may hide what a
+    layout allows a built device to hide of a sub-image.
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
     rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])

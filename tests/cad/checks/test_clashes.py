@@ -114,3 +114,18 @@ def test_a_mirror_off_its_seat_is_found() -> None:
     assert failed(check_clashes(seated, 0.1)) == set()
     lifted = seated | {"mirror_0-0": mirror.translate((0.0, 0.0, 10.2))}
     assert failed(check_clashes(lifted, 0.1)) == {"device.mirrors_off_their_seats"}
+
+
+def test_the_wrist_fills_its_clamp_and_no_more() -> None:
+    """Meshes of one diameter with other corners sink into each other a little; a wrist of 0.5 mm more does not fit."""
+    half = (rod(71.0, 8.0, 0.0, 0.0, 0.0, 90) - rod(63.0, 10.0, 0.0, 0.0, -1.0, 90)).trim_by_plane((1.0, 0.0, 0.0), 1.0)
+    clamp = {"adapter_saddle": half, "adapter_cap": half.rotate((0.0, 0.0, 180.0))}
+
+    def wrist(diameter: float) -> dict[str, Manifold]:
+        return clamp | {"wrist": rod(diameter, 17.0, 0.0, 0.0, -4.5, 101)}
+
+    assert failed(check_clashes(wrist(63.0), 0.1)) == set()
+    clashes = {f"{name}.clash_mm3" for name in ("device", "wrist", "adapter_saddle", "adapter_cap")}
+    assert failed(check_clashes(wrist(63.5), 0.1)) == clashes
+    in_mount = wrist(63.0) | {"mount": box(10.0, 20.0, 0.0, 9.0)}
+    assert {"wrist.clash_mm3", "mount.clash_mm3"} <= failed(check_clashes(in_mount, 0.1))

@@ -15,7 +15,16 @@ from trimesh.exchange.gltf import export_glb
 from cad.catalogue import parts_of
 from cad.checks import check_device
 from cad.checks.cuts import fits
-from cad.checks.device import ASSEMBLY, DROP_OF_SHEET, check_drop, check_mass, read_glb
+from cad.checks.device import (
+    ASSEMBLY,
+    DROP_OF_SHEET,
+    WRIST_SAGITTA_MM,
+    check_drop,
+    check_mass,
+    read_glb,
+    wrist_shell,
+)
+from cad.checks.light import NEAR_MM
 from cad.device import Device
 from cad.hardware import HARDWARE
 from cad.part import BuiltPart, PartPlan
@@ -58,6 +67,8 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     _, _, of_build = built_default
     same = {name: of_build[name].value for name in checks if name != "device.parts_sliced"}
     assert same == {name: check.value for name, check in checks.items() if name != "device.parts_sliced"}
+    assert checks["wrist.clash_mm3"].value == 0.0
+    assert checks["wrist.light_gap_mm"].value == NEAR_MM
     assembly = read_glb(copied / ASSEMBLY)
     for plan in parts_of(device):
         if plan.name in assembly:
@@ -85,6 +96,29 @@ def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, co
         *("device.meshes_broken", "mirrors.outlines_missing"),
     }
     assert expected <= failed(checked(device, copied))
+
+
+def test_a_wrist_in_the_light_and_in_the_mirrors_is_found(
+    device: Device, copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amid = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
+    shell = wrist_shell(device)
+    centre = np.array(shell.bounding_box()).reshape(2, 3).mean(axis=0)
+    monkeypatch.setattr("cad.checks.device.wrist_shell", lambda _: shell.translate(tuple(amid - centre)))
+    checks = checked(device, copied)
+    expected = {"device.rays_blocked", "wrist.light_gap_mm", "device.clash_mm3", "wrist.clash_mm3"}
+    assert expected <= failed(checks)
+    assert checks["wrist.light_gap_mm"].value == 0.0
+
+
+def test_the_wrist_is_a_cylinder_through_the_clamp(device: Device) -> None:
+    shell, hardware = wrist_shell(device), device.hardware.wrist
+    low, high = np.array(shell.bounding_box()).reshape(2, 3)
+    np.testing.assert_allclose(high - low, [hardware.diameter_mm, hardware.length_mm, hardware.diameter_mm], atol=0.05)
+    cap, saddle = device.adapter.cap, device.adapter.saddle
+    np.testing.assert_allclose((low + high) / 2.0, [0.0, saddle.band_mm.mean(), cap.axis_z_mm], atol=0.02)
+    volume = np.pi / 4.0 * hardware.diameter_mm**2 * hardware.length_mm
+    assert volume * (1.0 - 4.0 * WRIST_SAGITTA_MM / hardware.diameter_mm) < shell.volume() < volume
 
 
 def test_mass_and_centre_are_those_of_the_pieces() -> None:
