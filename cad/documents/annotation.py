@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from shapely import MultiLineString, Polygon
 
 from cad.documents.dimension import Hole, Length
 from cad.documents.projection import Placed
@@ -16,7 +17,7 @@ from optics.values import FloatArray
 
 LINE_MM = 0.18
 TEXT_MM = 2.5
-FIRST_LANE_MM, LANE_PITCH_MM, LANES_MM = 7.5, 6.5, 22.0
+FIRST_LANE_MM, LANE_PITCH_MM, LANES_MM = 7.5, 6.5, 27.0
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
 # Leaders lean by this much per mm upwards, so that they are told from edges of the part.
 LEAN = 0.27
@@ -47,12 +48,21 @@ class Note:
     words: str
 
 
+@dataclass(frozen=True)
+class Aligned:
+    """A dimension line beside what it measures, which lies askew: both ends (2, 2) on paper, and its words."""
+
+    ends: FloatArray
+    words: str
+
+
 @dataclass
 class Annotations:
     """What is to be written at one view."""
 
     below: list[Linear]
     left: list[Linear]
+    askew: list[Aligned]
     notes: list[Note]
 
 
@@ -63,7 +73,7 @@ def number(value_mm: float) -> str:
 
 def annotate(sheet: Sheet, placed: Sequence[Placed], dimensions: Iterable[Length | Hole]) -> None:
     """Draw overall dimensions and those of the plan, each in the view that shows it best."""
-    jobs = [Annotations([], [], []) for _ in placed]
+    jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
     holes: dict[tuple[int, str], list[Hole]] = defaultdict(list)
     for dimension in dimensions:
@@ -79,6 +89,8 @@ def annotate(sheet: Sheet, placed: Sequence[Placed], dimensions: Iterable[Length
     for view, job in zip(placed, jobs, strict=True):
         _draw_lanes(sheet, view.box, job.below, upright=False)
         _draw_lanes(sheet, view.box, job.left, upright=True)
+        for aligned in job.askew:
+            _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
 
 
@@ -92,20 +104,22 @@ def _overall(placed: Sequence[Placed], jobs: Sequence[Annotations]) -> None:
 
 
 def _length(placed: Sequence[Placed], jobs: Sequence[Annotations], dimension: Length) -> None:
-    """In the first view that sees it in full; one that lies askew there gets words with a leader."""
-    first, second = dimension.points_in_rig
-    real = float(np.linalg.norm(second - first))
+    """In the first view that sees it in full; one that lies askew there gets its line beside it."""
+    span = dimension.span_in_rig
+    real = float(np.linalg.norm(span))
     words = f"{number(real)} {dimension.text}".strip()
-    depths = [abs(float(view.view.axes_in_rig[2] @ (second - first))) for view in placed]
+    depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
-    points = placed[index].paper(dimension.points_in_rig)
-    across = np.abs(points[1] - points[0]) / placed[index].scale
+    view, job = placed[index], jobs[index]
+    points = view.paper(dimension.points_in_rig)
+    across = np.abs(view.view.axes_in_rig[:2] @ span)
     if across[1] <= PARALLEL * real:
-        _add(jobs[index].below, Linear(points[:, 0], points[:, 1], words))
+        _add(job.below, Linear(points[:, 0], points[:, 1], words))
     elif across[0] <= PARALLEL * real:
-        _add(jobs[index].left, Linear(points[:, 1], points[:, 0], words))
+        _add(job.left, Linear(points[:, 1], points[:, 0], words))
     else:
-        jobs[index].notes.append(Note(points.mean(axis=0), 0.0, words))
+        start = dimension.points_in_rig[0]
+        job.askew.append(Aligned(view.paper(np.array([start, start + span])), words))
 
 
 def _add(lane: list[Linear], new: Linear) -> None:
@@ -127,11 +141,11 @@ def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Se
     # The hole whose leader is shortest.
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
-    if abs(float(placed.view.axes_in_rig[2] @ axis)) < 1.0 - PARALLEL:
-        # Seen askew, distances would be foreshortened.
-        return
     low = placed.box[0]
     for coordinate, lane in ((0, job.below), (1, job.left)):
+        if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
+            # Seen askew, distances are foreshortened.
+            continue
         places = np.unique(np.round(centres[:, coordinate], 3))
         if len(places) > 4:
             continue
@@ -158,7 +172,7 @@ def _draw_lanes(sheet: Sheet, box: FloatArray, linears: Sequence[Linear], *, upr
             lanes.append([])
         lanes[level].append((low, high))
         chosen.append((level, linear, width))
-    pitch = min(LANE_PITCH_MM, (LANES_MM - FIRST_LANE_MM) / max(len(lanes) - 1, 1))
+    pitch = min(LANE_PITCH_MM, (LANES_MM - FIRST_LANE_MM - BESIDE_MM) / max(len(lanes) - 1, 1))
     edge = float(box[0, 0 if upright else 1])
     for level, linear, width in chosen:
         _draw_linear(sheet, linear, edge - FIRST_LANE_MM - level * pitch, width, upright=upright)
@@ -194,9 +208,33 @@ def _draw_linear(sheet: Sheet, linear: Linear, lane: float, width: float, *, upr
         sheet.arrow_head(on_sheet([(tip, lane)])[0], on_sheet([(direction, 0.0)])[0])
     middle = (low + high) / 2.0 if inside else high + reach + width / 2.0
     if upright:
-        sheet.text((lane - 0.9, middle), linear.words, TEXT_MM, align="center", upwards=True)
+        sheet.text((lane - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
     else:
         sheet.text((middle, lane + 0.9), linear.words, TEXT_MM, align="center")
+
+
+def _draw_aligned(sheet: Sheet, placed: Placed, aligned: Aligned) -> None:
+    """On the side where less of the part is in the way."""
+    start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
+    along = (end - start) / np.linalg.norm(end - start)
+    normal = np.array([-along[1], along[0]])
+    edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
+
+    def in_the_way(side: float) -> float:
+        band = [side * (FIRST_LANE_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
+        return float(
+            Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
+        )
+
+    side = min((1.0, -1.0), key=in_the_way)
+    out, beside = side * FIRST_LANE_MM * normal, side * BESIDE_MM * normal
+    ends = np.array([start + out, end + out])
+    over = side * 1.5 * normal
+    sheet.lines([ends, *(np.array([at + beside, at + out + over]) for at in (start, end))], LINE_MM)
+    sheet.arrow_head(ends[0], -along)
+    sheet.arrow_head(ends[1], along)
+    angle = float(np.degrees(np.arctan2(along[1], along[0])))
+    sheet.text(ends.mean(axis=0) + 0.9 * normal, aligned.words, TEXT_MM, align="center", turn_deg=angle)
 
 
 def _draw_notes(sheet: Sheet, box: FloatArray, notes: Sequence[Note]) -> None:

@@ -5,15 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from optics.values import FloatArray
 
 
 @dataclass(frozen=True)
 class Length:
-    """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number."""
+    """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number.
+
+    With `way_in_rig` (3,), a unit vector, only what the points are apart along that.
+    """
 
     points_in_rig: FloatArray
     text: str = ""
+    way_in_rig: FloatArray | None = None
+
+    @property
+    def span_in_rig(self) -> FloatArray:
+        """From the first point to the second, or as far along the way as that lies."""
+        first, second = self.points_in_rig
+        way = self.way_in_rig
+        return np.asarray(second - first if way is None else way * ((second - first) @ way))
 
 
 @dataclass(frozen=True)

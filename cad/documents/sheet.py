@@ -101,10 +101,10 @@ class Sheet:
         align: Align = "left",
         bold: bool = False,
         colour: str = INK,
-        upwards: bool = False,
+        turn_deg: float = 0.0,
         over_lines: bool = False,
     ) -> None:
-        """Write a line of text on its base line at `at` (2,); `upwards` turns it to be read from the right.
+        """Write a line of text on its base line at `at` (2,), turned about that; 90 deg is read from the right.
 
         `over_lines` clears the paper behind it.
         """
@@ -117,7 +117,7 @@ class Sheet:
             fontsize=height_mm / CAPITALS * POINTS_PER_MM,
             ha=align,
             va="baseline",
-            rotation=90.0 if upwards else 0.0,
+            rotation=turn_deg,
             rotation_mode="anchor",
             color=colour,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0} if over_lines else None,
@@ -125,8 +125,8 @@ class Sheet:
         left = {"left": 0.0, "center": -width / 2.0, "right": -width}[align]
         low, high = -0.25 * height_mm, 1.05 * height_mm
         corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
-        if upwards:
-            corners = np.column_stack([-corners[:, 1], corners[:, 0]])
+        cosine, sine = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+        corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
         self.words.append(Words(text, corners + np.asarray(at)))
 
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:

@@ -48,18 +48,16 @@ class RingPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The bore and the clamp's band, the holes, and the distance of the clamp's screws."""
-        from cad.documents.dimension import Hole
+        """The bore, the clamp's band, and the holes."""
         from cad.parts.dimensions import holes, length
 
         middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
-        side = np.array([self.radius_mm, 0.0, self.gap_mm / 2.0 if self.above else -self.gap_mm / 2.0])
-        corner = middle + side
+        across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
+        ear = np.array([self.ears[:, 0].max(), self.band_mm[1], self.ears[0, 2]])
         return (
-            Hole(middle, np.array([0.0, -1.0, 0.0]), 2.0 * self.radius_mm, "clamp"),
+            length(middle - across, middle + across, "bore diameter"),
+            length(ear - along, ear, "band"),
             *holes(self.cuts),
-            length(self.ears[0], self.ears[1], "clamp screws"),
-            length(corner - [0.0, np.ptp(self.band_mm), 0.0], corner, "band"),
         )
 
     @property

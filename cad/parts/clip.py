@@ -69,15 +69,10 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Holes, and the way of the clip from its lower end to its slide screws."""
-        from cad.parts.dimensions import holes, length
+        """The holes: of the slide screws, and of what holds the camera."""
+        from cad.parts.dimensions import holes
 
-        screw = np.array([self.slide_x_mm, self.slide_y_mm, self.slide_z_mm])
-        return (
-            *holes(self.cuts),
-            length(screw * [-1.0, 1.0, 1.0], screw, "slide screws"),
-            length(np.array([self.slide_x_mm, self.slide_y_mm, self.bottom_mm]), screw, ""),
-        )
+        return holes(self.cuts)
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from cad.documents.dimension import Hole, Length
-from cad.parts.fasteners import OUTSIDE_MM, Bore, Hexagon
-from cad.seats import Frustum
+from cad.parts.fasteners import OUTSIDE_MM, Bore
 from optics.values import FloatArray
 
+# A wider hole on the axis of a narrow one is a way for the driver, not a fit.
+WIDER = 1.5
 
-def holes(cuts: Iterable[Frustum | Bore | Hexagon]) -> tuple[Hole, ...]:
-    """Every round hole at its mouth; a slot says how long its way is."""
+
+def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
+    """Every round hole among what is cut, at its mouth, but the drivers' ways; a slot says how long its way is."""
+    bores = [cut for cut in cuts if isinstance(cut, Bore)]
     return tuple(
-        Hole(cut.mouth + OUTSIDE_MM * cut.axis, cut.axis, 2.0 * cut.radius_mm, slot_text(cut))
-        for cut in cuts
-        if isinstance(cut, Bore)
+        Hole(bore.mouth + OUTSIDE_MM * bore.axis, bore.axis, round(2.0 * bore.radius_mm, 3), slot_text(bore))
+        for bore in bores
+        if not any(bore.radius_mm > WIDER * other.radius_mm and _on_one_axis(bore, other) for other in bores)
     )
 
 
@@ -26,6 +30,11 @@ def slot_text(bore: Bore) -> str:
     return f"slot, {bore.travel_mm:g} travel" if bore.travel_mm else ""
 
 
-def length(start: FloatArray, end: FloatArray, text: str) -> Length:
-    """The distance between two points (3,) in rig."""
-    return Length(np.array([start, end]), text)
+def length(start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None) -> Length:
+    """The distance between two points (3,) in rig, or what they are apart along a way (3,)."""
+    return Length(np.array([start, end]), text, way)
+
+
+def _on_one_axis(first: Bore, second: Bore) -> bool:
+    apart = second.mouth - first.mouth
+    return float(np.linalg.norm(np.cross(apart, first.axis))) < 1e-3 and abs(float(first.axis @ second.axis)) > 0.999

@@ -9,9 +9,10 @@ from cad.parts.clip import ClipPlan
 from cad.parts.fasteners import stack
 from optics.values import FloatArray
 
-# The adapter's screws in the mount's foot: +-x from the middle, and below the slide's plane.
+# The adapter's screws in the mount's foot: +-x from the middle, and below the slide's plane. In the adapter the roofs
+# of their heads' holes have a wall to its end and between them.
 FOOT_X_MM = 17.0
-FOOT_Y_MM = (4.5, 15.5)
+FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
 
 

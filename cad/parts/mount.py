@@ -16,7 +16,7 @@ from shapely import LineString, Polygon
 from cad.hardware import Hardware
 from cad.holder.plan import HolderPlan
 from cad.parts.beam import Section, bends_per_newton
-from cad.parts.bed import Lay, joint_blocks, lay
+from cad.parts.bed import Lay, joint_blocks, lay, turn
 from cad.parts.clip import ABOVE, ClipPlan
 from cad.parts.fasteners import Bore, Hexagon, Stack, stack_into
 from cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws
@@ -72,15 +72,19 @@ class MountPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Holes, and the pattern of the screws in the head, which lies askew."""
+        """Holes, and where the screws of the head meet its face, which lies askew.
+
+        From the foot's corner at the slide along both axes of the bed, as its drawing is seen, and from row to row.
+        """
         from cad.parts.dimensions import holes, length
 
-        flat = np.column_stack([self.holes_in_head_mm, np.zeros(4)])
-        head = transform(self.rig_from_head, flat)
+        rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
+        corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
+        ways = [np.array([0.0, *way]) for way in turn(self.bed_turn_deg)]
         return (
             *holes(self.cuts),
-            length(head[0], head[1], "head"),
-            length(head[1], head[2], "head"),
+            *(length(corner, row, way=way) for row in rows for way in ways),
+            length(rows[0], rows[1], "head screws"),
         )
 
 
@@ -179,10 +183,10 @@ def stiff_profiles(
 
 def _bent(profile: Profile, load_g: float, load_at: FloatArray) -> tuple[float, float]:
     """How far the mirrors turn in deg and move in um when their weight pulls the worst way instead of not at all."""
-    turn, shift = bends_per_newton(profile.path, load_at, profile.section)
+    turned, shift = bends_per_newton(profile.path, load_at, profile.section)
     weight_n = load_g / 1000.0 * GRAVITY_N_PER_KG
     return (
-        float(np.degrees(np.linalg.norm(turn, ord=2))) * weight_n,
+        float(np.degrees(np.linalg.norm(turned, ord=2))) * weight_n,
         1000.0 * float(np.linalg.norm(shift, ord=2)) * weight_n,
     )
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -16,18 +16,27 @@ from build123d import Box, Pos
 from shapely import LineString, Polygon
 
 from cad.catalogue import parts_of
-from cad.device import plan_device
+from cad.device import Device, plan_device
+from cad.documents.annotation import number
+from cad.documents.dimension import Hole, Length
 from cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
-from cad.documents.plan_dimensions import bored
 from cad.documents.sheet import Sheet
 from cad.hardware import HARDWARE
 from cad.part import PartPlan
+from cad.parts.dimensions import holes
 from cad.parts.fasteners import Bore
 from cad.split import PiecePlan
 from optics.layout import Layout
 
 ROOT = Path(__file__).parents[3]
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """A plan of which nothing is known but its dimensions."""
+
+    dimensions: tuple[Length | Hole, ...]
 
 
 def overlaps(sheet: Sheet) -> list[tuple[str, str]]:
@@ -103,10 +112,49 @@ def test_holes_are_read_from_the_cuts_without_the_drivers_ways() -> None:
     down, at = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0])
     screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
     slot = Bore(np.zeros(3), down, 1.7, 4.0, np.array([1.0, 0.0, 0.0]), 8.0)
-    holes = bored((screw, driver, slot, "another cut"))
-    assert [(hole.diameter_mm, hole.text) for hole in holes] == [(3.4, ""), (3.4, "slot, 8 from end to end")]
+    found = holes((screw, driver, slot, "another cut"))
+    assert [(hole.diameter_mm, hole.text) for hole in found] == [(3.4, ""), (3.4, "slot, 8 travel")]
     # Beside the screw, the same wide bore is a hole of its own.
-    assert len(bored((screw, replace(driver, mouth=np.array([9.0, 0.0, 0.0]))))) == 2
+    assert len(holes((screw, replace(driver, mouth=np.array([9.0, 0.0, 0.0]))))) == 2
+
+
+@pytest.mark.parametrize("name", ["mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"])
+def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
+    part = next(part for part in parts_of(device) if part.name == name)
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None:
+    """From the foot's corner at the slide, as the holder's plan has them, and how far apart along the face."""
+    part = next(part for part in parts_of(device) if part.name == "mount")
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    holder, mount = device.holder, device.mount
+    flat = np.column_stack([holder.holes_in_mount_mm, np.zeros(4), np.ones(4)])
+    screws = (flat @ holder.rig_from_mount.T)[:, :3]
+    corner = np.array([0.0, mount.slide[1], mount.foot[0, 2]])
+    assert mount.bed_turn_deg == 0.0
+    for row in np.unique(np.abs(screws - corner)[:, 1:].round(2), axis=0):
+        assert {number(value) for value in row} <= set(said)
+    apart = np.ptp(holder.holes_in_mount_mm, axis=0)
+    assert f"{number(apart[1])} head screws" in said
+    assert number(apart[0]) in said
+    assert "4x Ø3.4" in said
+
+
+def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    ends = np.array([(-30.0, -15.0, 5.0), (10.0, 15.0, 5.0)])
+    askew, level = Length(ends, "askew"), Length(ends, "across", np.array([1.0, 0.0, 0.0]))
+    plan = Dimensions((askew, level))
+    sheet = draw(part.make(part.plan), replace(part, plan=plan), HARDWARE.printer)
+    said = {words.text: words.corners for words in sheet.words}
+    assert {"50 askew", "40 across"} <= set(said)
+    base = said["50 askew"][1] - said["50 askew"][0]
+    assert np.degrees(np.arctan2(base[1], base[0])) == pytest.approx(np.degrees(np.arctan2(30.0, 40.0)), abs=0.1)
+    assert said["40 across"][1, 1] == pytest.approx(said["40 across"][0, 1])
 
 
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
