@@ -123,9 +123,10 @@ def _length(placed: Sequence[Placed], jobs: Sequence[Annotations], dimension: Le
 
 
 def _add(lane: list[Linear], new: Linear) -> None:
-    """A length that is there already is not said twice."""
-    for old in lane:
-        if old.words == new.words and np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
+    """A length that is there already is not said twice; the one that says what it is of stays."""
+    for place, old in enumerate(lane):
+        if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
+            lane[place] = max(old, new, key=lambda linear: len(linear.words))
             return
     lane.append(new)
 

@@ -21,22 +21,25 @@ STEP_PX = 24
 FAR_MM = 2000.0
 
 
-def seen_between(layout: Layout) -> FloatArray:
-    """Viewing rays (n, 2), in normalized coordinates, of pixels that see no mirror: one in `STEP_PX` each way."""
-    camera = layout.camera
+def viewing_rays(camera: Camera) -> FloatArray:
+    """Rays (n, 2), in normalized coordinates, of the camera's pixels: one in `STEP_PX` each way."""
     columns, rows = (np.arange(STEP_PX / 2.0 - 0.5, size, STEP_PX) for size in (camera.width_px, camera.height_px))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     rays = camera.normalized_from_pixels(pixels)
-    rays = rays[np.isfinite(rays).all(axis=1)]
+    return np.asarray(rays[np.isfinite(rays).all(axis=1)])
+
+
+def seen_between(layout: Layout) -> FloatArray:
+    """Those of the viewing rays (n, 2) that see no mirror."""
+    rays = viewing_rays(layout.camera)
     mirrors = union_all([Polygon(mirror.apparent.outline_normalized) for mirror in layout.mirrors])
     return np.asarray(rays[~contains_xy(mirrors, rays[:, 0], rays[:, 1])])
 
 
 def stray_light(layout: Layout, holder: Manifold, sheets: Sequence[Manifold]) -> float:
-    """Share of the camera's pixels without a mirror that see past holder and sheets, by rays from the pupil."""
-    rays = seen_between(layout)
-    seen = np.array([_misses([holder, *sheets], np.array([*ray, 1.0]) * FAR_MM) for ray in rays], dtype=bool)
-    return float(seen.mean()) if len(seen) else 0.0
+    """Share of the camera's pixels that see past mirrors, holder and sheets, by rays from the pupil."""
+    past = sum(_misses([holder, *sheets], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
+    return past / len(viewing_rays(layout.camera))
 
 
 def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
