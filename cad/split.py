@@ -37,6 +37,11 @@ MESH_MM = 0.05
 # A triangle is level to the rounding of its corners.
 LEVEL_MM = 1e-6
 EXPLODE_MM = 25.0
+# A cut that all but touches a corner or an edge leaves slivers that no mesh of finite precision shows: it keeps away so
+# far, and is moved in such steps, at most so far, to do so.
+CLEAR_MM = 0.005
+STEP_MM = 0.01
+MOVED_MM = 0.09
 
 Span = tuple[float, float]
 
@@ -86,8 +91,8 @@ def split(
     """The part as it is where the box of its corners (n, 3), as it lies on the bed, fits; else its pieces.
 
     Cuts stand upright on the bed, so that every piece lies as the whole part would. `cuts_mm` are their places along
-    the bed's x and y; without them the place with the most room for pins is taken. Raises InputError with the measure
-    that breaks: too high, no room for two pins in a cut, or a piece that falls apart.
+    the bed's x and y, to 0.1 mm; without them the place with the most room for pins is taken. Raises InputError with
+    the measure that breaks: too high, no room for two pins in a cut, or a piece that falls apart.
     """
     bed_from_rig = part.print_from_rig
     corners = transform(bed_from_rig, corners_in_rig)
@@ -105,6 +110,10 @@ def split(
             _places(body, 0, spans, rooms[0], hardware),
             _places(body, 1, spans, rooms[1], hardware),
         )
+    mesh = body.to_mesh64()
+    triangles = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
+    wall = hardware.printer.wall_mm
+    cuts_mm = (_clear_of(triangles, 0, cuts_mm[0], wall), _clear_of(triangles, 1, cuts_mm[1], wall))
     return _pieces(part, body, (low, high), cuts_mm, rooms, hardware)
 
 
@@ -186,6 +195,22 @@ def _places(body: Manifold, axis: int, spans: list[Span], room_mm: float, hardwa
     return tuple(places)
 
 
+def _clear_of(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
+    """Places across an axis moved off the corners of triangles (n, 3, 3), to the side that leaves less thin walls,
+    each as little as may be."""
+    count = round(MOVED_MM / STEP_MM)
+    along = np.unique(triangles_mm[:, :, axis])
+    clear = []
+    for place in places_mm:
+        tried = np.asarray(place + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
+        touching = np.abs(along[:, None] - tried).min(axis=0) < CLEAR_MM
+        # Of a square millimetre, tenths decide: a face that leans is nearer at one end.
+        thin = np.round(thin_beside_mm2(triangles_mm, axis, tried, wall_mm), 1)
+        best = min(range(len(tried)), key=lambda k: (touching[k], thin[k], abs(k - count)))
+        clear.append(float(tried[best]))
+    return tuple(clear)
+
+
 def thin_beside_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
     """Area (m,) of the walls thinner than `wall_mm` that cuts at places (m,) across an axis leave beside them.
 
@@ -227,7 +252,7 @@ def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
 
 def cut_slack_mm(length_mm: float, count: int, room_mm: float) -> float:
     """How far cuts into equal pieces may be moved, each by itself, so that no piece outgrows its room."""
-    spare = room_mm - length_mm / count
+    spare = max(0.0, room_mm - length_mm / count - MOVED_MM)
     return spare if count == 2 else spare / 2.0
 
 

@@ -141,6 +141,32 @@ def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
         split(part, corners, HARDWARE, ((230.0,), ()))
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_cut_keeps_off_corners_that_it_all_but_touches(side: float) -> None:
+    """A groove across the bar ends in the middle, where the cut is asked for, but for rounding.
+
+    Moved towards the groove, the cut leaves its end whole; moved away, a fin as thin as the move.
+    """
+
+    def make(plan: float) -> Part:
+        with BuildPart() as bar:
+            Box(300.0, 30.0, 20.0, align=(Align.MIN, Align.MIN, Align.MIN))
+            with Locations((150.0 + 20.0 * side + plan, 15.0, 20.0)):
+                Box(40.0, 30.0, 2.0, align=(Align.CENTER, Align.CENTER, Align.MAX), mode=Mode.SUBTRACT)
+        return Part(bar.solids())
+
+    corners = np.array([(0.0, 0.0, 0.0), (300.0, 30.0, 20.0)])
+    for rounding in (0.0, 1e-5, -1e-5):
+        part = PartPlan("bar", "Bar", "MC-99", rounding, make, np.eye(4), np.zeros(3), (0.5, 0.5, 0.5))
+        first, second = split(part, corners, HARDWARE, ((150.0,), ())).parts
+        cut = first.plan.high_mm[0]
+        assert cut == second.plan.low_mm[0] == pytest.approx(150.0 + 0.01 * side, abs=1e-9)
+        xs = np.array([vertex.X for piece in (first, second) for vertex in piece.make(piece.plan).vertices()])
+        off = np.abs(xs - cut)
+        assert not ((off > 1e-7) & (off < 0.005)).any()
+        assert (off < 1e-7).any()
+
+
 def triangles_of(body: Manifold) -> FloatArray:
     mesh = body.to_mesh64()
     return np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
