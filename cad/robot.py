@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+import manifold3d
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
@@ -53,7 +54,7 @@ def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
     hulls = []
     for piece in pieces:
         if piece.kind in ("part", "camera"):
-            write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", piece.mesh.convex_hull)
+            write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", hull_of(piece.mesh))
             hulls.append(f"robot/meshes/{piece.name}_hull.stl")
     elements = [link(device, pieces, shown, hulls), *frames(device)]
     parent = device.hardware.wrist.link
@@ -174,6 +175,12 @@ def _as_one(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
     return trimesh.Trimesh(np.vstack([mesh.vertices for mesh in meshes]), np.vstack(faces), process=False)
+
+
+def hull_of(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The convex hull of a mesh; trimesh's own turns faces round that are flat but for rounding."""
+    hull = manifold3d.Manifold.hull_points(np.array(mesh.vertices)).to_mesh64()
+    return trimesh.Trimesh(np.array(hull.vert_properties), np.array(hull.tri_verts, dtype=np.int64), process=False)
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from shapely import Polygon
 
 from cad.device import Device
 from cad.hardware import HARDWARE
 from cad.part import BuiltPart
 from cad.pieces import Piece, camera_piece, composed, mirror_pieces
-from cad.robot import write_robot
+from cad.robot import hull_of, write_robot
 from optics.values import FloatArray
 
 
@@ -172,3 +173,24 @@ def test_the_same_device_gives_the_same_bytes(
     names = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert len(names) == 6
     assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in names)
+
+
+def test_a_hull_is_closed_though_a_face_is_flat_but_for_rounding() -> None:
+    """Corners of a holder's cut face, as an STL rounds them, and two behind it."""
+    points = [
+        (-1.9913226424250752e-05, 21.540422439575195, 226.02523803710938),
+        (-1.9085578969679773e-05, 115.0848617553711, 292.2449035644531),
+        (-1.9895858713425696e-05, 21.679487228393555, 225.57745361328125),
+        (-1.9890763724106364e-05, 21.695926666259766, 225.42152404785156),
+        (-1.912917105073575e-05, 117.41444396972656, 296.06719970703125),
+        (-2.0255993149476126e-05, 95.05144500732422, 311.6801452636719),
+        (-1.9998846255475655e-05, 19.408340454101562, 226.77545166015625),
+        (-31.309097290039062, 117.41448211669922, 296.0672912597656),
+        (-164.52926635742188, 48.19211196899414, 267.5191345214844),
+    ]
+    hull = hull_of(trimesh.Trimesh(np.array(points), [(i, i + 1, i + 2) for i in range(7)], process=False))
+    assert hull.is_volume
+    assert hull.is_convex
+    # The face and the corner furthest from it span a pyramid, which the other lies beyond.
+    base = Polygon([point[1:] for point in points[:7]]).convex_hull.area
+    assert hull.volume > base * 164.529 / 3.0
