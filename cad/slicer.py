@@ -3,6 +3,11 @@
 The profile is `OPTIONS` and for the rest the slicer's own default: 0.2 mm layers of a 0.4 mm nozzle, three perimeters,
 20 % infill, speeds of a common hobby printer, and support wherever the slicer thinks that some is needed, other than
 under bridges. With no support generated, time and grams are those of a print without.
+
+One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
+on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
+over a slot in a wall of 1.6 mm, turned on the bed in 13 steps from 0 to 80 deg, it puts no support without that search;
+with it, support at 35 and at 65 deg and at no other angle.
 """
 
 from __future__ import annotations
@@ -47,9 +52,11 @@ SWITCHES = (
     "--support-material",
     "--support-material-auto",
     "--dont-support-bridges",
+    "--no-overhangs",
 )
-# Faces at just the angle that the printer can are not to be supported for their rounding.
-THRESHOLD_DEG = 1.0
+# Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another one that
+# the slicer adds to what it is asked for.
+THRESHOLD_DEG = 2.0
 LONGEST_S = 900.0
 
 

@@ -67,6 +67,26 @@ def test_a_broken_file_does_not_slice(block_3mf: Path, tmp_path: Path) -> None:
     assert not checks["slices"].passed
 
 
+def box(x: float, y: float, z: float, *at: float) -> manifold3d.Manifold:
+    return manifold3d.Manifold.cube((x, y, z)).translate(at)
+
+
+def leaning(lean_deg: float) -> manifold3d.Manifold:
+    """A block of 10 x 20 x 10 mm, whose side at large x leans outwards."""
+    reach = 10.0 * np.tan(np.radians(lean_deg))
+    section = manifold3d.CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
+    return section.extrude(20.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 20.0, 0.0))
+
+
+def write_shape(solid: manifold3d.Manifold, block: PartPlan, folder: Path) -> Path:
+    """A 3MF file of a shape as it stands."""
+    mesh = solid.to_mesh64()
+    stl, path = folder / "shape.stl", folder / "shape.3mf"
+    trimesh.Trimesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts)).export(stl)
+    write_3mf(path, stl, replace(block, print_from_rig=np.eye(4)), PRINTER)
+    return path
+
+
 @installed
 @pytest.mark.parametrize(
     ("lean_deg", "ledge_mm", "span_mm"), [(45, 0, 9), (40, 0, 6), (47, 0, 9), (30, 3, 9), (30, 0, 8), (60, 0, 0)]
@@ -75,23 +95,24 @@ def test_the_slicer_supports_what_our_own_check_finds_hanging(
     block: PartPlan, tmp_path: Path, lean_deg: float, ledge_mm: float, span_mm: float
 ) -> None:
     """A block with a leaning side, a ledge and a bridge, in any combination."""
-
-    def box(x: float, y: float, z: float, *at: float) -> manifold3d.Manifold:
-        return manifold3d.Manifold.cube((x, y, z)).translate(at)
-
-    reach = 10.0 * np.tan(np.radians(lean_deg))
-    section = manifold3d.CrossSection([[(0.0, 0.0), (10.0, 0.0), (10.0 + reach, 10.0), (0.0, 10.0)]])
-    solid = section.extrude(20.0).rotate((90.0, 0.0, 0.0)).translate((0.0, 20.0, 0.0))
-    solid += box(10 + ledge_mm, 20, 3, -ledge_mm, 0, 10)
+    solid = leaning(lean_deg) + box(10 + ledge_mm, 20, 3, -ledge_mm, 0, 10)
     if span_mm:
         solid += box(5, 20, 16, 0, 0, 10) + box(5, 20, 16, 0, 20 + span_mm, 0) + box(5, 20 + span_mm + 20, 3, 0, 0, 26)
         solid += box(5, 20, 26, 0, 20 + span_mm, 0)
-    mesh = solid.to_mesh64()
-    stl, path = tmp_path / "shape.stl", tmp_path / "shape.3mf"
-    trimesh.Trimesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts)).export(stl)
-    upright = replace(block, print_from_rig=np.eye(4))
-    write_3mf(path, stl, upright, PRINTER)
+    path = write_shape(solid, block, tmp_path)
     printed = read_3mf(path)
     hangs = not check_overhangs(printed, solid_of(printed), PRINTER)["overhang_mm2"].passed
     assert hangs == (lean_deg > 45 or ledge_mm > 0)
     assert check_slicing(path, PRINTER)["support_filament_mm"].passed != hangs
+
+
+@installed
+@pytest.mark.parametrize("turn_deg", [0, 20, 35, 50, 65])
+@pytest.mark.parametrize("lean_deg", [45, 47])
+def test_the_slicer_says_the_same_however_a_part_is_turned(
+    block: PartPlan, tmp_path: Path, lean_deg: float, turn_deg: float
+) -> None:
+    """A leaning side, and a wall as thin as a mount's skin with a slot under a flat ceiling."""
+    skin = box(40, 1.6, 20, -30, 0, 0) - box(8, 4, 4, -20, -1, 6)
+    path = write_shape((leaning(lean_deg) + skin).rotate((0.0, 0.0, turn_deg)), block, tmp_path)
+    assert check_slicing(path, PRINTER)["support_filament_mm"].passed == (lean_deg <= 45)
