@@ -72,10 +72,11 @@ class HolderDimensions(Value):
     mount_of_width: float = Field(
         default=0.36, gt=0, lt=1, description="widest rectangle of them, of the holder's width: narrow mounts are light"
     )
-    cells_mm: tuple[float, ...] = Field(
-        default=(8.0, 12.0, 18.0, 26.0, 36.0),
-        min_length=1,
-        description="widths of hollows behind the mirrors: what saves most is taken",
+    cell_mm: float = Field(
+        default=36.0,
+        gt=0,
+        description="widest hollow behind the mirrors: the webs between narrower ones are more plastic than a slicer's "
+        "infill in their place",
     )
     ceiling_mm: float = Field(default=6.0, gt=0, description="width of the flat top of a hollow, which is bridged")
     web_mm: float = Field(default=1.6, gt=0, description="thickness of the webs between hollows, and of the outer wall")
@@ -83,7 +84,9 @@ class HolderDimensions(Value):
     groove_depth_mm: float = Field(default=0.6, gt=0, description="its depth below the seat")
     groove_pitch_mm: float = Field(default=7.0, gt=0, description="distance of such grooves from one to the next")
     shade_mm: float = Field(default=1.6, gt=0, description="thickness of the walls that keep stray light out")
-    shade_out_mm: float = Field(default=2.0, ge=0, description="how far outside the rims those walls stand")
+    shade_out_mm: float = Field(
+        default=1.4, ge=0, description="how far they reach out of the rims: less than they are thick leaves no slit"
+    )
     shade_step_mm: float = Field(default=5.0, gt=0, description="length of their straight pieces")
     pin_mm: tuple[float, float] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = Field(default=500.0, gt=0, description="working distance of a layout without a spec")

@@ -54,7 +54,7 @@ SWITCHES = (
     "--dont-support-bridges",
     "--no-overhangs",
 )
-# Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another one that
+# Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another which
 # the slicer adds to what it is asked for.
 THRESHOLD_DEG = 2.0
 LONGEST_S = 900.0

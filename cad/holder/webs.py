@@ -70,8 +70,7 @@ def plan_hollows(
 
     Over a hollow the floor is `floor_mm` thick, at right angles to its roof; beside it what is not plastic stays
     `web_mm` away, as other hollows do. Round every hole (n, 2) the insert's wall stands, and along the cuts (positions
-    across x and across y) what a pin's hole needs. Of the widths of `cells_mm`, the one that saves the most plastic:
-    wide hollows have few webs, narrow ones a low roof.
+    across x and across y) what a pin's hole needs.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
@@ -84,30 +83,22 @@ def plan_hollows(
     left, low, right, high = inside.bounds
     mount_from_rig = np.asarray(np.linalg.inv(rig_from_mount), dtype=np.float64)
     in_mount = body.transform(mount_from_rig[:3])
-    tried = []
-    for width in dimensions.cells_mm:
-        hollows = []
-        for start, end in _spans(left, right, cuts_mm[0], joint, width, dimensions.web_mm):
-            for bottom, top in _spans(low, high, cuts_mm[1], joint, width, dimensions.web_mm):
-                cell = box(start, bottom, end, top).intersection(inside)
-                for hole in holes_mm:
-                    cell = _off_boss(cell, hole, boss)
-                if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
-                    continue
-                hollow = _hollow(in_mount, cell, footprint, hardware)
-                if hollow is not None:
-                    hollows.append(hollow)
-        tried.append(hollows)
-    best = max(tried, key=lambda hollows: sum(_volume_mm3(hollow) for hollow in hollows))
+    hollows = []
+    for start, end in _spans(left, right, cuts_mm[0], joint, dimensions.cell_mm, dimensions.web_mm):
+        for bottom, top in _spans(low, high, cuts_mm[1], joint, dimensions.cell_mm, dimensions.web_mm):
+            cell = box(start, bottom, end, top).intersection(inside)
+            for hole in holes_mm:
+                cell = _off_boss(cell, hole, boss)
+            if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
+                continue
+            hollow = _hollow(in_mount, cell, footprint, hardware)
+            if hollow is not None:
+                hollows.append(hollow)
     turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
     return tuple(
         Hollow(hollow.base @ turn.T + origin, hollow.eaves @ turn.T + origin, hollow.top @ turn.T + origin)
-        for hollow in best
+        for hollow in hollows
     )
-
-
-def _volume_mm3(hollow: Hollow) -> float:
-    return float(Manifold.hull_points(np.vstack([hollow.base, hollow.eaves, hollow.top])).volume())
 
 
 def _spans(

@@ -11,12 +11,16 @@ import pytest
 import trimesh
 
 from cad import slicer
+from cad.catalogue import parts_of
 from cad.checks.mesh import read_3mf, solid_of
 from cad.checks.overhangs import check_overhangs
+from cad.device import plan_device
+from cad.exports import write_stl
 from cad.hardware import HARDWARE
 from cad.part import BuiltPart, PartPlan
 from cad.slicer import Sliced, check_slicing, find_slicer, read_gcode, slice_3mf, slicer_version
 from cad.threemf import write_3mf
+from optics.layout import Layout
 
 PRINTER = HARDWARE.printer
 installed = pytest.mark.skipif(find_slicer() is None, reason="PrusaSlicer is not installed")
@@ -116,3 +120,16 @@ def test_the_slicer_says_the_same_however_a_part_is_turned(
     skin = box(40, 1.6, 20, -30, 0, 0) - box(8, 4, 4, -20, -1, 6)
     path = write_shape((leaning(lean_deg) + skin).rotate((0.0, 0.0, turn_deg)), block, tmp_path)
     assert check_slicing(path, PRINTER)["support_filament_mm"].passed == (lean_deg <= 45)
+
+
+@installed
+def test_a_holder_for_captive_nuts_needs_no_support(default_layout: Layout, tmp_path: Path) -> None:
+    """Where walls end over the slots that nuts slide in by, nothing hangs."""
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
+    parts = parts_of(plan_device(default_layout, hardware))
+    (holder,) = (part for part in parts if part.name == "mirror_holder")
+    assert len(holder.plan.slots) == 4
+    stl, path = tmp_path / "holder.stl", tmp_path / "holder.3mf"
+    write_stl(stl, holder.make(holder.plan))
+    write_3mf(path, stl, holder, PRINTER)
+    assert check_slicing(path, PRINTER)["support_filament_mm"].passed

@@ -130,7 +130,7 @@ def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
     """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
     plan = plan_holder(default_layout, HARDWARE)
     solid = one_piece(body_of(Workshop(), plan), HARDWARE.printer.wall_mm)
-    assert len(plan.hollows) > 20
+    assert len(plan.hollows) > 4
     away = plan.rig_from_mount[:3, 2]
     hollows = [Manifold.hull_points(np.vstack([hollow.eaves, hollow.top])) for hollow in plan.hollows]
     for hollow, body in zip(plan.hollows, hollows, strict=True):
@@ -194,7 +194,7 @@ def test_a_holder_that_the_light_cuts_apart_is_refused(make_flat_pair: Callable[
 
 def test_the_floor_over_a_hollow_is_stiff() -> None:
     """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; twice as thick, by an eighth of that."""
-    widest = max(HARDWARE.holder.cells_mm)
+    widest = HARDWARE.holder.cell_mm
     sag = sag_um(10.0, widest, HARDWARE)
     assert sag == pytest.approx(0.00126 * 10.0 * widest**2 / (2300.0 * 27.0 / (12.0 * (1.0 - 0.35**2))) * 1000.0)
     assert sag < 3.0

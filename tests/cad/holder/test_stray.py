@@ -9,6 +9,7 @@ import pytest
 from manifold3d import Manifold
 
 from cad.checks.device import STRAY_LIGHT
+from cad.checks.overhangs import polygons
 from cad.hardware import HARDWARE
 from cad.holder.mesh import Workshop
 from cad.holder.plan import HolderPlan, body_of, plan_holder
@@ -62,3 +63,15 @@ def test_walls_are_as_thick_as_the_table_says(plan: HolderPlan) -> None:
     across = np.abs(along[:, 0] * (inner - outer)[:, 1] - along[:, 1] * (inner - outer)[:, 0])
     np.testing.assert_allclose(across / np.linalg.norm(along, axis=1), HARDWARE.holder.shade_mm, atol=1e-9)
     assert Workshop().solid(plan.walls).volume() > 1000.0
+
+
+@pytest.mark.parametrize(("reach_mm", "slit"), [(HARDWARE.holder.shade_out_mm, False), (2.0, True)])
+def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: float, slit: bool) -> None:
+    """Half a millimetre is closed by going out and back by a quarter; round the slab, that would be over 100 mm2."""
+    hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(shade_out_mm=reach_mm))
+    plan = plan_holder(default_layout, hardware)
+    lying = body_of(Workshop(), plan).transform(np.linalg.inv(plan.rig_from_mount)[:3])
+    section = polygons(lying.slice(-2.0 * HARDWARE.holder.floor_mm))
+    closed = section.buffer(0.25, join_style="mitre").buffer(-0.25, join_style="mitre")
+    assert (closed.difference(section).area > 100.0) == slit
+    assert (closed.difference(section).area < 1.0) != slit

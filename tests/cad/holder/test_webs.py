@@ -18,7 +18,7 @@ from optics.transforms import transform
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31 - 1))
 def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int) -> None:
-    """60 x 40 x 20 mm: hollows at most 12 mm wide save the most; by no rounding are those along its sides left out."""
+    """60 x 40 x 20 mm: hollows at most 12 mm wide are as many as fit; rounding leaves out none along its sides."""
     length, width, height = 60.0, 40.0, 20.0
     floor, web, widest = HARDWARE.holder.floor_mm, HARDWARE.holder.web_mm, 12.0
     rig_from_mount = np.eye(4)
@@ -31,7 +31,7 @@ def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int)
         box(-length / 2.0, -width / 2.0, length / 2.0, width / 2.0),
         np.zeros((0, 2)),
         ((), ()),
-        HARDWARE.replaced(holder=HARDWARE.holder.replaced(cells_mm=(widest,))),
+        HARDWARE.replaced(holder=HARDWARE.holder.replaced(cell_mm=widest)),
     )
     across, along = (int(np.ceil((side - web) / (widest + web))) for side in (length, width))
     assert len(hollows) == across * along
