@@ -55,7 +55,7 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
     along = (inner[piece + 1] - inner[piece]) / lengths.max()
     upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
     turns = [float(degrees) for degrees in range(-90, 91, TURN_STEP_DEG) if abs(degrees - upright) <= CUTS_DEG]
-    # As it is, if it can be: slicers bridge askew slots worse.
+    # As it is, if it can be.
     for turned in sorted(turns, key=abs):
         for part in CUTS_AT:
             near = inner[piece] + part * (inner[piece + 1] - inner[piece])
