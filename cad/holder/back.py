@@ -10,6 +10,7 @@ from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, una
 from shapely.geometry.polygon import orient
 
 from cad.hardware import Fastening, Hardware
+from cad.holder.rims import GROUND_MM, RELIEF_MM
 from cad.parts.fasteners import ROOF_DEG
 from cad.seats import back_height_mm, outline_at, seat_distance_mm
 from cad.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
@@ -97,7 +98,12 @@ class FrontSurface:
         clipped = (clip(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
-        self.footprint = MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
+        # The slab bears the grounds of rims too, which are a little wider than fillers and lie a little lower.
+        grounds = [
+            outline_at(mirror, back_height_mm(mirror) - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True)
+            for mirror in layout.mirrors
+        ]
+        self.footprint = MultiPoint(np.vstack([*grown, *grounds]) @ axes[:2].T).convex_hull
 
     def _shadows(self, outlines: list[FloatArray]) -> list[Polygon]:
         return [Polygon(outline @ self._axes[:2].T) for outline in outlines]

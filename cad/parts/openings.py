@@ -27,6 +27,7 @@ from optics.values import FloatArray
 
 # Marks of the scale beside the clip's upper end, 1 mm apart.
 MARK_MM = 0.6
+LONGEST_MARK_MM = 14.0
 # Between the cable's window and the slots for its tie, on both sides.
 TIE_OFF_MM = 3.0
 
@@ -55,7 +56,7 @@ def openings(
     for spot in foot_screws(clip, hardware):
         cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
     cuts += _cable_and_tripod(y, foot_z_mm(clip, hardware) + plate, section, plate, hardware)
-    cuts += _scale(clip, half_width)
+    cuts += _scale(clip, half_width, hardware)
     if abs(away[0]) > 1e-6:
         cuts.append(_flush(holder, head, half_width))
     return tuple(cuts)
@@ -96,15 +97,19 @@ def _cable_and_tripod(
     ]
 
 
-def _scale(clip: ClipPlan, half_width: float) -> list[Frustum]:
+def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
     """Marks 1 mm apart, the clip's upper end at the longest when it is at the nominal depth of the pupil.
 
-    They run out at the end that prints last, so that nothing of them overhangs.
+    They run out at the end that prints last, so that nothing of them overhangs; and beside the clip's slots, whose
+    ceilings would be bridged by a notched line.
     """
     marks = []
     steps = int(clip.travel_mm)
+    beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
+    over_slots = clip.top_mm - steps > clip.slide_z_mm + clip.travel_mm + beside
+    longest = LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
     for step in range(-steps, steps + 1):
-        length = 14.0 if step == 0 else 10.0 if abs(step) == steps else 6.0
+        length = longest * (1.0 if step == 0 else 0.7 if abs(step) == steps else 0.4)
         z, y = clip.top_mm + step, clip.slide_y_mm
         notch = np.array(
             [(y + OUTSIDE_MM, z - MARK_MM / 2.0), (y + OUTSIDE_MM, z + MARK_MM / 2.0), (y - MARK_MM / 2.0, z)]

@@ -191,3 +191,14 @@ def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layou
         mirrors.append(Mirror.from_plane(point, normal, outline_in_rig_mm=outline))
     with pytest.raises(InputError, match="the mirrors face apart, expected normals within 60 deg of their mean"):
         plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)
+
+
+def test_the_slab_bears_the_grounds_of_all_rims(default_layout: Layout) -> None:
+    """What stuck out of it would begin in the air, over a nut's slot in its side."""
+    plan = plan_holder(default_layout, HARDWARE)
+    to_back = plan.rig_from_mount[:3, :2]
+    slab = Polygon(plan.slab.base @ to_back).buffer(1e-6)
+    assert len(plan.rims) > 20
+    for ground in plan.rims[1::2]:
+        assert slab.contains(Polygon(ground.top @ to_back))
+        assert slab.contains(Polygon(ground.base @ to_back))

@@ -11,12 +11,13 @@ from build123d import GeomType
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cad.hardware import HARDWARE
+from cad.hardware import HARDWARE, read_camera
 from cad.holder.plan import HolderPlan, plan_holder
 from cad.parts.clip import ClipPlan, plan_clip
 from cad.parts.fasteners import Bore
 from cad.parts.foot import FOOT_DEPTH_MM
 from cad.parts.mount import MountPlan, plan_mount, stiff_profiles
+from cad.parts.openings import _scale
 from cad.parts.prisms import moved, overlap_mm, volume_mm3
 from cad.parts.solids import make_mount
 from cad.parts.truss import truss
@@ -199,3 +200,21 @@ def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bea
     ]
     assert len(holes) >= 4
     assert all(hole.roof_deg <= 36.0 for hole in holes)
+
+
+@pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 14.0), ("board_38", 6.5)])
+def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
+    default_layout: Layout, camera: str, longest_mm: float
+) -> None:
+    hardware = HARDWARE.replaced(camera=read_camera(camera))
+    clip, holder = plan_clip(hardware), plan_holder(default_layout, hardware)
+    mount = plan_mount(default_layout, holder, clip, hardware)
+    scale = _scale(clip, mount.half_width_mm, hardware)
+    radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
+    top = clip.slide_z_mm + clip.travel_mm + radius + wall
+    longest = 0.0
+    for mark in scale:
+        corners = np.vstack([mark.base, mark.top])
+        longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
+        assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
+    assert 0.8 * longest_mm < longest <= longest_mm
