@@ -33,9 +33,9 @@ CAMERA = "camera"
 # Its corners lie on the shell; the flats between them are this little below it, as those of the clamp's mesh are.
 WRIST_SAGITTA_MM = 0.02
 # The room, where the camera sees it past all parts, veils the sub-images: by one of 255 grey levels at most, if it is
-# 25 times as bright as the scene (a window) and the lens scatters 3 % of what it takes in over all of the picture (its
-# veiling glare, ISO 9358).
-STRAY_LIGHT = 1.0 / 255.0 / (25.0 * 0.03)
+# five times as bright as the scene and the lens scatters 3 % of what it takes in over all of the picture (its veiling
+# glare, ISO 9358).
+STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
 # How far off its seat a mirror is let down from, in thicknesses of its sheet.
 DROP_OF_SHEET = 4.0
 # The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
