@@ -25,23 +25,22 @@ FAR_MM = 1e4
 
 @dataclass(frozen=True)
 class Lay:
-    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`; or one that `fits` no way.
+    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`.
 
     Where it fits only in two pieces, `cut_mm` is where along the bed's y it is cut, `at` (2, 2) are the points of its
     inner and outer side there, `along` (2,) is its direction in y and z.
     """
 
     turn_deg: float
-    fits: bool = True
     cut_mm: float | None = None
     at: FloatArray | None = None
     along: FloatArray | None = None
 
 
-def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
+def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
     """Turn a profile between two polylines (n, 2) as little as lets it fit; else cut its longest piece amid them.
 
-    Where neither helps it is left as it is, for `cad.split` to refuse.
+    None where neither helps.
     """
     bed = np.array(hardware.printer.bed_mm[:2])
     band = Polygon([*inner, *outer[::-1]]).buffer(MARGIN_MM, join_style="mitre")
@@ -50,7 +49,7 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
             return Lay(float(degrees))
     lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
     if len(lengths) == 0:
-        return Lay(0.0, fits=False)
+        return None
     piece = 1 + int(lengths.argmax())
     along = (inner[piece + 1] - inner[piece]) / lengths.max()
     upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
@@ -64,8 +63,8 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay:
                 normal = np.array([-along[1], along[0]])
                 depth = float((outer[piece] - inner[piece]) @ normal)
                 far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
-                return Lay(turned, True, cut, np.array([near, far]), along)
-    return Lay(0.0, fits=False)
+                return Lay(turned, cut, np.array([near, far]), along)
+    return None
 
 
 def turn(degrees: float) -> FloatArray:

@@ -139,10 +139,18 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
 def _lightest(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> tuple[Profile, Lay]:
-    """The lightest profile that is stiff enough and fits the bed; failing that, one for `cad.split` to refuse."""
+    """The lightest profile that is stiff enough and fits the bed; raises InputError where none does."""
     stiff = sorted(stiff_profiles(holder, clip, load_g, load_at, hardware), key=lambda profile: profile.volume_mm3)
-    laid = ((profile, lay(profile.inner, profile.outer, hardware)) for profile in stiff)
-    return next((pair for pair in laid if pair[1].fits), (stiff[0], Lay(0.0, fits=False)))
+    for profile in stiff:
+        laid = lay(profile.inner, profile.outer, hardware)
+        if laid is not None:
+            return profile, laid
+    across, high = np.ptp(np.vstack([stiff[0].inner, stiff[0].outer]), axis=0)
+    width, length, _ = hardware.printer.bed_mm
+    raise InputError(
+        f"mount is {across:.0f} x {high:.0f} mm in profile to be stiff enough, "
+        f"expected it to fit the printer's bed of {width:g} x {length:g} mm in two pieces at most"
+    )
 
 
 def stiff_profiles(

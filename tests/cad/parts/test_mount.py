@@ -218,3 +218,10 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
         longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
         assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
     assert 0.8 * longest_mm < longest <= longest_mm
+
+
+def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(default_layout: Layout) -> None:
+    holder, clip = plan_holder(default_layout, HARDWARE), plan_clip(HARDWARE)
+    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(90.0, 90.0, 250.0)))
+    with pytest.raises(InputError, match=r"mount is \d+ x \d+ mm in profile .* bed of 90 x 90 mm in two pieces"):
+        plan_mount(default_layout, holder, clip, small)
