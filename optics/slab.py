@@ -45,3 +45,13 @@ def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -
     straight = np.full_like(tangent, 1.0 / refractive_index)
     ratio = np.divide(inner_tangent(tangent, refractive_index), tangent, out=straight, where=tangent > 1e-12)
     return thickness_mm * (1.0 - ratio)
+
+
+def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatArray:
+    """Part (...) of unpolarised light that the slab's bare front reflects (Fresnel)."""
+    tangent = np.asarray(tangent, dtype=np.float64)
+    cosine = 1.0 / np.sqrt(1.0 + tangent**2)
+    inner_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / refractive_index**2)
+    across = (cosine - refractive_index * inner_cosine) / (cosine + refractive_index * inner_cosine)
+    parallel = (inner_cosine - refractive_index * cosine) / (inner_cosine + refractive_index * cosine)
+    return 0.5 * (across**2 + parallel**2)

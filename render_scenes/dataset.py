@@ -12,30 +12,34 @@ from optics.files import read_model, write_text
 from optics.targets import Target
 from optics.tolerances import Tolerances
 from optics.values import Value
+from render_scenes.sensor_model import SENSORS, SensorModel
 
 MANIFEST = "dataset.json"
-
-
-class SensorModel(Value):
-    """From radiance to an 8-bit picture. The response is linear, radiance 1 is grey level 255."""
-
-    lens_blur_px: float = Field(default=0.8, ge=0, description="sigma of the lens's Gaussian blur")
-    read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the noise, in grey levels")
+RendererName = Literal["mitsuba", "fast"]
 
 
 class RenderSettings(Value):
     """How a set is rendered, beyond its layout, board and poses."""
 
-    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel")
+    renderer: RendererName = Field(
+        default="mitsuba", description="mitsuba: the reference, by light paths; fast: by formula, for large sets"
+    )
+    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel, of the reference")
     paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
     ink: float = Field(default=0.05, ge=0, description="radiance of its print")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
-    sensor: SensorModel = SensorModel()
+    sensor: SensorModel = SENSORS["c920"]
+    maps: bool = Field(default=True, description="write what every pixel truly shows, beside the truth")
 
     @property
     def subpixels(self) -> int:
         """How many squares a pixel is cut into, along each side, before the lens blurs: two where `spp` allows it."""
-        return 2 if self.spp % 4 == 0 else 1
+        return 2 if self.renderer == "fast" or self.spp % 4 == 0 else 1
+
+    @property
+    def suffix(self) -> str:
+        """Of the pictures."""
+        return ".png" if self.sensor.jpeg_quality is None else ".jpg"
 
 
 class Dataset(Value):
@@ -53,6 +57,7 @@ class Dataset(Value):
     height_px: int
     tolerances: Tolerances
     settings: RenderSettings
+    rate_hz: float | None = Field(default=None, description="frames in a second of one motion; none: each by itself")
     renderer: str = Field(description="program, version and variant")
     coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
     base_coverage: float = Field(description="the same of the whole sensor in the base frames")
@@ -62,12 +67,16 @@ class Dataset(Value):
     @property
     def frame_names(self) -> tuple[str, ...]:
         """Names of the frames by way of the mirrors, in order."""
-        return tuple(f"frames/{index:04d}.png" for index in range(self.frames))
+        return tuple(f"frames/{index:04d}{self.settings.suffix}" for index in range(self.frames))
 
     @property
     def base_names(self) -> tuple[str, ...]:
         """Names of the frames of the camera alone, in order."""
-        return tuple(f"base/{index:04d}.png" for index in range(self.base_frames))
+        return tuple(f"base/{index:04d}{self.settings.suffix}" for index in range(self.base_frames))
+
+    def map_of(self, name: str) -> str | None:
+        """The name of the maps that tell what every pixel of a picture shows; None where there are none."""
+        return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
 
     @property
     def complete(self) -> bool:

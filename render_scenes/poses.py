@@ -83,6 +83,19 @@ def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, rand
     return plan
 
 
+def plan_of(layout: Layout, target: Checkerboard | Charuco, poses: FloatArray) -> Plan:
+    """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
+    oracle = Oracle(layout, target)
+    cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
+    covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
+    for pose in poses:
+        px, visible = oracle.by_mirrors(pose)
+        covered |= [cell.hit(px[index][visible[index]]) for index, cell in enumerate(cells)]
+    if not covered.any():
+        raise InputError(f"none of {len(poses)} poses shows a corner of the board to a mirror")
+    return Plan(poses, _shares(cells, covered))
+
+
 def plan_base_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
     """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
 
@@ -187,8 +200,12 @@ def _choose(
             raise InputError("board: too large to be held before the mirrors without touching them")
         poses.append(best)
         covered |= best_hits
-    shares = [float(c[cell.inside].mean()) for c, cell in zip(covered, cells, strict=True)]
-    return Plan(np.array(poses).reshape(count, 4, 4), np.array(shares))
+    return Plan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered))
+
+
+def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
+    """Part (views,) of the cells of each view's picture that is covered."""
+    return np.array([float(hits[cell.inside].mean()) for hits, cell in zip(covered, cells, strict=True)])
 
 
 def _check_visible(

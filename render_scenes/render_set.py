@@ -1,111 +1,146 @@
 """A synthetic calibration set: what a real user would photograph, with the truth in a folder of its own.
 
-A set follows from its request (layout, board, counts, seed, tolerances, settings): the same request, the same bytes.
-Every file is written whole or not at all, so an interrupted set is continued where it stopped.
+A set follows from its request: the same request, the same bytes, whoever renders the frames. Every file is written
+whole or not at all, so an interrupted set is continued where it stopped.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
 from optics.as_built import draw_as_built
-from optics.files import atomic, write_image, write_json
+from optics.files import atomic, write_bytes, write_json
 from optics.layout import Layout
-from optics.targets import Charuco, Checkerboard, save_board
+from optics.targets import Target, save_board
 from optics.tolerances import Tolerances
-from optics.values import FloatArray, InputError
+from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
+from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
-from render_scenes.photograph import photograph
-from render_scenes.poses import Plan, plan_base_frames, plan_frames
-from render_scenes.scene import BoardScene
+from render_scenes.motion import along
+from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of
 from render_scenes.truth import Oracle
 
 # Streams of random numbers; each is independent of how much the others draw.
 _AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE = range(5)
 
+Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
+
+
+class SetRequest(Value):
+    """All that a set follows from.
+
+    `poses` (n, 4, 4), rig_from_board in mm, are those of the frames, in place of planned ones. With `rate_hz`
+    frames are moments of one motion, a smooth way through the poses, of which `poses_hz` are passed in a second.
+    """
+
+    layout: Layout
+    target: Target
+    frames: int = Field(default=20, ge=1)
+    base_frames: int = Field(default=10, ge=0)
+    seed: int = Field(default=0, ge=0)
+    tolerances: Tolerances = Tolerances()
+    settings: RenderSettings = RenderSettings()
+    poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    poses_hz: float = Field(default=1.0, gt=0)
+    rate_hz: float | None = Field(default=None, gt=0)
+
 
 def render_set(
-    layout: Layout,
-    target: Checkerboard | Charuco,
-    out: Path,
-    *,
-    frames: int,
-    base_frames: int,
-    seed: int,
-    tolerances: Tolerances,
-    spp: int = 16,
-    settings: RenderSettings | None = None,
-    on_frame: Callable[[int, int], None] | None = None,
+    request: SetRequest, out: Path, *, run: Run | None = None, on_frame: Callable[[int, int], None] | None = None
 ) -> Dataset:
-    """Render frames through an as-built copy of `layout` and frames of its bare camera into `out`.
+    """Render frames through an as-built copy of a layout and frames of its bare camera into `out`.
 
-    Finished frames of an interrupted run with the same request are kept. `on_frame(done, total)` is called once at the
+    Finished frames of an interrupted run with the same request are kept. `run` makes frames of their tasks and yields
+    their numbers and files in any order; without it, this process does. `on_frame(done, total)` is called once at the
     start and after each frame. Raises InputError where Mitsuba is missing, the board cannot be seen, the tolerances
     cannot be built, or `out` holds another set.
     """
     variant = use_variant()
-    settings = (settings or RenderSettings()).replaced(spp=spp)
-    built = draw_as_built(layout, tolerances, _random(seed, _AS_BUILT))
-    plan = plan_frames(layout, target, frames, _random(seed, _POSES))
-    base_plan = plan_base_frames(layout, target, base_frames, _random(seed, _BASE_POSES))
+    layout, settings = request.layout, request.settings
+    built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    plan, moments = _frames(request)
+    base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
     dataset = Dataset(
         layout_identity=layout.identity,
-        target=target,
-        frames=frames,
-        base_frames=base_frames,
+        target=request.target,
+        frames=len(plan.poses),
+        base_frames=request.base_frames,
         width_px=layout.camera.width_px,
         height_px=layout.camera.height_px,
-        tolerances=tolerances,
+        tolerances=request.tolerances,
         settings=settings,
-        renderer=f"mitsuba {metadata.version('mitsuba')} {variant}",
+        rate_hz=request.rate_hz,
+        renderer=f"{settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
         coverage=tuple(plan.coverage),
         base_coverage=float(base_plan.coverage[0]),
         request="",
     )
-    dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, seed))
-    # Before anything is written: a scene refuses what it cannot render.
-    scene, base_scene = (BoardScene(built.camera, mirrors, target, settings) for mirrors in (built.mirrors, ()))
+    dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = _continue(out, dataset)
-    dataset = _write_known(out, dataset, layout, target)
-    dataset = _write_truth(out, dataset, built, target, plan, base_plan, seed)
-    total = frames + base_frames
-    kept = sum(name in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
-    report = on_frame or (lambda done, of: None)
-    report(kept, total)
-    for stream, stage, names, poses in (
-        (_FRAMES, scene, dataset.frame_names, plan.poses),
-        (_BASE, base_scene, dataset.base_names, base_plan.poses),
-    ):
-        for index, name in enumerate(names):
-            if name not in dataset.files:
-                write_image(out / name, _picture(stage, poses[index], settings, seed, stream, index))
-                dataset = _recorded(out, dataset, name)
-                kept += 1
-                report(kept, total)
+    dataset = _write_known(out, dataset, layout)
+    dataset = _write_truth(out, dataset, built, plan, base_plan, request.seed)
+    tasks = [
+        FrameTask(
+            stage=Stage(built=built, mirrors=mirrors, target=request.target, settings=settings),
+            name=name,
+            map_name=dataset.map_of(name),
+            poses=poses,
+            key=(request.seed, stream, index),
+        )
+        for stream, mirrors, names, moments_of in (
+            (_FRAMES, True, dataset.frame_names, moments),
+            (_BASE, False, dataset.base_names, base_plan.poses[:, None]),
+        )
+        for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
+    ]
+    missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
+    report = on_frame or (lambda done, total: None)
+    done = len(tasks) - len(missing)
+    report(done, len(tasks))
+    for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
+        # The picture last, so that there is none without its maps.
+        for name, content in sorted(files.items(), reverse=True):
+            write_bytes(out / name, content)
+        dataset = _recorded(out, dataset, *files)
+        done += 1
+        report(done, len(tasks))
     return dataset
+
+
+def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
+    """Frames of their tasks, one after the other, with all cores at work on each."""
+    yield from enumerate(map(render_frame, tasks))
 
 
 def _random(*key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(key))
 
 
-def _picture(
-    scene: BoardScene, rig_from_board: FloatArray, settings: RenderSettings, seed: int, stream: int, index: int
-) -> NDArray[np.uint8]:
-    """One frame; its samples and its noise depend on nothing but the seed and its place in the set."""
-    key = np.random.SeedSequence((seed, stream, index))
-    scene.place_board(rig_from_board)
-    cut = settings.subpixels
-    radiance = scene.render(spp=settings.spp // cut**2, seed=int(key.generate_state(1)[0]), subpixels=cut)
-    return photograph(radiance, cut, settings.sensor, np.random.default_rng(key.spawn(1)[0]))
+def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
+    """Where the board is in each frame, and the poses (frames, 1 or 3, 4, 4) it goes through while it is read out."""
+    layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
+    keys = np.array(request.poses)
+    if request.rate_hz is None:
+        plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
+        return plan, plan.poses[:, None]
+    if len(keys):
+        count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
+    else:
+        count = request.frames
+        seconds = (count - 1) / request.rate_hz
+        keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
+    half_s = request.settings.sensor.readout_ms / 2000.0
+    times = np.arange(count)[:, None] / request.rate_hz + [-half_s, 0.0, half_s]
+    moments = along(keys, times.ravel() * request.poses_hz).reshape(count, 3, 4, 4)
+    return plan_of(layout, target, moments[:, 1]), moments
 
 
 def _digest(dataset: Dataset, built: Layout, plan: Plan, base_plan: Plan, seed: int) -> str:
@@ -132,7 +167,7 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         differs = " and ".join(other) or "seed (or of another version of this program)"
         raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
     # A killed run cannot remove its temporary files (`optics.files.atomic`).
-    for pattern in ("frames/.*-*.png", "base/.*-*.png", "truth/.*-*.*", ".*-*.json", ".*-*.toml"):
+    for pattern in ("frames/.*-*", "base/.*-*", "truth/**/.*-*", ".*-*.json", ".*-*.toml"):
         for leftover in out.glob(pattern):
             leftover.unlink()
     return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
@@ -140,15 +175,17 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
 
 def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:
     """The manifest with the checksums of files just written, saved."""
-    dataset = dataset.replaced(files=dataset.files | {name: sha256(out / name) for name in names})
+    written = dataset.files | {name: sha256(out / name) for name in names}
+    # In the order of their names, not of the workers that made them.
+    dataset = dataset.replaced(files=dict(sorted(written.items())))
     dataset.save(out)
     return dataset
 
 
-def _write_known(out: Path, dataset: Dataset, layout: Layout, target: Checkerboard | Charuco) -> Dataset:
+def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
     """What the user knows besides the pictures."""
     layout.save(out / "layout.json")
-    save_board(out / "board.toml", target)
+    save_board(out / "board.toml", dataset.target)
     return _recorded(out, dataset, "layout.json", "board.toml")
 
 
@@ -156,14 +193,13 @@ def _write_truth(
     out: Path,
     dataset: Dataset,
     built: Layout,
-    target: Checkerboard | Charuco,
     plan: Plan,
     base_plan: Plan,
     seed: int,
 ) -> Dataset:
     """What only a validation may read."""
     truth = out / "truth"
-    oracle = Oracle(built, target)
+    oracle = Oracle(built, dataset.target)
     frames_px, frames_visible = oracle.all_by_mirrors(list(plan.poses))
     base_px, base_visible = oracle.all_direct(list(base_plan.poses))
     built.save(truth / "layout.json")

@@ -1,0 +1,124 @@
+"""One frame of a set as a worker makes it: a task goes in as text, the files to write come out as bytes."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from optics.files import encoded_image
+from optics.layout import Layout
+from optics.targets import Target
+from optics.values import FloatArray, Shaped, Value
+from render_scenes.dataset import RenderSettings
+from render_scenes.fast import FastScene
+from render_scenes.maps import board_maps, exr_bytes, path_lengths, pixel_rays
+from render_scenes.motion import pose_at
+from render_scenes.photograph import photograph
+from render_scenes.scene import BoardScene
+
+# Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.
+COARSE = 16
+# Rows that the reference takes at one moment of a rolling shutter: .2 ms of a webcam's.
+STRIP_PX = 8
+
+
+class Stage(Value):
+    """What the frames of a set share: the device as built (or, without mirrors, its camera), board and settings."""
+
+    built: Layout
+    mirrors: bool
+    target: Target
+    settings: RenderSettings
+
+
+class FrameTask(Value):
+    """One frame: where the board is, rig_from_board (1 or 3, 4, 4) in mm, and what its samples and noise follow from.
+
+    Three poses are those at the first row of a rolling shutter, halfway, and at the last.
+    """
+
+    stage: Stage
+    name: str
+    map_name: str | None
+    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
+    key: tuple[int, ...] = Field(min_length=1)
+
+
+class _Set:
+    """A stage that is built: its renderer, and how the rays of its pixels go."""
+
+    def __init__(self, stage: Stage) -> None:
+        built, settings = stage.built, stage.settings
+        mirrors = built.mirrors if stage.mirrors else ()
+        self.scene: FastScene | BoardScene
+        if settings.renderer == "fast":
+            self.scene = FastScene(built.camera, mirrors, stage.target, settings)
+        else:
+            self.scene = BoardScene(built.camera, mirrors, stage.target, settings)
+        self.settings = settings
+        self.rays = pixel_rays(built, mirrors=stage.mirrors) if settings.maps else None
+        self.coarse = pixel_rays(built, mirrors=stage.mirrors, step=COARSE)
+
+    def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
+        """Of a frame in which the board goes along poses (1 or 3, 4, 4); shape (h * subpixels, w * subpixels)."""
+        if isinstance(self.scene, FastScene):
+            self.scene.place_board(*poses)
+            return self.scene.render()
+        cut = self.settings.subpixels
+        spp = self.settings.spp // cut**2
+        if len(poses) == 1:
+            self.scene.place_board(poses[0])
+            return self.scene.render(spp=spp, subpixels=cut, seed=seed)
+        camera = self.scene.camera
+        strips = []
+        for row in range(0, camera.height_px, STRIP_PX):
+            height = min(STRIP_PX, camera.height_px - row)
+            self.scene.place_board(pose_at(poses, (row + (height - 1) / 2.0) / (camera.height_px - 1)))
+            window = (0, row, camera.width_px, height)
+            strips.append(self.scene.render(spp=spp, subpixels=cut, seed=seed, crop=window))
+        return np.concatenate(strips)
+
+
+@lru_cache(maxsize=2)
+def _set(stage_json: str) -> _Set:
+    # One for the frames and one for those of the camera alone.
+    return _Set(Stage.model_validate_json(stage_json))
+
+
+def render_frame(task_json: str) -> dict[str, bytes]:
+    """The files of one frame, by their names in the set: the same for the same task, whoever renders it."""
+    task = FrameTask.model_validate_json(task_json)
+    stage, settings = task.stage, task.stage.settings
+    made = _set(stage.model_dump_json())
+    key = np.random.SeedSequence(task.key)
+    radiance = made.radiance(task.poses, seed=int(key.generate_state(1)[0]))
+    halfway = task.poses[len(task.poses) // 2]
+    picture = photograph(
+        radiance,
+        settings.subpixels,
+        stage.built.camera,
+        settings.sensor,
+        np.random.default_rng(key.spawn(1)[0]),
+        _full_size(path_lengths(made.coarse, halfway), radiance, settings.subpixels),
+    )
+    quality = settings.sensor.jpeg_quality
+    suffix = Path(task.name).suffix
+    files = {task.name: encoded_image(picture, suffix) if quality is None else encoded_image(picture, suffix, quality)}
+    if task.map_name is not None and made.rays is not None:
+        maps = board_maps(made.rays, stage.target, halfway)
+        header = {"rig_from_board": json.dumps(halfway.tolist()), "layout": stage.built.identity, "units": "mm"}
+        header |= {"target": stage.target.model_dump_json(), "settings": settings.model_dump_json()}
+        files[task.map_name] = exr_bytes(maps, header)
+    return files
+
+
+def _full_size(coarse: FloatArray, radiance: NDArray[np.float32], subpixels: int) -> FloatArray:
+    height, width = (length // subpixels for length in radiance.shape[:2])
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST))
