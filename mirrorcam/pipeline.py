@@ -11,7 +11,7 @@ from mirrorcam.extras import require
 from mirrorcam.page import read_metrics, write_page, write_pictures
 from mirrorcam.progress import Advance, long_work, print_metrics, say
 from mirrorcam.stages import Stage, perform, staleness
-from mirrorcam.sweep_local import cores
+from mirrorcam.workers import cores
 from optics.camera import Camera
 from optics.files import write_metrics
 from optics.layout import Layout
@@ -70,7 +70,7 @@ def scaled(camera: Camera, factor: float) -> Camera:
 def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     """The steps of a run into `root`, in order."""
     nominal, synthetic = root / "design" / "layout.json", root / "set"
-    shown = synthetic / "frames" / f"{SHOWN:04d}.png"
+    shown = synthetic / "frames" / f"{SHOWN:04d}.jpg"
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, advance: Advance) -> None:
@@ -82,20 +82,18 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         build(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
 
     def render(folder: Path, advance: Advance) -> None:
-        from optics.tolerances import Tolerances
-        from render_scenes.render_set import render_set
+        from render_scenes.render_set import SetRequest, render_set
+        from render_scenes.settings import RenderSettings
 
-        render_set(
-            Layout.load(nominal),
-            recipe.target,
-            folder,
+        request = SetRequest(
+            layout=Layout.load(nominal),
+            target=recipe.target,
             frames=recipe.frames,
             base_frames=recipe.base_frames,
             seed=recipe.seed,
-            tolerances=Tolerances(),
-            spp=recipe.spp,
-            on_frame=advance,
+            settings=RenderSettings(spp=recipe.spp),
         )
+        render_set(request, folder, on_frame=advance)
 
     def check(folder: Path, advance: Advance) -> None:
         from mirrorcam.commands.calibrate import write_calibration

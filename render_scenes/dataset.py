@@ -12,34 +12,9 @@ from optics.files import read_model, write_text
 from optics.targets import Target
 from optics.tolerances import Tolerances
 from optics.values import Value
-from render_scenes.sensor_model import SENSORS, SensorModel
+from render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
-RendererName = Literal["mitsuba", "fast"]
-
-
-class RenderSettings(Value):
-    """How a set is rendered, beyond its layout, board and poses."""
-
-    renderer: RendererName = Field(
-        default="mitsuba", description="mitsuba: the reference, by light paths; fast: by formula, for large sets"
-    )
-    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel, of the reference")
-    paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
-    ink: float = Field(default=0.05, ge=0, description="radiance of its print")
-    mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
-    sensor: SensorModel = SENSORS["c920"]
-    maps: bool = Field(default=True, description="write what every pixel truly shows, beside the truth")
-
-    @property
-    def subpixels(self) -> int:
-        """How many squares a pixel is cut into, along each side, before the lens blurs: two where `spp` allows it."""
-        return 2 if self.renderer == "fast" or self.spp % 4 == 0 else 1
-
-    @property
-    def suffix(self) -> str:
-        """Of the pictures."""
-        return ".png" if self.sensor.jpeg_quality is None else ".jpg"
 
 
 class Dataset(Value):

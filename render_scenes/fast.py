@@ -19,9 +19,9 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 from render_scenes.arithmetic import Arithmetic, Compiled, Plain
-from render_scenes.dataset import RenderSettings
 from render_scenes.lanes import Lanes, View, lanes_of, views_of
 from render_scenes.llvm import SCALAR, use_variant
+from render_scenes.settings import RenderSettings
 from render_scenes.sheet import board_from_texels, print_on_paper
 
 SAMPLED = 64  # lanes of a view at which footprints are looked at

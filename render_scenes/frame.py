@@ -16,12 +16,12 @@ from optics.files import encoded_image
 from optics.layout import Layout
 from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
-from render_scenes.dataset import RenderSettings
 from render_scenes.fast import FastScene
 from render_scenes.maps import board_maps, exr_bytes, path_lengths, pixel_rays
 from render_scenes.motion import pose_at
 from render_scenes.photograph import photograph
 from render_scenes.scene import BoardScene
+from render_scenes.settings import RenderSettings
 
 # Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.
 COARSE = 16

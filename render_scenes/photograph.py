@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.values import FloatArray
-from render_scenes.sensor_model import SensorModel
+from render_scenes.settings import SensorModel
 
 # Pictures of blurs that differ by at most so much (sigma, px) are mixed where the light came from between.
 BLUR_STEP_PX = 0.25

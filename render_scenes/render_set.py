@@ -21,11 +21,12 @@ from optics.layout import Layout
 from optics.targets import Target, save_board
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
+from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
 from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of
+from render_scenes.settings import RenderSettings
 from render_scenes.truth import Oracle
 
 # Streams of random numbers; each is independent of how much the others draw.

@@ -14,10 +14,10 @@ from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
-from render_scenes.dataset import RenderSettings
 from render_scenes.integrator import integrator, render
 from render_scenes.llvm import use_variant
 from render_scenes.sensor import sensor
+from render_scenes.settings import RenderSettings
 from render_scenes.sheet import print_on_paper, world_from_sheet
 
 

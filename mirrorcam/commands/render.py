@@ -1,56 +1,187 @@
-"""`mirrorcam render`: a synthetic calibration set with sealed truth."""
+"""`mirrorcam render`: a synthetic calibration set with sealed truth; and whether a set is still what was rendered."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
-from pydantic import Field
+from pydantic import Field, ValidationError, model_validator
 
 from mirrorcam.extras import require
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import Value
+from optics.tolerances import Tolerances
+from optics.values import FloatArray, InputError, Shaped, Value
+from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
+
+if TYPE_CHECKING:
+    from mirrorcam.workers import Died
+    from render_scenes.render_set import Run
+
+
+class PosesFile(Value):
+    """Where the board is: rig_from_board (n, 4, 4) in mm, and how many of them a motion passes in a second."""
+
+    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
+    poses_hz: float = Field(default=1.0, gt=0)
+
+
+def tolerances_from_text(text: str) -> Tolerances:
+    """Tolerances of a text like tilt_deg=0.3,offset_mm=0.3, the others as usual; of "none", of a perfect copy."""
+    if text == "none":
+        return Tolerances.none()
+    parts = [part.partition("=") for part in text.split(",") if part]
+    names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
+    for name, _, _ in parts:
+        if name not in names:
+            raise InputError(f"--as-built {name}: no such tolerance, expected {', '.join(names)}")
+    try:
+        return Tolerances().replaced(**{name: value for name, _, value in parts})
+    except ValidationError as error:
+        found = error.errors(include_url=False)[0]
+        raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
+
+
+def sensor_from_text(text: str) -> SensorModel:
+    """A preset by its name, or a TOML file of a `SensorModel`."""
+    from optics.files import read_model
+
+    presets = {str(name): model for name, model in SENSORS.items()}
+    if text in presets:
+        return presets[text]
+    if not text.endswith(".toml"):
+        raise InputError(f"--sensor {text!r}: expected {', '.join(presets)} or a .toml file")
+    return read_model(SensorModel, Path(text))
 
 
 class RenderOptions(Value):
     """Render what a layout, built with tolerances, photographs: frames of a board, and the truth in its own folder."""
 
-    layout: tyro.conf.Positional[Path] = Field(description="layout.json, as designed")
+    layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = (
+        Field(default=None, description="layout.json, as designed")
+    )
     frames: int = Field(default=20, ge=1, description="frames of the board through the mirrors")
-    base_frames: int = Field(default=10, ge=1, description="frames of the board by the bare camera, without mirrors")
+    base_frames: int = Field(default=10, ge=0, description="frames of the board by the bare camera, without mirrors")
     seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise; the same seed, the same bytes")
-    tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror from its design (sigma, about two axes)")
-    offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal (sigma)")
-    spp: int = Field(default=16, ge=1, description="samples per pixel")
+    renderer: RendererName = Field(
+        default="mitsuba", description="mitsuba: the reference, along light paths; fast: by formula, for large sets"
+    )
+    spp: int = Field(default=16, ge=1, description="samples per pixel of the reference")
+    sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
+    )
+    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hobbyist)")] = Field(
+        default="",
+        description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+    )
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="board.toml; without it, the default board"
     )
+    poses: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="JSON file of poses, rig_from_board in mm, in place of planned ones"
+    )
+    rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
+        default=None, gt=0, description="frames in a second of one smooth motion through the poses"
+    )
+    maps: bool = Field(default=True, description="write what every pixel truly shows as an EXR file for each frame")
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
+        default=None, ge=1, description="frames at a time on this machine"
+    )
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
+        default=None, description="Dask scheduler to work on instead, like tcp://host:8786"
+    )
+    verify: Annotated[Path | None, tyro.conf.arg(metavar="SET", help_behavior_hint="")] = Field(
+        default=None, description="render nothing, compare the files of a set with their checksums"
+    )
     out: Path = Field(default=Path("output/set"), description="folder for the set; an interrupted one is continued")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.layout is None) == (self.verify is None):
+            raise ValueError("expected LAYOUT or --verify SET, one of the two")
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("--workers and --scheduler: expected one of the two")
+        return self
 
 
 def run(options: RenderOptions) -> int:
-    """Render the set."""
+    """Render the set, or verify one."""
+    if options.verify is not None:
+        return verify(options.verify)
+    from optics.files import read_model
     from optics.layout import Layout
     from optics.targets import default_board, load_board
-    from optics.tolerances import Tolerances
 
+    assert options.layout is not None
     layout = Layout.load(options.layout)
     target = default_board() if options.board is None else load_board(options.board)
+    given = None if options.poses is None else read_model(PosesFile, options.poses)
+    tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
-    from render_scenes.render_set import render_set
+    from render_scenes.dataset import MANIFEST
+    from render_scenes.render_set import SetRequest, render_set
 
-    with long_work("render", f"{options.frames} + {count_text(options.base_frames, 'frame')}", "frames") as advance:
-        render_set(
-            layout,
-            target,
-            options.out,
-            frames=options.frames,
-            base_frames=options.base_frames,
-            seed=options.seed,
-            tolerances=Tolerances(tilt_deg=options.tilt_deg, offset_mm=options.offset_mm),
-            spp=options.spp,
-            on_frame=advance,
-        )
-    say("render", f"{options.out / 'dataset.json'} written; what is in {options.out / 'truth'} is for validate alone")
+    request = SetRequest(
+        layout=layout,
+        target=target,
+        frames=options.frames,
+        base_frames=options.base_frames,
+        seed=options.seed,
+        tolerances=tolerances,
+        settings=RenderSettings(renderer=options.renderer, spp=options.spp, sensor=sensor, maps=options.maps),
+        poses=() if given is None else given.poses.tolist(),
+        poses_hz=1.0 if given is None else given.poses_hz,
+        rate_hz=options.rate_hz,
+    )
+    runner, who = _runner(options)
+    with long_work(
+        "render", f"{options.frames} + {count_text(options.base_frames, 'frame')}, {who}", "frames"
+    ) as advance:
+        render_set(request, options.out, run=runner, on_frame=advance)
+    say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
+
+
+def verify(folder: Path) -> int:
+    """Compare every file of a set with its checksum; 1 where one is missing or altered."""
+    from render_scenes.dataset import Dataset
+
+    dataset = Dataset.load(folder)
+    wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
+    for name in wrong:
+        say("verify", f"{folder / name} is {'altered' if (folder / name).exists() else 'missing'}")
+    missing = sum(name not in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
+    if missing:
+        say("verify", f"{count_text(missing, 'frame')} not rendered yet")
+    if not wrong and not missing:
+        say("verify", f"{count_text(len(dataset.files), 'file')} as rendered")
+    return 1 if wrong or missing else 0
+
+
+def _runner(options: RenderOptions) -> tuple[Run, str]:
+    """Who renders the frames, and how people call it."""
+    from mirrorcam.cluster import run_cluster
+    from mirrorcam.workers import cores, run_local
+    from render_scenes.frame import render_frame
+
+    if options.scheduler is not None:
+        there = partial(run_cluster, address=options.scheduler, work=render_frame)
+        return partial(_living, there), f"the workers of {options.scheduler}"
+    workers = options.workers or cores()
+    return partial(_living, partial(run_local, workers=workers, work=render_frame)), count_text(workers, "worker")
+
+
+def _living(
+    run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
+) -> Iterator[tuple[int, dict[str, bytes]]]:
+    """The frames that are done; raises InputError for one that ended all of its workers."""
+    from mirrorcam.workers import Died
+
+    for number, got in run(tasks):
+        if isinstance(got, Died):
+            from render_scenes.frame import FrameTask
+
+            raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {got.reason}")
+        yield number, got

@@ -18,10 +18,10 @@ from scipy.special import erf
 from optics.layout import Layout
 from optics.targets import Checkerboard
 from optics.values import FloatArray
-from render_scenes.dataset import RenderSettings
 from render_scenes.integrator import integrator
 from render_scenes.scene import BoardScene
 from render_scenes.sensor import sensor
+from render_scenes.settings import RenderSettings
 from render_scenes.truth import Oracle
 
 LIMIT_PX = 0.005

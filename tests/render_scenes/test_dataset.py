@@ -11,7 +11,8 @@ import pytest
 from optics.targets import default_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
+from render_scenes.dataset import MANIFEST, Dataset, sha256
+from render_scenes.settings import RenderSettings
 
 
 def manifest() -> Dataset:

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from optics.values import FloatArray
-from render_scenes.dataset import SensorModel
 from render_scenes.photograph import photograph
+from render_scenes.settings import SensorModel
 
 NO_NOISE = SensorModel(lens_blur_px=0.0, read_noise_grey=0.0)
 

@@ -14,8 +14,9 @@ from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard, load_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, SensorModel, sha256
+from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.render_set import render_set
+from render_scenes.settings import RenderSettings, SensorModel
 from render_scenes.truth import Oracle
 
 FRAMES, BASE = 3, 2

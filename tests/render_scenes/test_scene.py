@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
-from render_scenes.dataset import RenderSettings
 from render_scenes.scene import BoardScene, print_on_paper
+from render_scenes.settings import RenderSettings
 
 SETTINGS = RenderSettings()
 

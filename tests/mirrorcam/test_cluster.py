@@ -15,9 +15,9 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.sweep import sweep
-from mirrorcam.sweep_cluster import run_cluster
-from mirrorcam.sweep_local import Died, run_local
+from mirrorcam.sweep_run import design_here, design_on_cluster
 from mirrorcam.sweep_work import Answer
+from mirrorcam.workers import Died
 from optics.design.sweep import grid
 from optics.spec import DesignSpec
 from optics.values import InputError
@@ -70,7 +70,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("mirrorcam.sweep_cluster.SECONDS_TO_CONNECT", 0.5)
+    monkeypatch.setattr("mirrorcam.cluster.SECONDS_TO_CONNECT", 0.5)
     assert cli.main(["sweep", "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "out")]) == 2
     said = capfd.readouterr().err
     assert said.startswith("mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: ")
@@ -83,7 +83,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
 
     def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         nonlocal yielded
-        for number, got in run_cluster(specs, address):
+        for number, got in design_on_cluster(specs, address):
             if yielded == 0:
                 first.send_signal(signal.SIGKILL)
             yielded += 1
@@ -93,7 +93,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
     outcomes = sweep(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
     assert [outcome.status for outcome in outcomes] == ["solved"] * len(SPECS)
-    assert outcomes == sweep(SPECS, tmp_path / "local", partial(run_local, workers=2))
+    assert outcomes == sweep(SPECS, tmp_path / "local", partial(design_here, workers=2))
     assert files_of(tmp_path / "cluster") == files_of(tmp_path / "local")
 
 
@@ -104,7 +104,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
     address, processes = cluster
 
     def until_lost(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in run_cluster(specs, address):
+        for number, got in design_on_cluster(specs, address):
             yield number, got
             for process in processes:
                 process.kill()
@@ -117,7 +117,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
 
     def noting(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         asked.extend(specs)
-        yield from run_local(specs, 2)
+        yield from design_here(specs, 2)
 
     sweep(SPECS, tmp_path, noting)
     assert len(asked) + len([name for name in kept if name.startswith("results/")]) == len(SPECS)
