@@ -17,12 +17,14 @@ from optics.files import write_metrics
 from optics.layout import Layout
 from optics.spec import DesignSpec
 from optics.targets import Charuco, Checkerboard, default_board
+from render_scenes.settings import RenderSettings
 
 # What decides about a result besides our own sources.
 CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2")
 SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
 # The frame that the page shows and decodes.
 SHOWN = 0
+SETTINGS = RenderSettings()
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,14 @@ class Recipe:
     target: Charuco | Checkerboard
     frames: int
     base_frames: int
-    spp: int
+    settings: RenderSettings
     seed: int
     small: bool
 
 
 def full_recipe(seed: int) -> Recipe:
     """The nominal 3x3 camera at 1920x1080 with 20 frames."""
-    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, spp=16, seed=seed, small=False)
+    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, settings=SETTINGS, seed=seed, small=False)
 
 
 def quick_recipe(seed: int) -> Recipe:
@@ -50,7 +52,7 @@ def quick_recipe(seed: int) -> Recipe:
     """
     spec = DesignSpec(camera=scaled(Camera.c920(), 0.5), rows=2, cols=2)
     target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
-    return Recipe(spec, target, frames=8, base_frames=6, spp=16, seed=seed, small=True)
+    return Recipe(spec, target, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
 
 
 def scaled(camera: Camera, factor: float) -> Camera:
@@ -70,7 +72,7 @@ def scaled(camera: Camera, factor: float) -> Camera:
 def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     """The steps of a run into `root`, in order."""
     nominal, synthetic = root / "design" / "layout.json", root / "set"
-    shown = synthetic / "frames" / f"{SHOWN:04d}.jpg"
+    shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, advance: Advance) -> None:
@@ -83,7 +85,6 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
     def render(folder: Path, advance: Advance) -> None:
         from render_scenes.render_set import SetRequest, render_set
-        from render_scenes.settings import RenderSettings
 
         request = SetRequest(
             layout=Layout.load(nominal),
@@ -91,7 +92,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             frames=recipe.frames,
             base_frames=recipe.base_frames,
             seed=recipe.seed,
-            settings=RenderSettings(spp=recipe.spp),
+            settings=recipe.settings,
         )
         render_set(request, folder, on_frame=advance)
 
@@ -146,11 +147,11 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
                 "frames": recipe.frames,
                 "base_frames": recipe.base_frames,
                 "seed": recipe.seed,
-                "spp": recipe.spp,
+                "settings": recipe.settings.model_dump(mode="json"),
             },
             reads=(nominal,),
             sources=("optics", "render_scenes"),
-            tools=(*SOLVERS, "mitsuba", "drjit", "karellen-llvm-core"),
+            tools=(*SOLVERS, "mitsuba", "drjit", "OpenEXR", "karellen-llvm-core"),
             resumes=True,
         ),
         Stage(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import RenderOptions
+from mirrorcam.commands.render import RenderOptions, tolerances_from_text
 from mirrorcam.progress import figure_text, long_work
 from optics.files import read_image, write_image
 from optics.layout import Layout
@@ -350,5 +350,4 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
 def test_render_offers_the_tolerances_of_a_set_with_their_own_defaults() -> None:
     options = cli.parse(["render", "layout.json"]).command
     assert isinstance(options, RenderOptions)
-    tolerances = Tolerances()
-    assert (options.tilt_deg, options.offset_mm) == (tolerances.tilt_deg, tolerances.offset_mm)
+    assert tolerances_from_text(options.as_built) == Tolerances()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from optics.camera import Camera
 from optics.values import FloatArray
 from render_scenes.photograph import photograph
 from render_scenes.settings import SensorModel
@@ -13,8 +14,14 @@ from render_scenes.settings import SensorModel
 NO_NOISE = SensorModel(lens_blur_px=0.0, read_noise_grey=0.0)
 
 
+def camera_of(width: int, height: int, focal_px: float = 1000.0) -> Camera:
+    middle = {"cx_px": (width - 1) / 2.0, "cy_px": (height - 1) / 2.0}
+    return Camera(width_px=width, height_px=height, fx_px=focal_px, fy_px=focal_px, **middle)
+
+
 def shoot(radiance: FloatArray, cut: int, model: SensorModel, seed: int = 0) -> NDArray[np.uint8]:
-    return photograph(radiance.astype(np.float32), cut, model, np.random.default_rng(seed))
+    camera = camera_of(radiance.shape[1] // cut, radiance.shape[0] // cut)
+    return photograph(radiance.astype(np.float32), cut, camera, model, np.random.default_rng(seed))
 
 
 def test_radiance_one_is_white_and_more_is_clipped() -> None:

@@ -15,7 +15,7 @@ from optics.targets import Charuco, Checkerboard, load_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
 from render_scenes.dataset import MANIFEST, Dataset, sha256
-from render_scenes.render_set import render_set
+from render_scenes.render_set import SetRequest, render_set
 from render_scenes.settings import RenderSettings, SensorModel
 from render_scenes.truth import Oracle
 
@@ -30,14 +30,17 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def render(small_layout: Layout, small_board: Charuco) -> Render:
     def call(out: Path, **changes: object) -> Dataset:
-        request: dict[str, object] = {
-            "frames": FRAMES,
-            "base_frames": BASE,
-            "seed": 7,
-            "tolerances": Tolerances(centre_px=2.0),
-            "spp": 4,
-        }
-        return render_set(small_layout, small_board, out, **(request | changes))  # type: ignore[arg-type]
+        on_frame = changes.pop("on_frame", None)
+        request = SetRequest(
+            layout=small_layout,
+            target=small_board,
+            frames=FRAMES,
+            base_frames=BASE,
+            seed=7,
+            tolerances=Tolerances(centre_px=2.0),
+            settings=RenderSettings(spp=4, sensor=SensorModel()),
+        )
+        return render_set(request.replaced(**changes), out, on_frame=on_frame)  # type: ignore[arg-type]
 
     return call
 
@@ -58,6 +61,8 @@ def test_a_set_holds_what_was_promised(finished: Path, small_layout: Layout, sma
         *(f"frames/{index:04d}.png" for index in range(FRAMES)),
         *(f"base/{index:04d}.png" for index in range(BASE)),
         *(f"truth/{name}" for name in ("layout.json", "poses.json", "seed.json", "corners.npz")),
+        *(f"truth/maps/frames/{index:04d}.exr" for index in range(FRAMES)),
+        *(f"truth/maps/base/{index:04d}.exr" for index in range(BASE)),
     }
     assert dataset.complete
     assert set(dataset.files) == set(contents(finished)) - {MANIFEST}
@@ -77,7 +82,7 @@ def test_the_truth_is_that_of_the_camera_as_built(finished: Path, small_layout: 
     built = Layout.load(finished / "truth" / "layout.json")
     assert built.kind == "as-built"
     assert built.identity != small_layout.identity
-    poses = json.loads((finished / "truth" / "poses.json").read_text())
+    poses = json.loads((finished / "truth" / "poses.json").read_text(encoding="utf-8"))
     assert np.shape(poses["frames"]) == (FRAMES, 4, 4)
     assert np.shape(poses["base"]) == (BASE, 4, 4)
     corners = np.load(finished / "truth" / "corners.npz")
@@ -104,11 +109,11 @@ def test_pictures_show_the_board_where_the_truth_says(finished: Path, small_boar
 
 
 def test_nothing_outside_the_truth_tells_the_truth(finished: Path) -> None:
-    truth = json.loads((finished / "truth" / "layout.json").read_text())
-    told = (finished / MANIFEST).read_text() + (finished / "layout.json").read_text()
+    truth = json.loads((finished / "truth" / "layout.json").read_text(encoding="utf-8"))
+    told = (finished / MANIFEST).read_text(encoding="utf-8") + (finished / "layout.json").read_text(encoding="utf-8")
     assert repr(truth["camera"]["fx_px"]) not in told
     assert repr(truth["mirrors"][0]["virtual_centre_in_rig_mm"][0]) not in told
-    assert "seed" not in json.loads((finished / MANIFEST).read_text())
+    assert "seed" not in json.loads((finished / MANIFEST).read_text(encoding="utf-8"))
 
 
 def test_the_same_request_gives_the_same_bytes(render: Render, finished: Path, tmp_path: Path) -> None:
@@ -158,10 +163,10 @@ def test_a_finished_set_renders_nothing_again(render: Render, finished: Path) ->
     ("changes", "named"),
     [
         ({"seed": 8}, "seed"),
-        ({"spp": 9}, "settings"),
+        ({"settings": RenderSettings(spp=9, sensor=SensorModel())}, "settings"),
         ({"frames": FRAMES + 1}, "frames"),
         ({"tolerances": Tolerances(tilt_deg=0.1)}, "tolerances"),
-        ({"settings": RenderSettings(sensor=SensorModel(lens_blur_px=1.1))}, "settings"),
+        ({"settings": RenderSettings(spp=4, sensor=SensorModel(lens_blur_px=1.1))}, "settings"),
     ],
 )
 def test_another_request_in_the_same_folder_is_refused(
@@ -184,34 +189,32 @@ def test_a_folder_of_someone_else_is_left_alone(render: Render, tmp_path: Path) 
         render(tmp_path / "file")
 
 
-@pytest.mark.parametrize("what", ["board", "mirror", "tolerance"])
-def test_a_refusal_leaves_nothing_behind(what: str, small_layout: Layout, small_board: Charuco, tmp_path: Path) -> None:
-    layout, board, tolerances = small_layout, small_board, Tolerances(centre_px=2.0)
-    if what == "board":
-        board_too_small = Checkerboard(cols=20, rows=14, square_mm=2.0)
-    if what == "mirror":
-        layout = layout.replaced(mirrors=tuple(mirror.replaced(surface="second") for mirror in layout.mirrors))
-    if what == "tolerance":
-        tolerances = Tolerances(tilt_deg=30.0)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"target": Checkerboard(cols=20, rows=14, square_mm=2.0)},
+        {"tolerances": Tolerances(tilt_deg=30.0)},
+        {"poses": (tuple(map(tuple, np.eye(4).tolist())),)},
+    ],
+    ids=["a board too small", "mirrors that cut each other", "poses that no mirror shows"],
+)
+def test_a_refusal_leaves_nothing_behind(render: Render, changes: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
-        render_set(
-            layout,
-            board_too_small if what == "board" else board,
-            tmp_path / "set",
-            frames=1,
-            base_frames=1,
-            seed=0,
-            tolerances=tolerances,
-            spp=1,
-        )
+        render(tmp_path / "set", **changes)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "set").exists()
 
 
-def test_a_checkerboard_and_frames_alone_are_rendered_too(small_layout: Layout, tmp_path: Path) -> None:
-    board = Checkerboard(cols=10, rows=7, square_mm=24.0)
-    request = {"frames": 1, "base_frames": 0, "seed": 0, "tolerances": Tolerances.none(), "spp": 3}
-    dataset = render_set(small_layout, board, tmp_path / "set", **request)  # type: ignore[arg-type]
+def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_layout: Layout, tmp_path: Path) -> None:
+    dataset = render(
+        tmp_path / "set",
+        target=Checkerboard(cols=10, rows=7, square_mm=24.0),
+        frames=1,
+        base_frames=0,
+        tolerances=Tolerances.none(),
+        settings=RenderSettings(spp=3, maps=False),
+    )
     assert dataset.complete
-    assert dataset.files["frames/0000.png"] == sha256(tmp_path / "set" / "frames" / "0000.png")
+    assert dataset.files["frames/0000.jpg"] == sha256(tmp_path / "set" / "frames" / "0000.jpg")
+    assert not (tmp_path / "set" / "truth" / "maps").exists()
     assert Layout.load(tmp_path / "set" / "truth" / "layout.json").camera == small_layout.camera
