@@ -1,10 +1,10 @@
 """Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--picture FILE]`.
 
 Times, in one run, a frame of the default camera (1920 x 1080, nine mirrors, a tilted ChArUco board) by formula and by
-the reference at several numbers of samples: the light alone, and the whole frame as a worker makes it (light, lens, noise,
-file). Then the same by as many workers as there are cores, and by the number of mirrors. The noise of corners is what
-OpenCV's cornerSubPix finds in a soft, noiseless picture, less what it finds in one of 1024 samples: no detector's own
-error, and none of the sensor's noise.
+the reference at several numbers of samples: the light alone, and the whole frame as a worker makes it (light, lens,
+noise, file). Then the same by as many workers as there are cores, and by the number of mirrors. The noise of corners is
+what OpenCV's cornerSubPix finds in a soft, noiseless picture, less what it finds in one of 1024 samples: no detector's
+own error, and none of the sensor's noise.
 """
 
 from __future__ import annotations
@@ -146,10 +146,9 @@ def main(frames: int, picture: Path | None) -> None:
 
     for name, sensor in SENSORS.items():
         asked = tasks(layout, board, np.tile(poses, (8, 1, 1)), by_formula.replaced(sensor=sensor))
-        alone = median_s(lambda index, asked=asked: render_frame(asked[index]), 2 * frames)[1]
-        print(
-            f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {whole_frames_s(asked):6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
-        )
+        alone = median_s(partial(rendered, asked), 2 * frames)[1]
+        together = f"{whole_frames_s(asked):6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
+        print(f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {together}")
 
     for rows, cols in COUNTS:
         built = layout if (rows, cols) == (3, 3) else camera_of(rows, cols)
