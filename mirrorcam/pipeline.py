@@ -24,7 +24,8 @@ CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf"
 SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
 # The frame that the page shows and decodes.
 SHOWN = 0
-SETTINGS = RenderSettings()
+# Maps of all pixels are 18 MB a frame, and nothing here reads them.
+SETTINGS = RenderSettings(maps=False)
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,25 @@ class Dataset(Value):
         """Names of the frames of the camera alone, in order."""
         return tuple(f"base/{index:04d}{self.settings.suffix}" for index in range(self.base_frames))
 
+    @property
+    def video_name(self) -> str | None:
+        """The name of the video; None where there is none."""
+        return None if self.settings.video is None else f"video.{self.settings.video}"
+
     def map_of(self, name: str) -> str | None:
         """The name of the maps that tell what every pixel of a picture shows; None where there are none."""
         return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
 
     @property
     def complete(self) -> bool:
-        """Whether every frame has been written."""
-        return all(name in self.files for name in (*self.frame_names, *self.base_names))
+        """Whether every frame has been written, and the video of them."""
+        return not self.missing
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Pictures, and the video of them, that have not been written."""
+        wanted = (*self.frame_names, *self.base_names, self.video_name)
+        return tuple(name for name in wanted if name is not None and name not in self.files)
 
     def intact(self, folder: Path, name: str) -> bool:
         """Whether a file of the set is there and is what was written."""

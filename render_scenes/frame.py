@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from functools import lru_cache
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, lru_cache
 from typing import Annotated
 
 import cv2
@@ -17,11 +17,13 @@ from optics.layout import Layout
 from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
 from render_scenes.fast import FastScene
+from render_scenes.llvm import use_variant
 from render_scenes.maps import board_maps, exr_bytes, path_lengths, pixel_rays
 from render_scenes.motion import pose_at
 from render_scenes.photograph import photograph
 from render_scenes.scene import BoardScene
 from render_scenes.settings import RenderSettings
+from render_scenes.video import as_key_frame
 
 # Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.
 COARSE = 16
@@ -36,6 +38,7 @@ class Stage(Value):
     mirrors: bool
     target: Target
     settings: RenderSettings
+    variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
 
 
 class FrameTask(Value):
@@ -59,9 +62,9 @@ class _Set:
         mirrors = built.mirrors if stage.mirrors else ()
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
-            self.scene = FastScene(built.camera, mirrors, stage.target, settings)
+            self.scene = FastScene(built.camera, mirrors, stage.target, settings, variant=stage.variant)
         else:
-            self.scene = BoardScene(built.camera, mirrors, stage.target, settings)
+            self.scene = BoardScene(built.camera, mirrors, stage.target, settings, variant=stage.variant)
         self.settings = settings
         self.rays = pixel_rays(built, mirrors=stage.mirrors) if settings.maps else None
         self.coarse = pixel_rays(built, mirrors=stage.mirrors, step=COARSE)
@@ -108,15 +111,44 @@ def render_frame(task_json: str) -> dict[str, bytes]:
         np.random.default_rng(key.spawn(1)[0]),
         _full_size(path_lengths(made.coarse, halfway), radiance, settings.subpixels),
     )
-    quality = settings.sensor.jpeg_quality
-    suffix = Path(task.name).suffix
-    files = {task.name: encoded_image(picture, suffix) if quality is None else encoded_image(picture, suffix, quality)}
+    files = {task.name: _compressed(picture, settings)}
     if task.map_name is not None and made.rays is not None:
         maps = board_maps(made.rays, stage.target, halfway)
         header = {"rig_from_board": json.dumps(halfway.tolist()), "layout": stage.built.identity, "units": "mm"}
         header |= {"target": stage.target.model_dump_json(), "settings": settings.model_dump_json()}
         files[task.map_name] = exr_bytes(maps, header)
     return files
+
+
+def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
+    """`render_frame` for one of as many processes as there are cores."""
+    use_variant(FrameTask.model_validate_json(task_json).stage.variant)
+    import drjit
+
+    drjit.set_thread_count(1)
+    cv2.setNumThreads(1)
+    return render_frame(task_json)
+
+
+def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
+    """`render_frame` for a process of several threads that ask at once: a scene shows one pose at a time."""
+    return _turn().submit(render_frame, task_json).result()
+
+
+@cache
+def _turn() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1)
+
+
+def _compressed(picture: NDArray[np.uint8], settings: RenderSettings) -> bytes:
+    """The file of a picture, with what the sensor's compression loses."""
+    sensor = settings.sensor
+    if sensor.jpeg_quality is not None:
+        return encoded_image(picture, settings.suffix, sensor.jpeg_quality)
+    # What comes as a video is compressed there, each frame with the help of those before.
+    if sensor.h264_crf is not None and settings.video is None:
+        picture = as_key_frame(picture, sensor.h264_crf)
+    return encoded_image(picture, settings.suffix)
 
 
 def _full_size(coarse: FloatArray, radiance: NDArray[np.float32], subpixels: int) -> FloatArray:

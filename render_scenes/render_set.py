@@ -28,6 +28,7 @@ from render_scenes.motion import along
 from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of
 from render_scenes.settings import RenderSettings
 from render_scenes.truth import Oracle
+from render_scenes.video import write_h264, write_mjpeg
 
 # Streams of random numbers; each is independent of how much the others draw.
 _AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE = range(5)
@@ -61,9 +62,10 @@ def render_set(
 
     Finished frames of an interrupted run with the same request are kept. `run` makes frames of their tasks and yields
     their numbers and files in any order; without it, this process does. `on_frame(done, total)` is called once at the
-    start and after each frame. Raises InputError where Mitsuba is missing, the board cannot be seen, the tolerances
-    cannot be built, or `out` holds another set.
+    start and after each frame; those of a video are counted once more. Raises InputError where Mitsuba is missing, the
+    board cannot be seen, the tolerances cannot be built, the frames make no such video, or `out` holds another set.
     """
+    _check_video(request)
     variant = use_variant()
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
@@ -90,7 +92,7 @@ def render_set(
     dataset = _write_truth(out, dataset, built, plan, base_plan, request.seed)
     tasks = [
         FrameTask(
-            stage=Stage(built=built, mirrors=mirrors, target=request.target, settings=settings),
+            stage=Stage(built=built, mirrors=mirrors, target=request.target, settings=settings, variant=variant),
             name=name,
             map_name=dataset.map_of(name),
             poses=poses,
@@ -104,21 +106,49 @@ def render_set(
     ]
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
     report = on_frame or (lambda done, total: None)
-    done = len(tasks) - len(missing)
-    report(done, len(tasks))
+    in_video = 0 if dataset.video_name is None else dataset.frames
+    total = len(tasks) + in_video
+    done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
+    report(done, total)
     for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
         # The picture last, so that there is none without its maps.
         for name, content in sorted(files.items(), reverse=True):
             write_bytes(out / name, content)
         dataset = _recorded(out, dataset, *files)
         done += 1
-        report(done, len(tasks))
+        report(done, total)
+    if dataset.video_name is not None and dataset.video_name not in dataset.files:
+        _write_video(out, dataset, lambda frames: report(done + frames, total))
+        dataset = _recorded(out, dataset, dataset.video_name)
     return dataset
 
 
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
     """Frames of their tasks, one after the other, with all cores at work on each."""
     yield from enumerate(map(render_frame, tasks))
+
+
+def _check_video(request: SetRequest) -> None:
+    """Raise InputError where the frames cannot be put into the video that is asked for."""
+    video, sensor, camera = request.settings.video, request.settings.sensor, request.layout.camera
+    if video is not None and request.rate_hz is None:
+        raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")
+    if video == "avi" and sensor.jpeg_quality is None:
+        raise InputError("video avi: holds the JPEG files of a sensor, expected one with jpeg_quality")
+    if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
+        size = f"{camera.width_px} x {camera.height_px}"
+        raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")
+
+
+def _write_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
+    assert dataset.rate_hz is not None
+    path, pictures = out / f"{dataset.video_name}", [out / name for name in dataset.frame_names]
+    settings = dataset.settings
+    if settings.video == "avi":
+        write_mjpeg(path, pictures, dataset.rate_hz, on_picture)
+    else:
+        crf = settings.video_crf if settings.sensor.h264_crf is None else settings.sensor.h264_crf
+        write_h264(path, pictures, dataset.rate_hz, crf, on_picture)
 
 
 def _random(*key: int) -> np.random.Generator:
@@ -168,7 +198,7 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         differs = " and ".join(other) or "seed (or of another version of this program)"
         raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
     # A killed run cannot remove its temporary files (`optics.files.atomic`).
-    for pattern in ("frames/.*-*", "base/.*-*", "truth/**/.*-*", ".*-*.json", ".*-*.toml"):
+    for pattern in ("frames/.*-*", "base/.*-*", "truth/**/.*-*", ".*-*.json", ".*-*.toml", ".*-*.mp4", ".*-*.avi"):
         for leftover in out.glob(pattern):
             leftover.unlink()
     return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})

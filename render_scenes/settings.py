@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from optics.values import Value
 
@@ -24,13 +24,23 @@ class SensorModel(Value):
     )
     read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the other noise, in grey levels")
     jpeg_quality: int | None = Field(default=None, ge=1, le=100, description="quality of JPEG files, without it PNG")
+    h264_crf: int | None = Field(
+        default=None, ge=0, le=51, description="what H.264 loses of PNG files or of the video, as x264 counts it"
+    )
     readout_ms: float = Field(
         default=0.0, ge=0, description="from the first row's exposure to the last one's: a rolling shutter"
     )
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.jpeg_quality is not None and self.h264_crf is not None:
+            raise ValueError("jpeg_quality and h264_crf: expected one of the two")
+        return self
+
 
 RendererName = Literal["mitsuba", "fast"]
 SensorName = Literal["ideal", "c920", "poor"]
+VideoName = Literal["mp4", "avi"]
 
 SENSORS: dict[SensorName, SensorModel] = {
     # No flaw but eight bits. A perfect corner is harder to find than a soft one: a lens blur is no flaw.
@@ -71,6 +81,12 @@ class RenderSettings(Value):
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
     sensor: SensorModel = SENSORS["c920"]
     maps: bool = Field(default=True, description="write what every pixel truly shows, beside the truth")
+    video: VideoName | None = Field(
+        default=None, description="the frames as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+    )
+    video_crf: int = Field(
+        default=18, ge=0, le=51, description="what H.264 loses in an mp4 of frames that came as JPEG or PNG"
+    )
 
     @property
     def subpixels(self) -> int:

@@ -14,7 +14,7 @@ from mirrorcam.extras import require
 from mirrorcam.progress import count_text, long_work, say
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Shaped, Value
-from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
+from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel, VideoName
 
 if TYPE_CHECKING:
     from mirrorcam.workers import Died
@@ -85,6 +85,9 @@ class RenderOptions(Value):
     rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
         default=None, gt=0, description="frames in a second of one smooth motion through the poses"
     )
+    video: Annotated[VideoName | None, tyro.conf.arg(help_behavior_hint="")] = Field(
+        default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+    )
     maps: bool = Field(default=True, description="write what every pixel truly shows as an EXR file for each frame")
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
         default=None, ge=1, description="frames at a time on this machine"
@@ -103,6 +106,8 @@ class RenderOptions(Value):
             raise ValueError("expected LAYOUT or --verify SET, one of the two")
         if self.workers is not None and self.scheduler is not None:
             raise ValueError("--workers and --scheduler: expected one of the two")
+        if self.video is not None and self.rate_hz is None:
+            raise ValueError(f"--video {self.video}: its frames are moments of a motion, expected --rate-hz with it")
         return self
 
 
@@ -130,7 +135,9 @@ def run(options: RenderOptions) -> int:
         base_frames=options.base_frames,
         seed=options.seed,
         tolerances=tolerances,
-        settings=RenderSettings(renderer=options.renderer, spp=options.spp, sensor=sensor, maps=options.maps),
+        settings=RenderSettings(
+            renderer=options.renderer, spp=options.spp, sensor=sensor, maps=options.maps, video=options.video
+        ),
         poses=() if given is None else given.poses.tolist(),
         poses_hz=1.0 if given is None else given.poses_hz,
         rate_hz=options.rate_hz,
@@ -152,9 +159,9 @@ def verify(folder: Path) -> int:
     wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
     for name in wrong:
         say("verify", f"{folder / name} is {'altered' if (folder / name).exists() else 'missing'}")
-    missing = sum(name not in dataset.files for name in (*dataset.frame_names, *dataset.base_names))
+    missing = dataset.missing
     if missing:
-        say("verify", f"{count_text(missing, 'frame')} not rendered yet")
+        say("verify", f"{count_text(len(missing), 'file')} not rendered yet, {missing[0]} first")
     if not wrong and not missing:
         say("verify", f"{count_text(len(dataset.files), 'file')} as rendered")
     return 1 if wrong or missing else 0
@@ -164,13 +171,14 @@ def _runner(options: RenderOptions) -> tuple[Run, str]:
     """Who renders the frames, and how people call it."""
     from mirrorcam.cluster import run_cluster
     from mirrorcam.workers import cores, run_local
-    from render_scenes.frame import render_frame
+    from render_scenes.frame import render_frame_in_turn, render_frame_on_one_core
 
     if options.scheduler is not None:
-        there = partial(run_cluster, address=options.scheduler, work=render_frame)
+        there = partial(run_cluster, address=options.scheduler, work=render_frame_in_turn)
         return partial(_living, there), f"the workers of {options.scheduler}"
     workers = options.workers or cores()
-    return partial(_living, partial(run_local, workers=workers, work=render_frame)), count_text(workers, "worker")
+    here = partial(run_local, workers=workers, work=render_frame_on_one_core)
+    return partial(_living, here), count_text(workers, "worker")
 
 
 def _living(
