@@ -26,7 +26,7 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam import interruption
-from mirrorcam.commands import cad, calibrate, decode, design, render, run, sweep, validate
+from mirrorcam.commands import board, cad, calibrate, decode, design, render, run, sweep, validate
 from optics.camera import Camera
 from optics.values import InputError
 
@@ -37,6 +37,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     design.DesignOptions: design.run,
     sweep.SweepOptions: sweep.run,
     cad.CadOptions: cad.run,
+    board.BoardOptions: board.run,
     render.RenderOptions: render.run,
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
@@ -53,6 +54,7 @@ class Command:
         | Annotated[design.DesignOptions, subcommand("design")]
         | Annotated[sweep.SweepOptions, subcommand("sweep")]
         | Annotated[cad.CadOptions, subcommand("cad")]
+        | Annotated[board.BoardOptions, subcommand("board")]
         | Annotated[render.RenderOptions, subcommand("render")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
