@@ -12,8 +12,8 @@ from optics.values import FloatArray
 def along(keys: FloatArray, times: FloatArray) -> FloatArray:
     """Poses (n, 4, 4) at times (n,) on a smooth way through poses (k, 4, 4), which it passes at times 0, 1, 2 ...
 
-    A cubic spline of the positions and one of the rotations (SciPy's `RotationSpline`); at rest at either end, and
-    before and after.
+    A cubic spline of the positions, which sets out from rest and comes to rest, and one of the rotations (SciPy's
+    `RotationSpline`); before and after nothing moves.
     """
     at = np.clip(times, 0.0, len(keys) - 1.0)
     poses = np.tile(np.eye(4), (len(at), 1, 1))

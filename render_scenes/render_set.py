@@ -159,6 +159,8 @@ def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
     """Where the board is in each frame, and the poses (frames, 1 or 3, 4, 4) it goes through while it is read out."""
     layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
     keys = np.array(request.poses)
+    if request.rate_hz is not None and (len(keys) or request.frames) == 1:
+        raise InputError("rate_hz: one pose is no motion, expected two frames or more")
     if request.rate_hz is None:
         plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
         return plan, plan.poses[:, None]

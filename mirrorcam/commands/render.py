@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
+import numpy as np
 import tyro
 from pydantic import Field, ValidationError, model_validator
 
@@ -18,6 +19,7 @@ from render_scenes.settings import SENSORS, RendererName, RenderSettings, Sensor
 
 if TYPE_CHECKING:
     from mirrorcam.workers import Died
+    from render_scenes.dataset import Dataset
     from render_scenes.render_set import Run
 
 
@@ -26,6 +28,18 @@ class PosesFile(Value):
 
     poses: Annotated[FloatArray, Shaped((None, 4, 4))]
     poses_hz: float = Field(default=1.0, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not len(self.poses):
+            raise ValueError("no pose, expected one or more")
+        for number, pose in enumerate(self.poses):
+            turn = pose[:3, :3]
+            if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
+                raise ValueError(f"pose {number} turns by a matrix that is no rotation")
+            if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
+                raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
+        return self
 
 
 def tolerances_from_text(text: str) -> Tolerances:
@@ -68,7 +82,7 @@ class RenderOptions(Value):
     renderer: RendererName = Field(
         default="mitsuba", description="mitsuba: the reference, along light paths; fast: by formula, for large sets"
     )
-    spp: int = Field(default=16, ge=1, description="samples per pixel of the reference")
+    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference")
     sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
         default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
     )
@@ -143,12 +157,19 @@ def run(options: RenderOptions) -> int:
         rate_hz=options.rate_hz,
     )
     runner, who = _runner(options)
-    with long_work(
-        "render", f"{options.frames} + {count_text(options.base_frames, 'frame')}, {who}", "frames"
-    ) as advance:
-        render_set(request, options.out, run=runner, on_frame=advance)
+    with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
+        dataset = render_set(request, options.out, run=runner, on_frame=advance)
+    say("coverage", coverage_text(dataset, layout.cols))
     say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
+
+
+def coverage_text(dataset: Dataset, cols: int) -> str:
+    """Which part of each mirror's picture, row by row, and of the bare camera's, shows corners in some frame."""
+    percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
+    rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
+    mirrors = f"corners over {' / '.join(rows)} % of the mirrors' pictures"
+    return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of the bare camera's" if dataset.base_frames else mirrors
 
 
 def verify(folder: Path) -> int:

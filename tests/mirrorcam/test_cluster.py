@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,7 +20,6 @@ from optics.spec import DesignSpec
 from optics.values import InputError
 
 pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
-ROOT = Path(__file__).parents[2]
 SPECS = grid(
     DesignSpec(),
     counts=[(1, 2), (2, 1)],
@@ -35,36 +31,6 @@ SPECS = grid(
 
 def files_of(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    """A scheduler or a worker of one process and one thread, which dies as a whole."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with (folder / f"{arguments[0]}.log").open("ab") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"],
-            env=environment,
-            stdout=log,
-            stderr=log,
-        )
-
-
-@pytest.fixture
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """The address of a scheduler, and the processes: the scheduler, then two workers."""
-    folder = tmp_path_factory.mktemp("dask")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-    processes = [dask(folder, "scheduler", "--host", address)]
-    worker = ("worker", address, "--no-nanny", "--nthreads", "1", "--local-directory", str(folder))
-    processes += [dask(folder, *worker) for _ in range(2)]
-    try:
-        yield address, processes
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
