@@ -5,54 +5,19 @@ The board shines by itself, so that no lamp adds noise; mirrors are exactly as t
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
-from optics.values import FloatArray, InputError
-from render_scenes.integrator import integrator, render
+from optics.values import FloatArray
+from render_scenes.integrator import SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
+from render_scenes.mirrors import mirror_shapes
 from render_scenes.sensor import sensor
 from render_scenes.settings import RenderSettings
 from render_scenes.sheet import print_on_paper, world_from_sheet
-
-
-def mirror_shape(mirror: Mirror, reflectance: float) -> Any:
-    """A first-surface mirror as a fan of triangles, black behind, with the exact normal at every corner.
-
-    The normals of the triangles themselves would carry the rounding of their corners.
-    """
-    import mitsuba as mi
-
-    if mirror.surface != "first":
-        raise InputError(
-            "mirror with its coating behind (surface 'second'): the renderer has first-surface mirrors only"
-        )
-    corners = mirror.outline_in_rig_mm
-    outline = mirror.outline_in_plane_mm
-    edges = np.roll(outline, -1, axis=0) - outline
-    turn = (outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]).sum()
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(
-        {
-            "type": "conductor",
-            "material": "none",
-            "specular_reflectance": {"type": "uniform", "value": reflectance},
-        }
-    )
-    count = len(corners)
-    mesh = mi.Mesh("mirror", count, count - 2, props=properties, has_vertex_normals=True)
-    fan = np.array([[0, k, k + 1] if turn > 0 else [0, k + 1, k] for k in range(1, count - 1)])
-    buffers = mi.traverse(mesh)
-    buffers["vertex_positions"] = np.float32(corners).ravel()
-    buffers["vertex_normals"] = np.tile(np.float32(mirror.normal_in_rig), count)
-    buffers["faces"] = np.uint32(fan).ravel()
-    buffers.update()
-    return mesh
 
 
 class BoardScene:
@@ -95,12 +60,19 @@ class BoardScene:
                         },
                     },
                 },
-                **{f"mirror_{i}": mirror_shape(m, settings.mirror_reflectance) for i, m in enumerate(mirrors)},
+                **{
+                    f"mirror_{index}_{face}": shape
+                    for index, mirror in enumerate(mirrors)
+                    for face, shape in mirror_shapes(mirror, settings.mirror_reflectance).items()
+                },
             }
         )
         self.sensor = sensor(camera)
         # Whatever stands between the mirrors of a real device hides the scene behind it.
-        self.integrator = integrator(mirrors_only=bool(mirrors))
+        sheets = any(mirror.surface == "second" for mirror in mirrors)
+        self.integrator = integrator(
+            Light(mirrors_only=bool(mirrors), branches=SHEET_BRANCHES if sheets else 1, max_bounces=16 if sheets else 8)
+        )
         self._parameters = mi.traverse(self.scene)
 
     def place_board(self, rig_from_board: FloatArray) -> None:

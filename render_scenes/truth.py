@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.layout import Layout
+from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
+from render_scenes.maps import reflected
 
 BoolArray = NDArray[np.bool_]
 VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
@@ -51,6 +53,14 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
     return clear
 
 
+def _through(camera: Camera, mirror: Mirror, px: FloatArray) -> BoolArray:
+    """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, enters and leaves a sheet's front."""
+    margin = VISIBLE_MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    rays = camera.unproject(px[:, None] + margin)
+    length = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True))[3]
+    return np.asarray(np.isfinite(length).all(axis=1))
+
+
 def sub_image(layout: Layout, index: int) -> shapely.Polygon:
     """Outline of a mirror's picture in pixels, without what lies past the reach of the lens model."""
     outline = layout.outline_px(index)
@@ -69,17 +79,20 @@ class Oracle:
     def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Pixels (mirrors, corners, 2) of the board's corners by way of each mirror, and whether they can be seen.
 
-        Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, with the printed
-        side toward the virtual camera and no other mirror in the way. Pixels of a corner that has no image are NaN.
+        Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, through all of its
+        sheet if it is one, with the printed side toward the virtual camera and no other mirror in the way. Pixels of a
+        corner that has no image are NaN.
         """
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = np.empty((len(self.layout.mirrors), len(points), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
-            px[index] = self.layout.project(points, index)
+            px[index] = self.layout.camera.project(mirror.image_of(points))
             seen = _on_sensor(self.layout.camera, px[index])
             seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
             seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px[index], nan=-1e9).T)
+            if mirror.surface == "second":
+                seen[seen] = _through(self.layout.camera, mirror, px[index][seen])
             seen &= _faces(mirror.virtual_centre_in_rig_mm, rig_from_board)
             seen[seen] = _clear_of(self.layout, index, points[seen])
             visible[index] = seen

@@ -9,7 +9,7 @@ import pytest
 
 from optics.layout import Layout
 from optics.values import FloatArray
-from render_scenes.integrator import integrator
+from render_scenes.integrator import Light, integrator
 from render_scenes.scene import BoardScene
 from render_scenes.sensor import sensor
 from render_scenes.settings import RenderSettings
@@ -87,6 +87,6 @@ def test_the_stock_loop_is_innocent(
     scene: BoardScene, crops: list[Crop], distorted_layout: Layout, rig_from_board: FloatArray
 ) -> None:
     two = {index: crops[index] for index in (1, 3)}
-    pictures = stock_pictures(scene, two, distorted_layout, integrator(mirrors_only=True), 16)
+    pictures = stock_pictures(scene, two, distorted_layout, integrator(Light(mirrors_only=True)), 16)
     for index, error in errors_by_mirror(pictures, crops, distorted_layout, rig_from_board).items():
         assert np.linalg.norm(error.mean(axis=0)) <= LIMIT_PX, (index, error.mean(axis=0))
