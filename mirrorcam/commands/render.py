@@ -139,6 +139,7 @@ def run(options: RenderOptions) -> int:
     given = None if options.poses is None else read_model(PosesFile, options.poses)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
+    from mirrorcam.workers import cores
     from render_scenes.dataset import MANIFEST
     from render_scenes.render_set import SetRequest, render_set
 
@@ -156,9 +157,11 @@ def run(options: RenderOptions) -> int:
         poses_hz=1.0 if given is None else given.poses_hz,
         rate_hz=options.rate_hz,
     )
-    runner, who = _runner(options)
+    workers = options.workers or cores()
+    run_there = in_workers(workers) if options.scheduler is None else on_cluster(options.scheduler)
+    who = count_text(workers, "worker") if options.scheduler is None else f"the workers of {options.scheduler}"
     with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
-        dataset = render_set(request, options.out, run=runner, on_frame=advance)
+        dataset = render_set(request, options.out, run=run_there, on_frame=advance)
     say("coverage", coverage_text(dataset, layout.cols))
     say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
@@ -188,18 +191,20 @@ def verify(folder: Path) -> int:
     return 1 if wrong or missing else 0
 
 
-def _runner(options: RenderOptions) -> tuple[Run, str]:
-    """Who renders the frames, and how people call it."""
-    from mirrorcam.cluster import run_cluster
-    from mirrorcam.workers import cores, run_local
-    from render_scenes.frame import render_frame_in_turn, render_frame_on_one_core
+def in_workers(workers: int) -> Run:
+    """Who renders frames: so many processes of this machine, each on one core."""
+    from mirrorcam.workers import run_local
+    from render_scenes.frame import render_frame_on_one_core
 
-    if options.scheduler is not None:
-        there = partial(run_cluster, address=options.scheduler, work=render_frame_in_turn)
-        return partial(_living, there), f"the workers of {options.scheduler}"
-    workers = options.workers or cores()
-    here = partial(run_local, workers=workers, work=render_frame_on_one_core)
-    return partial(_living, here), count_text(workers, "worker")
+    return partial(_living, partial(run_local, workers=workers, work=render_frame_on_one_core))
+
+
+def on_cluster(address: str) -> Run:
+    """Who renders frames: the workers of a Dask scheduler."""
+    from mirrorcam.cluster import run_cluster
+    from render_scenes.frame import render_frame_in_turn
+
+    return partial(_living, partial(run_cluster, address=address, work=render_frame_in_turn))
 
 
 def _living(

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import _living, sensor_from_text, tolerances_from_text
+from mirrorcam.commands.render import _living, in_workers, on_cluster, sensor_from_text, tolerances_from_text
 from mirrorcam.workers import run_local
 from optics.camera import Camera
 from optics.files import write_json
@@ -28,7 +28,6 @@ from optics.targets import Charuco, save_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
 from render_scenes.dataset import Dataset
-from render_scenes.frame import render_frame_on_one_core
 from render_scenes.render_set import SetRequest, render_set
 from render_scenes.settings import SENSORS, RenderSettings
 
@@ -117,15 +116,13 @@ def test_a_set_killed_in_the_middle_has_whole_files_and_is_continued(folder: Pat
 def test_the_bytes_do_not_depend_on_the_number_of_workers(
     workers: int, request_of_options: SetRequest, finished: Path, tmp_path: Path
 ) -> None:
-    run = partial(_living, partial(run_local, workers=workers, work=render_frame_on_one_core))
-    render_set(request_of_options, tmp_path / "set", run=run)
+    render_set(request_of_options, tmp_path / "set", run=in_workers(workers))
     assert contents(tmp_path / "set") == contents(finished)
 
 
 def test_the_reference_gives_the_same_bytes_by_workers(request_of_options: SetRequest, tmp_path: Path) -> None:
     request = request_of_options.replaced(frames=2, base_frames=1, settings=RenderSettings(spp=4))
-    run = partial(_living, partial(run_local, workers=2, work=render_frame_on_one_core))
-    render_set(request, tmp_path / "by workers", run=run)
+    render_set(request, tmp_path / "by workers", run=in_workers(2))
     render_set(request, tmp_path / "here")
     assert contents(tmp_path / "by workers") == contents(tmp_path / "here")
 
@@ -139,8 +136,7 @@ def test_a_killed_worker_loses_nothing(request_of_options: SetRequest, finished:
             killed.append(worker.pid)
             worker.kill()
 
-    run = partial(_living, partial(run_local, workers=2, work=render_frame_on_one_core))
-    render_set(request_of_options, tmp_path / "set", run=run, on_frame=kill_one)
+    render_set(request_of_options, tmp_path / "set", run=in_workers(2), on_frame=kill_one)
     assert len(killed) == 1
     assert contents(tmp_path / "set") == contents(finished)
 
@@ -158,15 +154,10 @@ def test_a_frame_that_ends_all_its_workers_is_named(request_of_options: SetReque
 def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], request_of_options: SetRequest, finished: Path, tmp_path: Path
 ) -> None:
-    from mirrorcam.cluster import run_cluster
-    from render_scenes.frame import render_frame_in_turn
-
     address, (_, first, _) = cluster
 
     def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
-        for number, (task, files) in enumerate(
-            _living(partial(run_cluster, address=address, work=render_frame_in_turn), tasks)
-        ):
+        for number, (task, files) in enumerate(on_cluster(address)(tasks)):
             if number == 0:
                 first.send_signal(signal.SIGKILL)
             yield task, files
