@@ -25,8 +25,8 @@ Material = Literal["matte", "glossy", "glass"]
 GLASS_INDEX = 1.5
 TEXELS_PER_MM = 5.0
 MOST_TEXELS = 4096
-SKY = (0.50, 0.52, 0.56)
-LAMP = (75.0, 70.0, 62.0)
+SKY = (0.62, 0.65, 0.70)
+LAMP = (105.0, 98.0, 87.0)
 # Axes of what stands on the desk: x right, y away from the camera, z up. Of pictures: x right, y down, z away.
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
