@@ -194,7 +194,7 @@ def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
         return [mi.load_dict(side), load("disk", lid)]
-    surface = leaves(float(width), thing.seed) if thing.kind == "leaves" else _based(thing)
+    surface = leaves(float(width), thing.seed) if thing.kind == "leaves" else based(thing)
     points = surface.points @ rig_from_thing[:3, :3].T + rig_from_thing[:3, 3]
     shape = mesh(thing.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
@@ -202,12 +202,22 @@ def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
     return [shape]
 
 
-def _based(thing: Thing) -> Triangles:
-    """The mesh of a file, moved so that the middle of its base is the origin."""
+def based(thing: Thing) -> Triangles:
+    """The mesh of a file, moved so that the middle of its base is the origin; InputError where it cannot be read."""
     assert thing.file is not None
     surface = read_mesh(thing.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
     return Triangles(surface.points - [*(low[:2] + high[:2]) / 2.0, low[2]], surface.faces)
+
+
+def check_meshes(layout: Layout, things: tuple[Thing, ...]) -> None:
+    """Raise InputError for a mesh that cannot be read or reaches into the camera."""
+    for thing in things:
+        if thing.kind == "mesh":
+            depths = based(thing).points @ thing.view_from_thing[2, :3] + thing.view_from_thing[2, 3]
+            if depths.min() < nearest_mm(layout):
+                reach = f"reaches to a depth of {depths.min():.0f} mm"
+                raise InputError(f"{thing.file}: {reach}, expected no less than {nearest_mm(layout):.0f}")
 
 
 def _bsdf(thing: Thing) -> dict[str, Any]:

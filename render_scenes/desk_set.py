@@ -27,7 +27,7 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import sha256
-from render_scenes.desk import NamedMesh, Thing, desk, nearest_mm
+from render_scenes.desk import NamedMesh, Thing, check_meshes, desk, nearest_mm
 from render_scenes.llvm import use_variant
 from render_scenes.maps import exr_bytes, pixel_rays
 from render_scenes.meshes import sha256_of
@@ -104,6 +104,7 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
     things = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
+    check_meshes(layout, things)
     views = choose_views(built, default_reference_depth_mm(layout), "common")
     manifest = DeskSet(
         layout_identity=layout.identity,
