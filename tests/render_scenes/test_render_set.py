@@ -16,7 +16,7 @@ from optics.tolerances import Tolerances
 from optics.values import InputError
 from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.render_set import SetRequest, render_set
-from render_scenes.settings import RenderSettings, SensorModel
+from render_scenes.settings import SENSORS, RenderSettings, SensorModel
 from render_scenes.truth import Oracle
 
 FRAMES, BASE = 3, 2
@@ -218,3 +218,78 @@ def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_
     assert dataset.files["frames/0000.jpg"] == sha256(tmp_path / "set" / "frames" / "0000.jpg")
     assert not (tmp_path / "set" / "truth" / "maps").exists()
     assert Layout.load(tmp_path / "set" / "truth" / "layout.json").camera == small_layout.camera
+
+
+MOVING: dict[str, object] = {
+    "frames": 5,
+    "base_frames": 1,
+    "rate_hz": 10.0,
+    "settings": RenderSettings(renderer="fast", sensor=SENSORS["c920"], video="mp4", maps=False),
+}
+
+
+def test_a_video_that_is_interrupted_is_encoded_again_from_the_finished_frames(render: Render, tmp_path: Path) -> None:
+    def interrupt(done: int, total: int) -> None:
+        assert total == 5 + 1 + 5
+        if done == 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render(tmp_path / "set", on_frame=interrupt, **MOVING)
+    before = contents(tmp_path / "set")
+    assert not any(name.endswith(".mp4") for name in before)
+    assert Dataset.load(tmp_path / "set").missing == ("video.mp4",)
+    calls: list[int] = []
+    dataset = render(tmp_path / "set", on_frame=lambda done, total: calls.append(done), **MOVING)
+    assert calls == [6, 7, 8, 9, 10, 11]
+    assert dataset.complete
+    assert dataset.files["video.mp4"] == sha256(tmp_path / "set" / "video.mp4")
+    render(tmp_path / "at once", **MOVING)
+    assert contents(tmp_path / "at once") == contents(tmp_path / "set")
+    calls.clear()
+    render(tmp_path / "set", on_frame=lambda done, total: calls.append(done), **MOVING)
+    assert calls == [11]
+
+
+def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) -> None:
+    slow = render(tmp_path / "set", **(MOVING | {"rate_hz": 100.0}))
+    poses = np.array(json.loads((tmp_path / "set" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"])
+    assert slow.rate_hz == 100.0
+    # 40 ms of a motion of one pose a second, which sets out from rest.
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert 0.0 < steps[0] < steps[-1] < 5.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"rate_hz": None}, "video mp4: its frames are moments of a motion"),
+        ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi: holds the JPEG files"),
+        ({"frames": 1}, "rate_hz: one pose is no motion"),
+    ],
+)
+def test_what_makes_no_video_is_refused(
+    render: Render, tmp_path: Path, changes: dict[str, object], complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        render(tmp_path / "set", **(MOVING | changes))
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.mark.parametrize("sensor", [SENSORS["c920"], SensorModel(h264_crf=20)], ids=["video", "sensor"])
+def test_h264_wants_even_sides(render: Render, small_layout: Layout, tmp_path: Path, sensor: SensorModel) -> None:
+    odd = small_layout.replaced(camera=small_layout.camera.replaced(width_px=479))
+    video = "mp4" if sensor.h264_crf is None else None
+    settings = RenderSettings(renderer="fast", sensor=sensor, video=video)
+    with pytest.raises(InputError, match=r"H\.264: a sensor of 479 x 270 pixels, expected even numbers"):
+        render(tmp_path / "set", **(MOVING | {"layout": odd, "settings": settings}))
+
+
+def test_the_manifest_holds_every_parameter(render: Render, tmp_path: Path) -> None:
+    sensor = SENSORS["poor"].replaced(focus_mm=432.1, exposure=0.7)
+    settings = RenderSettings(renderer="fast", spp=9, paper=0.8, ink=0.04, sensor=sensor, maps=False)
+    render(tmp_path / "set", frames=1, base_frames=0, settings=settings)
+    told = json.loads((tmp_path / "set" / MANIFEST).read_text(encoding="utf-8"))
+    assert told["settings"]["sensor"] == sensor.model_dump()
+    assert set(told["settings"]) == set(RenderSettings.model_fields)
+    assert told["settings"] == settings.model_dump()
