@@ -33,6 +33,7 @@ class Dataset(Value):
     tolerances: Tolerances
     settings: RenderSettings
     rate_hz: float | None = Field(default=None, description="frames in a second of one motion; none: each by itself")
+    parts: str | None = Field(default=None, description="checksum of the parts that stand around the mirrors; or none")
     renderer: str = Field(description="program, version and variant")
     coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
     base_coverage: float = Field(description="the same of the whole sensor in the base frames")

@@ -16,6 +16,7 @@ from optics.files import encoded_image
 from optics.layout import Layout
 from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
+from render_scenes.device import Parts, bodies_around
 from render_scenes.fast import FastScene
 from render_scenes.llvm import use_variant
 from render_scenes.maps import board_maps, exr_bytes, path_lengths, pixel_rays
@@ -38,6 +39,7 @@ class Stage(Value):
     mirrors: bool
     target: Target
     settings: RenderSettings
+    parts: Parts | None = Field(default=None, description="that stand around the mirrors")
     variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
 
 
@@ -64,7 +66,8 @@ class _Set:
         if settings.renderer == "fast":
             self.scene = FastScene(built.camera, mirrors, stage.target, settings, variant=stage.variant)
         else:
-            self.scene = BoardScene(built.camera, mirrors, stage.target, settings, variant=stage.variant)
+            bodies = () if stage.parts is None else bodies_around(stage.parts)
+            self.scene = BoardScene(built.camera, mirrors, stage.target, settings, bodies=bodies, variant=stage.variant)
         self.settings = settings
         self.rays = pixel_rays(built, mirrors=stage.mirrors) if settings.maps else None
         self.coarse = pixel_rays(built, mirrors=stage.mirrors, step=COARSE)

@@ -22,6 +22,7 @@ from optics.targets import Target, save_board
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, sha256
+from render_scenes.device import parts_of
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
@@ -41,6 +42,7 @@ class SetRequest(Value):
 
     `poses` (n, 4, 4), rig_from_board in mm, are those of the frames, in place of planned ones. With `rate_hz`
     frames are moments of one motion, a smooth way through the poses, of which `poses_hz` are passed in a second.
+    `parts` is a folder of what stands around the mirrors (`render_scenes.device.read_bodies`).
     """
 
     layout: Layout
@@ -53,6 +55,7 @@ class SetRequest(Value):
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     poses_hz: float = Field(default=1.0, gt=0)
     rate_hz: float | None = Field(default=None, gt=0)
+    parts: Path | None = None
 
 
 def render_set(
@@ -66,9 +69,12 @@ def render_set(
     board cannot be seen, the tolerances cannot be built, the frames make no such video, or `out` holds another set.
     """
     _check_video(request)
+    if request.parts is not None and request.settings.renderer == "fast":
+        raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
     variant = use_variant()
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    parts = None if request.parts is None else parts_of(request.parts, layout, built)
     plan, moments = _frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
     dataset = Dataset(
@@ -81,6 +87,7 @@ def render_set(
         tolerances=request.tolerances,
         settings=settings,
         rate_hz=request.rate_hz,
+        parts=None if parts is None else parts.checksum,
         renderer=f"{settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
         coverage=tuple(plan.coverage),
         base_coverage=float(base_plan.coverage[0]),
@@ -92,7 +99,14 @@ def render_set(
     dataset = _write_truth(out, dataset, built, plan, base_plan, request.seed)
     tasks = [
         FrameTask(
-            stage=Stage(built=built, mirrors=mirrors, target=request.target, settings=settings, variant=variant),
+            stage=Stage(
+                built=built,
+                mirrors=mirrors,
+                target=request.target,
+                settings=settings,
+                parts=parts if mirrors else None,
+                variant=variant,
+            ),
             name=name,
             map_name=dataset.map_of(name),
             poses=poses,

@@ -1,9 +1,13 @@
 """A calibration board before a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
 
 The board shines by itself, so that no lamp adds noise; mirrors are exactly as the layout cuts them; all else is black.
+Where the parts of a device stand around them, those hide what is behind and scatter the light of the board and of the
+surroundings, which are of one radiance.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +16,8 @@ from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.integrator import SHEET_BRANCHES, Light, integrator, render
+from render_scenes.device import Body, body_shapes
+from render_scenes.integrator import CLEARANCE_MM, SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
 from render_scenes.mirrors import mirror_shapes
 from render_scenes.sensor import sensor
@@ -33,6 +38,7 @@ class BoardScene:
         target: Checkerboard | Charuco,
         settings: RenderSettings,
         *,
+        bodies: Sequence[Body] = (),
         variant: str | None = None,
     ) -> None:
         self.variant = use_variant(variant)
@@ -65,13 +71,22 @@ class BoardScene:
                     for index, mirror in enumerate(mirrors)
                     for face, shape in mirror_shapes(mirror, settings.mirror_reflectance).items()
                 },
+                **body_shapes(bodies),
+                **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
             }
         )
-        self.sensor = sensor(camera)
-        # Whatever stands between the mirrors of a real device hides the scene behind it.
+        # The pupil lies within the camera.
+        own = [float(body.points[:, 2].max()) for body in bodies if body.kind == "camera"]
+        self.sensor = sensor(camera, near_mm=max(own, default=-CLEARANCE_MM) + CLEARANCE_MM)
+        # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
         sheets = any(mirror.surface == "second" for mirror in mirrors)
         self.integrator = integrator(
-            Light(mirrors_only=bool(mirrors), branches=SHEET_BRANCHES if sheets else 1, max_bounces=16 if sheets else 8)
+            Light(
+                mirrors_only=bool(mirrors) and not bodies,
+                branches=SHEET_BRANCHES if sheets else 1,
+                lit=bool(bodies),
+                max_bounces=16 if sheets else 8,
+            )
         )
         self._parameters = mi.traverse(self.scene)
 

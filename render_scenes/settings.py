@@ -79,6 +79,9 @@ class RenderSettings(Value):
     paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
     ink: float = Field(default=0.05, ge=0, description="radiance of its print")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
+    surroundings: float = Field(
+        default=0.25, ge=0, description="radiance of all around, where a device's parts stand in the scene; else none"
+    )
     sensor: SensorModel = SENSORS["c920"]
     maps: bool = Field(default=True, description="write what every pixel truly shows, beside the truth")
     video: VideoName | None = Field(

@@ -102,7 +102,12 @@ class RenderOptions(Value):
     video: Annotated[VideoName | None, tyro.conf.arg(help_behavior_hint="")] = Field(
         default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
     )
-    maps: bool = Field(default=True, description="write what every pixel truly shows as an EXR file for each frame")
+    parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(
+        default=None, description="what `mirrorcam cad` wrote of the layout: its parts hide and scatter light"
+    )
+    maps: bool = Field(
+        default=True, description="write what every pixel truly shows: for each frame an EXR file, 18 MB at 1920 x 1080"
+    )
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
         default=None, ge=1, description="frames at a time on this machine"
     )
@@ -156,6 +161,7 @@ def run(options: RenderOptions) -> int:
         poses=() if given is None else given.poses.tolist(),
         poses_hz=1.0 if given is None else given.poses_hz,
         rate_hz=options.rate_hz,
+        parts=options.parts,
     )
     workers = options.workers or cores()
     run_there = in_workers(workers) if options.scheduler is None else on_cluster(options.scheduler)
