@@ -23,7 +23,7 @@ Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
 Material = Literal["matte", "glossy", "glass"]
 
 GLASS_INDEX = 1.5
-TEXELS_PER_MM = 5.0
+TEXELS_PER_PX = 1.25  # of a texture, where it stands, in the central view
 MOST_TEXELS = 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
@@ -35,7 +35,7 @@ class Thing(Value):
     """Something on the desk: a surface around the origin of its own frame, a rigid motion away from the view axes.
 
     Of `size_mm`, a sphere uses x; a cylinder x and, along its z, z; a rectangle (in its x and y) x and y. The base of a
-    mesh is at its origin. A texture without a name is the plain `colour`.
+    mesh is at its origin. Without a texture, of so many texels a mm, it has the plain `colour`.
     """
 
     name: str
@@ -44,6 +44,7 @@ class Thing(Value):
     view_from_thing: Matrix4
     size_mm: Vector3
     texture: TextureName | None = None
+    texels_per_mm: float = 1.0
     colour: Vector3 = Field(default=(0.6, 0.6, 0.6), validate_default=True)
     seed: int = 0
     file: Path | None = None
@@ -77,12 +78,17 @@ def desk(
         raise InputError(f"depth {depths[0]:g} mm: a thing there would touch the camera, expected {least:.0f} or more")
     random = np.random.default_rng(seed)
     fields = {float(depth): common_bounds(layout, depth) for depth in depths}
+    centre_mm = layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2]
+
+    def fine(depth_mm: float) -> float:
+        return float(TEXELS_PER_PX * layout.camera.fx_px / (depth_mm - centre_mm))
+
     near, wall = float(depths[0]), 1.2 * float(depths[-1])
     top_mm = fields[near][1, 1] - 0.06 * np.ptp(fields[near], axis=0)[1]
 
     def stand(
         name: str, kind: Kind, material: Material, *, rank: float, x: float, size: tuple[float, float, float],
-        turn_deg: float = 0.0, lean_deg: float = 0.0, up: float = 0.0, **more: Any,
+        turn_deg: float = 0.0, lean_deg: float = 0.0, up: float = 0.0, detail: float = 1.0, **more: Any,
     ) -> Thing:  # fmt: skip
         """At the depth of a rank in [0, 1], at x of half the field, `size` and `up` in widths of the field."""
         depth = float(depths[round(rank * (len(depths) - 1))])
@@ -100,6 +106,7 @@ def desk(
         view_from_thing[:3, :3] = _about_y(turn_deg) @ _about_x(-lean_deg) @ upright
         view_from_thing[:3, 3] = at
         drawn = {"seed": int(random.integers(2**31)), "colour": random.uniform(0.15, 0.75, 3)}
+        drawn["texels_per_mm"] = detail * fine(depth)
         return Thing(
             name=name, kind=kind, material=material, view_from_thing=view_from_thing, size_mm=size_mm, **(drawn | more)
         )
@@ -119,6 +126,7 @@ def desk(
             view_from_thing=back,
             size_mm=(wide, high_mm, 0.0),
             texture="poster",
+            texels_per_mm=fine(wall),
             seed=int(seeds[0]),
             **flat,
         ),
@@ -127,6 +135,7 @@ def desk(
             view_from_thing=board,
             size_mm=(wide, wall - front, 0.0),
             texture="wood",
+            texels_per_mm=fine(near),
             seed=int(seeds[1]),
             **flat,
         ),
@@ -134,8 +143,8 @@ def desk(
         stand("glass ball", "sphere", "glass", rank=0.0, x=0.04, size=(0.16, 0.16, 0.16)),
         stand("glossy ball", "sphere", "glossy", rank=0.3, x=-0.32, size=(0.17, 0.17, 0.17)),
         stand("page", "rectangle", "matte", rank=0.5, x=0.72, size=(0.3, 0.4, 0.0), turn_deg=-18.0, lean_deg=12.0,
-              texture="page"),
-        stand("tin", "cylinder", "matte", rank=0.6, x=-0.62, size=(0.17, 0.17, 0.3), texture="label"),
+              detail=3.0, texture="page"),
+        stand("tin", "cylinder", "matte", rank=0.6, x=-0.62, size=(0.17, 0.17, 0.3), detail=2.0, texture="label"),
         stand("box", "box", "matte", rank=1.0, x=-0.04, size=(0.22, 0.1, 0.3), turn_deg=28.0, texture="cover"),
         stand("globe", "sphere", "matte", rank=1.0, x=0.34, size=(0.2, 0.2, 0.2), turn_deg=90.0, texture="globe"),
     ]  # fmt: skip
@@ -239,7 +248,7 @@ def _reflectance(thing: Thing) -> dict[str, Any]:
     width, depth, height = thing.size_mm
     around = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
     flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
-    size_px = tuple(int(np.clip(TEXELS_PER_MM * side, 64, MOST_TEXELS)) for side in (around | flat)[thing.kind])
+    size_px = tuple(int(np.clip(thing.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[thing.kind])
     picture = texture(thing.texture, (size_px[0], size_px[1]), thing.seed)
     if thing.kind == "cylinder":
         # Its second coordinate grows towards its top.

@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Literal, Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -25,7 +25,7 @@ from optics.layout import Layout
 from optics.light_field.decode import choose_views, default_reference_depth_mm
 from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
-from optics.values import FloatArray, InputError, Value
+from optics.values import InputError, Value
 from render_scenes.dataset import sha256
 from render_scenes.desk import NamedMesh, Thing, check_meshes, desk, nearest_mm
 from render_scenes.llvm import use_variant
@@ -36,6 +36,7 @@ from render_scenes.room import NOTHING, Room, pinhole_rays
 from render_scenes.settings import SENSORS, SensorModel
 
 MANIFEST = "scene.json"
+MAPS = "truth/maps/frames/0000.exr"
 # What a pixel of a mask says: nothing was met, or something that is ... and whose depth is that of its surface.
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 # Streams of random numbers, each independent of how much the others draw.
@@ -105,7 +106,7 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
     things = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
     check_meshes(layout, things)
-    views = choose_views(built, default_reference_depth_mm(layout), "common")
+    views = _views(built, default_reference_depth_mm(layout))
     manifest = DeskSet(
         layout_identity=layout.identity,
         depths_mm=depths,
@@ -128,9 +129,11 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     report = on_picture or (lambda done, total: None)
     report(0, 1 + len(grid))
     room = Room(built, things, request.mirror_reflectance, variant)
-    if manifest.frame_name not in manifest.files:
-        write_bytes(out / manifest.frame_name, _frame(room, request))
-        manifest = _recorded(out, manifest, manifest.frame_name)
+    if not {manifest.frame_name, MAPS} <= manifest.files.keys():
+        picture, maps = _frame(room, request)
+        write_bytes(out / MAPS, maps)
+        write_bytes(out / manifest.frame_name, picture)
+        manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
     report(1, 1 + len(grid))
     classes = np.array([*(MASK[thing.material] for thing in things), MASK["nothing"]], dtype=np.uint8)
     for number, (t, s) in enumerate(grid):
@@ -158,26 +161,27 @@ def _random(*key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(key))
 
 
-def _frame(room: Room, request: DeskRequest) -> bytes:
-    """The file of what the camera photographs."""
+def _views(built: Layout, reference_depth_mm: float) -> Views:
+    """The grid that decoding with the layout as built uses; sheets coated behind are seen as what they look like."""
+    seen = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
+    return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
+
+
+def _frame(room: Room, request: DeskRequest) -> tuple[bytes, bytes]:
+    """The file of what the camera photographs, and the maps of what its pixels show."""
+    layout = room.layout
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     radiance = room.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
-    path_mm = _path_mm(room) if request.sensor.aperture_mm > 0 else None
-    picture = photograph(
-        radiance, _SUBPIXELS, room.layout.camera, request.sensor, _random(request.seed, _NOISE), path_mm
-    )
+    rays = pixel_rays(layout, mirrors=True)
+    hits = room.hits(rays.start, rays.way)
+    path = np.where(hits.thing == NOTHING, np.nan, rays.before_mm + hits.way_mm)
+    noise = _random(request.seed, _NOISE)
+    picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise, path)
+    depth = np.where(hits.thing == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
+    maps = {"mirror": rays.mirror, "thing": hits.thing + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality
-    return encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
-
-
-def _path_mm(room: Room) -> FloatArray:
-    """How far (h, w) light has come to each pixel by way of the mirrors; NaN where it comes from nowhere."""
-    # Twice as coarse as the sensor: where the lens is out of focus, nothing is as sharp.
-    rays = pixel_rays(room.layout, mirrors=True, step=2)
-    path = rays.before_mm + room.hits(rays.start, rays.way).way_mm
-    size = room.layout.camera.width_px, room.layout.camera.height_px
-    path = np.asarray(cv2.resize(path, size, interpolation=cv2.INTER_NEAREST))
-    return np.where(np.isfinite(path), path, np.nan)
+    encoded = encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
+    return encoded, exr_bytes(maps, {"layout": layout.identity, "units": "mm"})
 
 
 def _true_view(

@@ -13,6 +13,7 @@ from optics.layout import Layout
 from optics.light_field.light_field import Views
 from optics.values import FloatArray, InputError
 from render_scenes.desk import Thing, lights, shapes_of
+from render_scenes.integrator import CLEARANCE_MM
 from render_scenes.lit import render_lit
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.mirrors import mirror_shapes
@@ -85,14 +86,16 @@ class Room:
         import mitsuba as mi
 
         known = np.isfinite(start).all(axis=-1) & np.isfinite(way).all(axis=-1)
-        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (start, way)))
+        # Off the mirrors that they leave, along their own way.
+        leaves = start + CLEARANCE_MM * way
+        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, way)))
         hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
         thing = mi.Int32(NOTHING)
         for shape, index in self._owners:
             thing = dr.select(hit.shape == mi.ShapePtr(shape), index, thing)
         way_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
         found = np.where(known, np.array(thing).reshape(known.shape), NOTHING)
-        met = np.where(found == NOTHING, np.inf, way_mm)
+        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + way_mm)
         with np.errstate(invalid="ignore"):
             points = start + met[..., None] * way
         return Hits(points, met, found)

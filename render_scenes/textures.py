@@ -86,16 +86,16 @@ def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
 
 def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
     sheet, ink = np.full((height, width, 3), 0.85), np.zeros((height, width), dtype=np.uint8)
-    margin, line = width // 12, max(height // 26, 9)
+    margin, line = width // 12, max(height // 20, 9)
     row = margin + line
     _write(ink, " ".join(random.choice(_WORDS, 3)), (margin, row), 1.3 * line)
     row += 2 * line
     while row < height - margin:
         if 0.5 * height < row < 0.5 * height + line:
-            tall = min(6 * line, height - margin - row)
+            tall = min(5 * line, height - margin - row)
             sheet[row : row + tall, margin : width - margin] = _poster(tall, width - 2 * margin, random)
             row += tall + line
-        _write(ink, " ".join(random.choice(_WORDS, 14)), (margin, row), 0.75 * line)
+        _write(ink, " ".join(random.choice(_WORDS, 10)), (margin, row), 0.62 * line)
         row += line
     ink[:, width - margin :] = 0
     fibres = 0.02 * grain(height, width, random, cell=(8.0, 8.0), fall=1.0)[..., None]

@@ -19,7 +19,7 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
 from render_scenes.desk import NamedMesh
-from render_scenes.desk_set import MANIFEST, MASK, DeskRequest, DeskSet, default_depths_mm, render_desk
+from render_scenes.desk_set import MANIFEST, MAPS, MASK, DeskRequest, DeskSet, default_depths_mm, render_desk
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.settings import SENSORS
 
@@ -66,7 +66,7 @@ def views(built: Layout) -> Views:
 def test_a_set_holds_what_was_promised(finished: Path, asked: DeskRequest) -> None:
     manifest = DeskSet.load(finished)
     truths = {f"truth/{kind}/{t}_{s}{end}" for kind, end in KINDS.items() for t in range(3) for s in range(3)}
-    known = {"frames/0000.png", "layout.json", "truth/layout.json", "truth/things.json"}
+    known = {MAPS, "frames/0000.png", "layout.json", "truth/layout.json", "truth/things.json"}
     assert set(contents(finished)) == truths | known | {MANIFEST}
     assert set(manifest.files) == truths | known
     assert manifest.depths_mm == pytest.approx((300.0, 375.0, 500.0))
@@ -206,6 +206,31 @@ def test_disparity_moves_things_from_view_to_view(finished: Path, views: Views) 
     assert (disparity["s"][nearer] > 0).all()
     assert (disparity["s"][~nearer] <= 0).all()
     assert np.abs(disparity["s"]).max() > 3.0
+
+
+def test_pixels_of_the_frame_are_told_as_the_views_see_them(finished: Path, built: Layout, views: Views) -> None:
+    maps = exr(finished / MAPS)
+    assert {name: values.shape for name, values in maps.items()} == dict.fromkeys(
+        ("mirror", "thing", "depth", "path"), (270, 480)
+    )
+    depth = exr(finished / "truth/depth/1_1.exr")["depth"]
+    centre, ways = rays_of(views, 1, 1)
+    points = (centre + ways * ((depth - centre[2]) / ways[..., 2])[..., None]) @ built.view_from_rig
+    # Where a pixel of the central view is seen by the camera: its mirror, its depth, and the way of its light.
+    at = built.project(points, 4)
+    u, v = np.clip(np.rint(at), 0, [479, 269]).astype(int).reshape(-1, 2).T
+    flat = depth.ravel()
+    # Away from edges, where half a pixel is another thing.
+    shown = Decoder(built).weights[1, 1].ravel() > 0
+    assert (maps["mirror"][v, u][shown] == 4.0).all()
+    plain = shown & (np.abs(maps["depth"][v, u] - flat) < 5.0)
+    assert plain.sum() > 0.9 * shown.sum()
+    assert np.median(np.abs(maps["depth"][v, u] - flat)[plain]) < 0.3
+    way = np.linalg.norm(built.mirrors[4].reflect(points.reshape(-1, 3)), axis=-1)
+    assert np.median(np.abs(maps["path"][v, u] - way)[plain]) < 0.5
+    assert (maps["mirror"] == -1.0).any()
+    assert np.isnan(maps["depth"][maps["mirror"] == -1.0]).all()
+    assert (maps["thing"][maps["mirror"] == -1.0] == 0.0).all()
 
 
 def test_truth_says_what_it_is_of(finished: Path, built: Layout) -> None:
