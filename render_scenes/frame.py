@@ -19,8 +19,8 @@ from optics.values import FloatArray, Shaped, Value
 from render_scenes.device import Parts, bodies_around
 from render_scenes.fast import FastScene
 from render_scenes.llvm import use_variant
-from render_scenes.maps import board_maps, exr_bytes, path_lengths, pixel_rays
-from render_scenes.motion import pose_at
+from render_scenes.maps import CHANNELS, PixelRays, board_maps, exr_bytes, path_lengths, pixel_rays
+from render_scenes.motion import poses_at
 from render_scenes.photograph import photograph
 from render_scenes.scene import BoardScene
 from render_scenes.settings import RenderSettings
@@ -84,9 +84,11 @@ class _Set:
             return self.scene.render(spp=spp, subpixels=cut, seed=seed)
         camera = self.scene.camera
         strips = []
-        for row in range(0, camera.height_px, STRIP_PX):
-            height = min(STRIP_PX, camera.height_px - row)
-            self.scene.place_board(pose_at(poses, (row + (height - 1) / 2.0) / (camera.height_px - 1)))
+        rows = np.arange(0, camera.height_px, STRIP_PX)
+        heights = np.minimum(STRIP_PX, camera.height_px - rows)
+        meanwhile = poses_at(poses, (rows + (heights - 1) / 2.0) / (camera.height_px - 1))
+        for row, height, pose in zip(rows.tolist(), heights.tolist(), meanwhile, strict=True):
+            self.scene.place_board(pose)
             window = (0, row, camera.width_px, height)
             strips.append(self.scene.render(spp=spp, subpixels=cut, seed=seed, crop=window))
         return np.concatenate(strips)
@@ -116,11 +118,25 @@ def render_frame(task_json: str) -> dict[str, bytes]:
     )
     files = {task.name: _compressed(picture, settings)}
     if task.map_name is not None and made.rays is not None:
-        maps = board_maps(made.rays, stage.target, halfway)
-        header = {"rig_from_board": json.dumps(halfway.tolist()), "layout": stage.built.identity, "units": "mm"}
+        maps = _maps(made.rays, stage.target, task.poses)
+        header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": stage.built.identity, "units": "mm"}
         header |= {"target": stage.target.model_dump_json(), "settings": settings.model_dump_json()}
         files[task.map_name] = exr_bytes(maps, header)
     return files
+
+
+def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, FloatArray]:
+    """What pixels show of a board along poses (1 or 3, 4, 4): each row when it is read."""
+    if len(poses) == 1:
+        return board_maps(rays, target, poses[0])
+    fields = (rays.mirror, rays.start, rays.way, rays.before_mm)
+    count = len(rays.mirror)
+    meanwhile = poses_at(poses, np.arange(count) / (count - 1))
+    rows = [
+        board_maps(PixelRays(*(field[row : row + 1] for field in fields)), target, pose)
+        for row, pose in enumerate(meanwhile)
+    ]
+    return {name: np.concatenate([row[name] for row in rows]) for name in CHANNELS}
 
 
 def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:

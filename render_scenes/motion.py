@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from optics.values import FloatArray
 
@@ -25,10 +25,17 @@ def along(keys: FloatArray, times: FloatArray) -> FloatArray:
     return poses
 
 
-def pose_at(poses: FloatArray, part: float) -> FloatArray:
-    """The pose (4, 4) after a part (0 to 1) of the readout, of poses (3, 4, 4) at its begin, middle and end."""
-    times = [0.0, 0.5, 1.0]
-    pose = np.eye(4)
-    pose[:3, :3] = Slerp(times, Rotation.from_matrix(poses[:, :3, :3]))(part).as_matrix()
-    pose[:3, 3] = [np.interp(part, times, poses[:, axis, 3]) for axis in range(3)]
-    return pose
+def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
+    """The poses (n, 4, 4) after parts (n,), 0 to 1, of the readout, of poses (3, 4, 4) at its begin, middle and end.
+
+    Positions, and the turn away from the middle as a vector, follow parabolas: the acceleration within a readout is
+    taken as constant.
+    """
+    middle = Rotation.from_matrix(poses[1, :3, :3])
+    turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
+    begin, end = (2.0 * parts - 1.0) * (parts - 1.0), parts * (2.0 * parts - 1.0)
+    weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
+    found = np.tile(np.eye(4), (len(parts), 1, 1))
+    found[:, :3, :3] = (middle * Rotation.from_rotvec(weights @ turns)).as_matrix()
+    found[:, :3, 3] = weights @ poses[:, :3, 3]
+    return found

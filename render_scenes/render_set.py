@@ -96,7 +96,7 @@ def render_set(
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
-    dataset = _write_truth(out, dataset, built, plan, base_plan, request.seed)
+    dataset = _write_truth(out, dataset, built, moments, base_plan, request.seed)
     tasks = [
         FrameTask(
             stage=Stage(
@@ -185,9 +185,10 @@ def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
         seconds = (count - 1) / request.rate_hz
         keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
     half_s = request.settings.sensor.readout_ms / 2000.0
-    times = np.arange(count)[:, None] / request.rate_hz + [-half_s, 0.0, half_s]
-    moments = along(keys, times.ravel() * request.poses_hz).reshape(count, 3, 4, 4)
-    return plan_of(layout, target, moments[:, 1]), moments
+    around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
+    times = np.arange(count)[:, None] / request.rate_hz + around
+    moments = along(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
+    return plan_of(layout, target, moments[:, len(around) // 2]), moments
 
 
 def _digest(dataset: Dataset, built: Layout, plan: Plan, base_plan: Plan, seed: int) -> str:
@@ -240,17 +241,22 @@ def _write_truth(
     out: Path,
     dataset: Dataset,
     built: Layout,
-    plan: Plan,
+    moments: FloatArray,
     base_plan: Plan,
     seed: int,
 ) -> Dataset:
     """What only a validation may read."""
+    names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
+    halfway = moments[:, moments.shape[1] // 2]
     truth = out / "truth"
     oracle = Oracle(built, dataset.target)
-    frames_px, frames_visible = oracle.all_by_mirrors(list(plan.poses))
+    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
     base_px, base_visible = oracle.all_direct(list(base_plan.poses))
     built.save(truth / "layout.json")
-    write_json(truth / "poses.json", {"frames": plan.poses.tolist(), "base": base_plan.poses.tolist()})
+    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
+    if moments.shape[1] == 3:
+        write_json(truth / "readout.json", {"poses": moments.tolist()})
+        names.append("readout.json")
     write_json(truth / "seed.json", {"seed": seed})
     with atomic(truth / "corners.npz") as temporary:
         np.savez_compressed(
@@ -260,4 +266,4 @@ def _write_truth(
             base_px=base_px,
             base_visible=base_visible,
         )
-    return _recorded(out, dataset, *(f"truth/{n}" for n in ("layout.json", "poses.json", "seed.json", "corners.npz")))
+    return _recorded(out, dataset, *(f"truth/{name}" for name in names))

@@ -18,8 +18,10 @@ from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
 from render_scenes.maps import reflected
+from render_scenes.motion import poses_at
 
 BoolArray = NDArray[np.bool_]
+READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by
 VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
 
 
@@ -87,16 +89,43 @@ class Oracle:
         px = np.empty((len(self.layout.mirrors), len(points), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
-            px[index] = self.layout.camera.project(mirror.image_of(points))
-            seen = _on_sensor(self.layout.camera, px[index])
-            seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
-            seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px[index], nan=-1e9).T)
-            if mirror.surface == "second":
-                seen[seen] = _through(self.layout.camera, mirror, px[index][seen])
-            seen &= _faces(mirror.virtual_centre_in_rig_mm, rig_from_board)
-            seen[seen] = _clear_of(self.layout, index, points[seen])
-            visible[index] = seen
+            px[index] = self._image(index, points)
+            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, rig_from_board) & self._seen(
+                index, points, px[index]
+            )
         return px, visible
+
+    def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """`by_mirrors` where a rolling shutter reads row after row: poses (3, 4, 4) as of `render_scenes.motion`.
+
+        Every corner is where the board is when the row of its own picture is read.
+        """
+        corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
+        px = np.empty((len(self.layout.mirrors), len(corners), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for index, mirror in enumerate(self.layout.mirrors):
+            px[index] = self._image(index, transform(poses[1], self.target.corners_in_board_mm))
+            for _ in range(READOUT_STEPS):
+                parts = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
+                points = (poses_at(poses, np.clip(parts, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
+                px[index] = self._image(index, points)
+            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, poses[1]) & self._seen(index, points, px[index])
+        return px, visible
+
+    def _image(self, index: int, points: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3) in rig by way of a mirror; NaN without an image."""
+        return np.asarray(self.layout.camera.project(self.layout.mirrors[index].image_of(points)))
+
+    def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Whether nothing but its turned side hides what lies at points (n, 3) in rig and is shown at pixels (n, 2)."""
+        mirror = self.layout.mirrors[index]
+        seen = _on_sensor(self.layout.camera, px)
+        seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
+        seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
+        if mirror.surface == "second":
+            seen[seen] = _through(self.layout.camera, mirror, px[seen])
+        seen[seen] = _clear_of(self.layout, index, points[seen])
+        return seen
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""
@@ -104,13 +133,16 @@ class Oracle:
         px = self.layout.camera.project(points)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
 
-    def all_by_mirrors(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` for poses, stacked: (poses, mirrors, corners, 2) and (poses, mirrors, corners)."""
+    def all_by_mirrors(self, moments: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """`by_mirrors` or `while_read` for frames of 1 or 3 poses (1 or 3, 4, 4), stacked.
+
+        Shapes (frames, mirrors, corners, 2) and (frames, mirrors, corners).
+        """
         corners = len(self.target.corners_in_board_mm)
-        px = np.empty((len(poses), len(self.layout.mirrors), corners, 2))
+        px = np.empty((len(moments), len(self.layout.mirrors), corners, 2))
         visible = np.empty(px.shape[:3], dtype=np.bool_)
-        for frame, pose in enumerate(poses):
-            px[frame], visible[frame] = self.by_mirrors(pose)
+        for frame, poses in enumerate(moments):
+            px[frame], visible[frame] = self.while_read(poses) if len(poses) == 3 else self.by_mirrors(poses[0])
         return px, visible
 
     def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:

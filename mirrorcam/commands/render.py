@@ -86,7 +86,7 @@ class RenderOptions(Value):
     sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
         default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
     )
-    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hobbyist)")] = Field(
+    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(built by hand)")] = Field(
         default="",
         description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
     )
@@ -99,7 +99,7 @@ class RenderOptions(Value):
     rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
         default=None, gt=0, description="frames in a second of one smooth motion through the poses"
     )
-    video: Annotated[VideoName | None, tyro.conf.arg(help_behavior_hint="")] = Field(
+    video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
         default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
     )
     parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(

@@ -11,15 +11,18 @@ import numpy as np
 import OpenEXR
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
+from render_scenes.fast import FastScene
 from render_scenes.frame import FrameTask, Stage, render_frame, render_frame_in_turn, render_frame_on_one_core
 from render_scenes.poses import plan_frames
 from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
 from render_scenes.truth import Oracle
+from tests.render_scenes.corners import MARGIN_PX, TARGET, locate, photographed, tilted_board, windows
 
 PLAIN = SensorModel(read_noise_grey=0.0)
 RENDERERS: list[RendererName] = ["fast", "mitsuba"]
@@ -54,7 +57,7 @@ def test_a_frame_is_a_picture_and_its_maps(small_layout: Layout, small_board: Ch
     with OpenEXR.File(str(tmp_path / "maps.exr"), separate_channels=True) as file:
         header = dict(file.header())
         channels = {name: channel.pixels.copy() for name, channel in file.channels().items()}
-    assert np.array(json.loads(header["rig_from_board"])).tolist() == task.poses[0].tolist()
+    assert np.array(json.loads(header["rig_from_board"])).tolist() == task.poses.tolist()
     assert header["layout"] == small_layout.identity
     assert RenderSettings.model_validate_json(header["settings"]) == task.stage.settings
     # At its corners the board is where the maps say.
@@ -176,3 +179,66 @@ def test_a_rolling_shutter_stretches_what_moves_along_with_it(renderer: Renderer
     assert len(expected) >= 4
     # The reference takes eight rows at a moment.
     assert np.abs(nearest - expected).max() < (0.1 if renderer == "fast" else 4.0 * (stretch - 1.0) + 0.1)
+
+
+def moved_while_read(pose: FloatArray) -> FloatArray:
+    """Three poses (3, 4, 4) around one: 12 mm and 2 degrees from the first row to the last, and not evenly."""
+    poses = np.array([pose] * 3)
+    poses[:, :3, 3] += np.outer([-1.0, 0.1, 1.0], [4.0, 3.0, -4.0])
+    turn = Rotation.from_rotvec([0.006, -0.012, 0.01]).as_matrix()
+    poses[0, :3, :3] = pose[:3, :3] @ turn.T
+    poses[2, :3, :3] = pose[:3, :3] @ turn
+    return poses
+
+
+def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layout) -> None:
+    poses = moved_while_read(tilted_board(default_layout))
+    scene = FastScene(default_layout.camera, default_layout.mirrors, TARGET, RenderSettings(renderer="fast"))
+    scene.place_board(*poses)
+    light = scene.render()
+    oracle = Oracle(default_layout, TARGET)
+    (px, visible), (still, _) = oracle.while_read(poses), oracle.by_mirrors(poses[1])
+    steps = []
+    for axis in (0, 1):
+        moved = np.eye(4)
+        moved[axis, 3] = 0.1
+        steps.append(oracle.while_read(poses @ moved)[0] - px)
+    errors, moves = [], []
+    for mirror in (0, 4, 8):
+        x, y, width, height = windows(default_layout)[mirror]
+        picture = photographed(light[2 * y : 2 * (y + height), 2 * x : 2 * (x + width)], 2)
+        for corner in np.flatnonzero(visible[mirror]):
+            expected = px[mirror, corner] - [x, y]
+            if (expected < MARGIN_PX).any() or (expected > np.array([width, height]) - MARGIN_PX).any():
+                continue
+            dark_first = sum(divmod(int(corner), TARGET.cols - 1)) % 2 == 0
+            tangents = np.stack([step[mirror, corner] for step in steps])
+            errors.append(locate(picture, expected, tangents, dark_first) - expected)
+            moves.append(px[mirror, corner] - still[mirror, corner])
+    assert len(errors) > 20
+    assert np.abs(moves).max() > 5.0
+    assert np.abs(errors).max() < 0.02
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_maps_tell_what_each_row_shows_when_it_is_read(
+    renderer: RendererName, small_layout: Layout, small_board: Charuco, tmp_path: Path
+) -> None:
+    task = task_of(small_layout, small_board, PLAIN, renderer=renderer, spp=4)
+    poses = moved_while_read(task.poses[0])
+    moving = render_frame(task.replaced(poses=poses).model_dump_json())
+    (tmp_path / "maps.exr").write_bytes(moving["truth/maps/frames/0000.exr"])
+    with OpenEXR.File(str(tmp_path / "maps.exr"), separate_channels=True) as file:
+        x, y = (file.channels()[name].pixels.copy() for name in ("board.x", "board.y"))
+    # Well inside what a mirror shows: at its edge the lens blurs the dark beside it in.
+    inside = cv2.erode((np.isfinite(x) & np.isfinite(y)).astype(np.uint8), np.ones((7, 7))).astype(bool)
+    # Black and white, as the print at these places is, and as the picture shows away from edges.
+    texels = 8
+    print_px = np.pad(small_board.image(texels * 12), texels * 12, constant_values=255)
+    per_mm = texels * 12 / small_board.square_mm
+    at = [np.clip(((v[inside] + small_board.square_mm) * per_mm).astype(int), 0, None) for v in (y, x)]
+    soft = cv2.blur(print_px, (texels * 8, texels * 8))[np.minimum(at[0], len(print_px) - 1), at[1]]
+    picture = picture_of(moving)[inside]
+    assert (soft < 5).sum() > 300
+    assert picture[soft < 5].max() < 60
+    assert picture[soft > 250].min() > 150

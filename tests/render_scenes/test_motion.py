@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optics.values import FloatArray
-from render_scenes.motion import along, pose_at
+from render_scenes.motion import along, poses_at
 
 
 def poses(count: int, seed: int = 0) -> FloatArray:
@@ -54,10 +54,32 @@ def test_between_two_poses_it_goes_straight_and_turns_about_one_axis() -> None:
     assert np.abs(np.cross(turns, axis)).max() < 1e-9
 
 
-def test_a_readout_sees_the_pose_of_its_moment() -> None:
+def test_a_readout_passes_its_three_poses_and_is_rigid_between_them() -> None:
     keys = poses(3, seed=5)
-    np.testing.assert_allclose([pose_at(keys, part) for part in (0.0, 0.5, 1.0)], keys, atol=1e-12)
-    quarter = pose_at(keys, 0.25)
-    np.testing.assert_allclose(quarter[:3, 3], keys[:2, :3, 3].mean(axis=0))
-    halves = [(Rotation.from_matrix(keys[k, :3, :3]).inv() * Rotation.from_matrix(quarter[:3, :3])) for k in (0, 1)]
-    assert halves[0].magnitude() == pytest.approx(halves[1].magnitude())
+    np.testing.assert_allclose(poses_at(keys, np.array([0.0, 0.5, 1.0])), keys, atol=1e-12)
+    turns = poses_at(keys, np.linspace(0.0, 1.0, 50))[:, :3, :3]
+    np.testing.assert_allclose(turns @ np.swapaxes(turns, 1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
+
+
+def test_a_readout_is_as_good_as_the_motion_it_is_part_of() -> None:
+    # A webcam's 30 ms of a motion of two poses a second: what constant acceleration leaves is of the third order.
+    keys = poses(4, seed=7)
+    keys[:, :3, 3] *= 0.5
+    middle, half = 1.37, 0.015 * 2.0
+    parts = np.linspace(0.0, 1.0, 21)
+    true = along(keys, middle + (2.0 * parts - 1.0) * half)
+    found = poses_at(along(keys, middle + np.array([-half, 0.0, half])), parts)
+    assert np.abs(found - true)[:, :3, 3].max() < 5e-3
+    assert np.abs(found - true)[:, :3, :3].max() < 5e-5
+    # And not trivially so: the board moves by millimetres meanwhile.
+    assert np.linalg.norm(true[-1, :3, 3] - true[0, :3, 3]) > 3.0
+
+
+def test_constant_speed_and_spin_are_kept() -> None:
+    keys = np.tile(np.eye(4), (3, 1, 1))
+    keys[:, :3, 3] = np.outer([-1.0, 0.0, 1.0], [3.0, -2.0, 5.0])
+    keys[:, :3, 3] += [10.0, 20.0, 400.0]
+    keys[:, :3, :3] = Rotation.from_rotvec(np.outer([-1.0, 0.0, 1.0], [0.05, 0.1, -0.02])).as_matrix()
+    quarter = poses_at(keys, np.array([0.25]))[0]
+    np.testing.assert_allclose(quarter[:3, 3], [8.5, 21.0, 397.5])
+    np.testing.assert_allclose(Rotation.from_matrix(quarter[:3, :3]).as_rotvec(), [-0.025, -0.05, 0.01], atol=1e-12)
