@@ -115,6 +115,17 @@ def test_glass_under_an_even_sky_cannot_be_seen() -> None:
     assert np.abs(light - SKY).max() < 1e-4
 
 
+def test_a_plate_of_glass_lets_through_what_its_two_faces_leave() -> None:
+    plate = {"type": "cube", "to_world": scaled(50.0), "bsdf": {"type": "dielectric", "int_ior": 2.4, "ext_ior": 1.0}}
+    import mitsuba as mi
+
+    below = mi.ScalarTransform4f().translate([0.0, 0.0, -2.0]) @ scaled(500.0)
+    light = {"type": "rectangle", "to_world": below, "emitter": {"type": "area", "radiance": rgb([1.0] * 3)}}
+    found = rendered({"plate": plate, "light": light}, spp=256).mean()
+    lost = (1.4 / 3.4) ** 2  # by a face, square on; light goes to and fro between the two
+    assert found == pytest.approx((1.0 - lost) / (1.0 + lost), rel=0.01)
+
+
 def test_a_mirror_shows_the_lamp_and_takes_its_part() -> None:
     import mitsuba as mi
 
