@@ -88,7 +88,10 @@ def command(options: str, **settings: object) -> subprocess.Popen[str]:
     )
 
 
-def test_a_set_killed_in_the_middle_has_whole_files_and_is_continued(folder: Path, finished: Path) -> None:
+@pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
+def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
+    ending: signal.Signals, code: int, folder: Path, finished: Path
+) -> None:
     whole = contents(finished)
     with command(f"{OPTIONS} --workers 2") as running:
         until = time.monotonic() + 60
@@ -96,7 +99,10 @@ def test_a_set_killed_in_the_middle_has_whole_files_and_is_continued(folder: Pat
             assert running.poll() is None, running.communicate()
             assert time.monotonic() < until
             time.sleep(0.005)
-        running.kill()
+        running.send_signal(ending)
+        _, complaint = running.communicate(timeout=60)
+    assert running.returncode == code
+    assert complaint == ("mirrorcam: interrupted; finished files are whole\n" if code == 130 else "")
     kept = {name: content for name, content in contents(folder / "set").items() if "/." not in f"/{name}"}
     pictures = [name for name in kept if name.endswith(".jpg")]
     assert 1 <= len(pictures) < 8
@@ -141,12 +147,12 @@ def test_a_killed_worker_loses_nothing(request_of_options: SetRequest, finished:
     assert contents(tmp_path / "set") == contents(finished)
 
 
-def ending(task_json: str) -> dict[str, bytes]:
+def leaving(task_json: str) -> dict[str, bytes]:
     os._exit(3)
 
 
 def test_a_frame_that_ends_all_its_workers_is_named(request_of_options: SetRequest, tmp_path: Path) -> None:
-    run = partial(_living, partial(run_local, workers=1, work=ending))
+    run = partial(_living, partial(run_local, workers=1, work=leaving))
     with pytest.raises(InputError, match=r"frame frames/0000\.jpg: 3 workers died of it, the last with exit code 3"):
         render_set(request_of_options, tmp_path / "set", run=run)
 
@@ -165,6 +171,17 @@ def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
     render_set(request_of_options, tmp_path / "set", run=with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
     assert contents(tmp_path / "set") == contents(finished)
+
+
+def test_where_no_scheduler_answers_it_is_said_in_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
+    monkeypatch.setattr("mirrorcam.cluster.SECONDS_TO_CONNECT", 0.5)
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: ")
+    assert said.count("\n") == 1
 
 
 def test_it_says_what_the_frames_cover(folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
