@@ -8,6 +8,7 @@ for the two by two texels that it meets. No light bounces twice, and nothing but
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 from render_scenes.arithmetic import Arithmetic, Compiled, Plain
+from render_scenes.finish import MirrorFinish, even
 from render_scenes.lanes import Lanes, View, lanes_of, views_of
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.settings import RenderSettings
@@ -86,6 +88,8 @@ def pyramid_of(radiance: FloatArray) -> Pyramid:
 class FastScene:
     """A board that can be moved, seen by a camera by way of flat mirrors (or, without any, directly).
 
+    Of `finishes` only how bright the mirrors are is shown; without them, all alike.
+
     Moving the board costs no compilation. Where neither a GPU nor an LLVM compiles, NumPy computes the same.
     """
 
@@ -96,6 +100,7 @@ class FastScene:
         target: Checkerboard | Charuco,
         settings: RenderSettings,
         *,
+        finishes: Sequence[MirrorFinish] = (),
         variant: str | None = None,
     ) -> None:
         self.variant = use_variant(variant)
@@ -105,7 +110,7 @@ class FastScene:
         self._texels = self._xp.held(self._pyramid.texels)
         self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
         self._views = views_of(mirrors)
-        reflectances = np.full(len(mirrors), settings.mirror_reflectance)
+        reflectances = np.array([finish.luminance for finish in finishes or even(settings, len(mirrors))])
         layers = lanes_of(camera, mirrors, settings.subpixels, reflectances)
         self._layers = [[self._held(lanes) for lanes in layer] for layer in layers]
         self.place_board(np.eye(4))

@@ -18,6 +18,7 @@ from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
 from render_scenes.device import Parts, bodies_around
 from render_scenes.fast import FastScene
+from render_scenes.finish import MirrorFinish
 from render_scenes.llvm import use_variant
 from render_scenes.maps import CHANNELS, PixelRays, board_maps, exr_bytes, path_lengths, pixel_rays
 from render_scenes.motion import poses_at
@@ -39,6 +40,7 @@ class Stage(Value):
     mirrors: bool
     target: Target
     settings: RenderSettings
+    finishes: tuple[MirrorFinish, ...] = Field(default=(), description="of the mirrors; none: all alike")
     parts: Parts | None = Field(default=None, description="that stand around the mirrors")
     variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
 
@@ -64,10 +66,20 @@ class _Set:
         mirrors = built.mirrors if stage.mirrors else ()
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
-            self.scene = FastScene(built.camera, mirrors, stage.target, settings, variant=stage.variant)
+            self.scene = FastScene(
+                built.camera, mirrors, stage.target, settings, finishes=stage.finishes, variant=stage.variant
+            )
         else:
             bodies = () if stage.parts is None else bodies_around(stage.parts)
-            self.scene = BoardScene(built.camera, mirrors, stage.target, settings, bodies=bodies, variant=stage.variant)
+            self.scene = BoardScene(
+                built.camera,
+                mirrors,
+                stage.target,
+                settings,
+                finishes=stage.finishes,
+                bodies=bodies,
+                variant=stage.variant,
+            )
         self.settings = settings
         self.rays = pixel_rays(built, mirrors=stage.mirrors) if settings.maps else None
         self.coarse = pixel_rays(built, mirrors=stage.mirrors, step=COARSE)

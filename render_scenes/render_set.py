@@ -23,6 +23,7 @@ from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.device import parts_of
+from render_scenes.finish import draw_finishes
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
@@ -32,7 +33,7 @@ from render_scenes.truth import Oracle
 from render_scenes.video import write_h264, write_mjpeg
 
 # Streams of random numbers; each is independent of how much the others draw.
-_AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE = range(5)
+_AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE, _FINISH = range(6)
 
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
@@ -97,6 +98,10 @@ def render_set(
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
     dataset = _write_truth(out, dataset, built, moments, base_plan, request.seed)
+    finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
+    if finishes:
+        write_json(out / "truth" / "finish.json", [finish.model_dump(mode="json") for finish in finishes])
+        dataset = _recorded(out, dataset, "truth/finish.json")
     tasks = [
         FrameTask(
             stage=Stage(
@@ -104,6 +109,7 @@ def render_set(
                 mirrors=mirrors,
                 target=request.target,
                 settings=settings,
+                finishes=finishes if mirrors else (),
                 parts=parts if mirrors else None,
                 variant=variant,
             ),

@@ -13,6 +13,7 @@ from optics.layout import Layout
 from optics.light_field.light_field import Views
 from optics.values import FloatArray, InputError
 from render_scenes.desk import Thing, lights, shapes_of
+from render_scenes.finish import MirrorFinish
 from render_scenes.integrator import CLEARANCE_MM
 from render_scenes.lit import render_lit
 from render_scenes.llvm import SCALAR, use_variant
@@ -59,7 +60,9 @@ class Room:
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, mirror in enumerate(layout.mirrors)
-                    for face, shape in mirror_shapes(mirror, mirror_reflectance).items()
+                    for face, shape in mirror_shapes(
+                        mirror, MirrorFinish(reflectance=(mirror_reflectance,) * 3)
+                    ).items()
                 },
                 **shapes,
             }

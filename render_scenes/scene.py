@@ -17,6 +17,7 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 from render_scenes.device import Body, body_shapes
+from render_scenes.finish import MirrorFinish, even
 from render_scenes.integrator import CLEARANCE_MM, SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
 from render_scenes.mirrors import mirror_shapes
@@ -28,7 +29,8 @@ from render_scenes.sheet import print_on_paper, world_from_sheet
 class BoardScene:
     """A board that can be moved, seen by a camera by way of mirrors (or, without any, directly).
 
-    Moving the board costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
+    `finishes` are those of the mirrors, without them even, smooth and flat; `bodies` stand around. Moving the board
+    costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class BoardScene:
         target: Checkerboard | Charuco,
         settings: RenderSettings,
         *,
+        finishes: Sequence[MirrorFinish] = (),
         bodies: Sequence[Body] = (),
         variant: str | None = None,
     ) -> None:
@@ -45,6 +48,7 @@ class BoardScene:
         import mitsuba as mi
 
         self.camera, self.target = camera, target
+        finishes = finishes or even(settings, len(mirrors))
         # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
         sheet = print_on_paper(target)[::-1]
         radiance = settings.ink + (settings.paper - settings.ink) * (sheet / 255.0)
@@ -68,8 +72,8 @@ class BoardScene:
                 },
                 **{
                     f"mirror_{index}_{face}": shape
-                    for index, mirror in enumerate(mirrors)
-                    for face, shape in mirror_shapes(mirror, settings.mirror_reflectance).items()
+                    for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
+                    for face, shape in mirror_shapes(mirror, finish).items()
                 },
                 **body_shapes(bodies),
                 **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
@@ -79,12 +83,13 @@ class BoardScene:
         own = [float(body.points[:, 2].max()) for body in bodies if body.kind == "camera"]
         self.sensor = sensor(camera, near_mm=max(own, default=-CLEARANCE_MM) + CLEARANCE_MM)
         # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
+        rough = any(finish.roughness > 0.0 for finish in finishes)
         sheets = any(mirror.surface == "second" for mirror in mirrors)
         self.integrator = integrator(
             Light(
                 mirrors_only=bool(mirrors) and not bodies,
                 branches=SHEET_BRANCHES if sheets else 1,
-                lit=bool(bodies),
+                lit=bool(bodies) or rough,
                 max_bounces=16 if sheets else 8,
             )
         )

@@ -69,6 +69,29 @@ SENSORS: dict[SensorName, SensorModel] = {
 }
 
 
+Bend = Literal["sphere", "cylinder"]
+
+
+class Finish(Value):
+    """How the mirrors of a device stray from even, smooth and flat ones; each is drawn from the seed of its set."""
+
+    tint: tuple[float, float, float] = Field(
+        default=(1.0, 1.0, 1.0), description="red, green and blue of what a mirror leaves, over its reflectance"
+    )
+    reflectance_percent: float = Field(default=0.0, ge=0, description="sigma of a mirror's reflectance")
+    roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of Beckmann's distribution of slopes")
+    bend: Bend = Field(default="sphere", description="which way a mirror sags: all ways or one")
+    sag_mm: float = Field(default=0.0, ge=0, description="sigma of how far the middle lies behind the rim")
+    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of waves")
+    ripple_wavelength_mm: float = Field(default=20.0, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if min(self.tint) < 0:
+            raise ValueError(f"tint {self.tint}: expected numbers from 0 on")
+        return self
+
+
 class RenderSettings(Value):
     """How a set is rendered, beyond its layout, board and poses."""
 
@@ -79,6 +102,7 @@ class RenderSettings(Value):
     paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
     ink: float = Field(default=0.05, ge=0, description="radiance of its print")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
+    finish: Finish = Finish()
     surroundings: float = Field(
         default=0.25, ge=0, description="radiance of all around, where a device's parts stand in the scene; else none"
     )
@@ -90,6 +114,13 @@ class RenderSettings(Value):
     video_crf: int = Field(
         default=18, ge=0, le=51, description="what H.264 loses in an mp4 of frames that came as JPEG or PNG"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        rough = [name for name in ("roughness", "sag_mm", "ripple_mm") if getattr(self.finish, name) > 0]
+        if self.renderer == "fast" and rough:
+            raise ValueError(f"renderer fast: mirrors are smooth and flat, expected {rough[0]} 0 or renderer mitsuba")
+        return self
 
     @property
     def subpixels(self) -> int:
