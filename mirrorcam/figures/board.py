@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
+from matplotlib.textpath import TextPath
 
 from optics.files import atomic
 from optics.printed_board import ink_in_board_mm
@@ -30,8 +31,10 @@ PAGES_MM = {
 EDGE_MM = 8.0  # that printers leave white, and that a board needs around it
 RULER_MM = 100.0
 FOOTER_MM = 12.0  # below the board, for ruler and words
-WORDS_MM = 62.0  # beside the ruler
-LINE_MM = 3.6
+WORDS_MM = 80.0  # beside the ruler
+LINE_MM = 3.0
+GAP_MM = 8.0  # between ruler and words
+POINTS = 7  # the size of letters
 FORMATS = (".pdf", ".svg")
 
 
@@ -117,12 +120,24 @@ def _footer(axes: Axes, target: Checkerboard | Charuco, name: str, left: float, 
     bar = shapely.box(left, top, left + RULER_MM, top + 0.12)
     _fill(axes, shapely.MultiPolygon([bar, *ticks]))
     for at in (0, 50, 100):
-        axes.text(left + at, top + 8.5, f"{at} mm" if at else "0", fontsize=7, ha="center", va="baseline")
+        axes.text(left + at, top + 8.5, f"{at} mm" if at else "0", fontsize=POINTS, ha="center", va="baseline")
     width, height = target.size_mm
     kind = "ChArUco" if isinstance(target, Charuco) else "checkerboard"
-    lines = [f"{name}: {kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm"]
+    lines = [
+        _shortened(name, WORDS_MM - GAP_MM),
+        f"{kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm",
+    ]
     if isinstance(target, Charuco):
         lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
     for number, line in enumerate(lines):
-        axes.text(left + RULER_MM + 8.0, top + 3.0 + number * LINE_MM, line, fontsize=7, va="baseline")
+        axes.text(left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM, line, fontsize=POINTS, va="baseline")
+
+
+def _shortened(text: str, room_mm: float) -> str:
+    """A text, or as much of its beginning as there is room for."""
+    room_points = room_mm / MM_PER_INCH * 72.0
+    kept, end = text, ""
+    while kept and TextPath((0.0, 0.0), kept + end, size=POINTS).get_extents().width > room_points:
+        kept, end = kept[:-1], "..."
+    return kept + end

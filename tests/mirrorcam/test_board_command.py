@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from mirrorcam import cli
@@ -120,11 +121,26 @@ def test_words_name_the_board_and_its_numbers(tmp_path: Path, monkeypatch: pytes
     said = re.findall("<!-- (.*?) -->", Path("wall.svg").read_text(encoding="utf-8"))
     assert said[:3] == ["0", "50 mm", "100 mm"]
     assert said[3:] == [
-        "wall.toml: ChArUco, 7 x 5 squares of 20.3 mm",
+        "wall.toml",
+        "ChArUco, 7 x 5 squares of 20.3 mm",
         "markers of 14.1 mm, DICT_5X5_100",
         "printed at 100 %, its squares span 142.1 x 101.5 mm",
     ]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["wall.svg", "wall.toml"]
+
+
+def test_words_stay_on_the_smallest_page(tmp_path: Path) -> None:
+    page = needed_mm(Charuco(cols=9, rows=12, square_mm=10.125, marker_mm=7.125))
+    board = Charuco(cols=9, rows=12, square_mm=10.125, marker_mm=7.125, dictionary="DICT_4X4_1000")
+    write_board(board, tmp_path / "board.svg", page, "W" * 60 + ".toml")
+    text = (tmp_path / "board.svg").read_text(encoding="utf-8")
+    # Where each line of words begins, and its glyphs: at most so wide that the page holds it.
+    lines = re.findall(r"<!-- (.*?) -->.*?translate\(([\d.]+) .*?scale\(([\d.]+) .*?</g>", text, re.DOTALL)
+    assert len(lines) == 7
+    assert lines[3][0].endswith("W...")
+    for words, left, _ in lines:
+        width = TextPath((0.0, 0.0), words, size=7).get_extents().width
+        assert float(left) + width < page[0] / MM_PER_POINT
 
 
 def test_without_a_board_the_default_one_is_drawn_and_its_numbers_written(tmp_path: Path) -> None:
@@ -152,7 +168,7 @@ def test_the_smallest_page_is_taken_upright_or_across(cols: int, rows: int, squa
         (
             CHECKERS,
             "120x200",
-            r"board of 141\.6 x 88\.5 mm: does not fit on 120x200, expected a page of 178 x 124\.5 mm",
+            r"board of 141\.6 x 88\.5 mm: does not fit on 120x200, expected a page of 196 x 124\.5 mm",
         ),
         (Checkerboard(cols=9, rows=6, square_mm=400.0), "", "does not fit on a0"),
         (CHECKERS, "legal", r"page 'legal': expected a4, a3, a2, a1, a0, letter or WIDTHxHEIGHT in mm"),
@@ -168,8 +184,8 @@ def test_a_page_that_does_not_fit_is_refused(board: Checkerboard, page: str, com
 
 
 def test_a_page_as_small_as_it_is_said_to_need_fits() -> None:
-    assert page_for(CHECKERS, "178x124.5") == (178.0, 124.5)
-    assert board_in_page_mm(CHECKERS, (178.0, 124.5))[1] == EDGE_MM
+    assert page_for(CHECKERS, "196x124.5") == (196.0, 124.5)
+    assert board_in_page_mm(CHECKERS, (196.0, 124.5))[1] == EDGE_MM
     assert 124.5 - EDGE_MM - FOOTER_MM - EDGE_MM - 88.5 == EDGE_MM
 
 
