@@ -25,7 +25,7 @@ from optics.layout import Layout
 from optics.light_field.decode import choose_views, default_reference_depth_mm
 from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
-from optics.values import InputError, Value
+from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import sha256
 from render_scenes.desk import NamedMesh, Thing, check_meshes, desk, nearest_mm
 from render_scenes.llvm import use_variant
@@ -74,6 +74,7 @@ class DeskSet(Value):
     spp: int
     mirror_reflectance: float
     renderer: str = Field(description="program, version and variant")
+    central_view: tuple[int, int] = Field(description="row and column of the reference view")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
 
@@ -118,6 +119,7 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
         spp=request.spp,
         mirror_reflectance=request.mirror_reflectance,
         renderer=f"mitsuba {metadata.version('mitsuba')} {variant}",
+        central_view=divmod(layout.central_index, layout.cols),
         request="",
     )
     manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, things, request.seed)))
@@ -144,6 +146,19 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
             manifest = _recorded(out, manifest, *names.values())
         report(2 + number, 1 + len(grid))
     return manifest
+
+
+def read_map(path: Path, channel: str) -> FloatArray:
+    """One channel (h, w) of an EXR file of the truth, or InputError in one line."""
+    import OpenEXR
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return np.array(file.channels()[channel].pixels, dtype=np.float64)
+    except (RuntimeError, KeyError):
+        raise InputError(f"{path}: no EXR file that can be read with a channel {channel!r}") from None
 
 
 _KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from render_scenes.desk import NamedMesh
 
 
+OVERVIEW = "truth/overview.jpg"
+
+
 class SceneOptions(Value):
     """Render what a layout, built with tolerances, photographs of a desk, and the true views and depths beside it."""
 
@@ -63,11 +66,13 @@ def mesh_from_text(text: str) -> NamedMesh:
 
 def run(options: SceneOptions) -> int:
     """Render the scene."""
+    from optics.files import write_image
     from optics.layout import Layout
 
     layout = Layout.load(options.layout)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
+    from mirrorcam.figures.desk import overview
     from render_scenes.desk_set import MANIFEST, DeskRequest, render_desk
 
     request = DeskRequest(
@@ -82,5 +87,10 @@ def run(options: SceneOptions) -> int:
     views = layout.rows * layout.cols
     with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
         render_desk(request, options.out, on_picture=advance)
-    say("scene", f"{options.out / MANIFEST} written; true views, depths and disparities are in {options.out / 'truth'}")
+        write_image(options.out / OVERVIEW, overview(options.out))
+    truth = options.out / "truth"
+    say(
+        "scene",
+        f"{options.out / MANIFEST} written; true views, depths and disparities in {truth}, in {OVERVIEW} a look",
+    )
     return 0

@@ -15,6 +15,7 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.commands.scene import mesh_from_text
 from optics.camera import Camera
+from optics.files import read_image
 from optics.layout import Layout
 from optics.values import InputError
 
@@ -47,6 +48,11 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
     assert "frames/0000.jpg" in whole
     assert "truth/disparity/2_2.exr" in whole
 
+    look = read_image(here / "desk/truth/overview.jpg").astype(int)
+    assert look.shape[0] == 620
+    # Below, right: how near things are. The desk's front is red, the wall behind it blue.
+    assert look[-5, -60, 0] > look[-5, -60, 2] + 40
+    assert look[325, -60, 2] > look[325, -60, 0]
     (here / "desk").rename(here / "whole")
     process = subprocess.Popen([sys.executable, "-m", "mirrorcam", "scene", *OPTIONS], stdout=subprocess.DEVNULL)
     begun = time.monotonic()

@@ -19,8 +19,9 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
 from render_scenes.desk import NamedMesh
-from render_scenes.desk_set import MANIFEST, MAPS, MASK, DeskRequest, DeskSet, default_depths_mm, render_desk
+from render_scenes.desk_set import MANIFEST, MAPS, MASK, DeskRequest, DeskSet, default_depths_mm, read_map, render_desk
 from render_scenes.llvm import SCALAR, use_variant
+from render_scenes.maps import exr_bytes
 from render_scenes.settings import SENSORS
 
 KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}
@@ -33,6 +34,19 @@ def contents(folder: Path) -> dict[str, bytes]:
 def exr(path: Path) -> dict[str, FloatArray]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: np.array(channel.pixels, dtype=np.float64) for name, channel in file.channels().items()}
+
+
+def test_maps_are_read_back_or_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "map.exr"
+    path.write_bytes(exr_bytes({"depth": np.array([[1.0, np.inf, 0.1]])}, {"units": "mm"}))
+    assert read_map(path, "depth").tolist() == [[1.0, np.inf, np.float32(0.1)]]
+    with pytest.raises(InputError, match=r"map\.exr: no EXR file that can be read with a channel 'width'$"):
+        read_map(path, "width")
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match=r"map\.exr: no EXR file that can be read with a channel 'depth'$"):
+        read_map(path, "depth")
+    with pytest.raises(InputError, match=r"gone\.exr: no such file"):
+        read_map(tmp_path / "gone.exr", "depth")
 
 
 @pytest.fixture(scope="module")
