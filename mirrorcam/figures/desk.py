@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optics.files import read_image
 from render_scenes.desk_set import DeskSet, read_map
 
-HEIGHT_PX = 620
+HEIGHT_PX = 480
 GAP_PX = 10
 
 
