@@ -212,6 +212,7 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         strangers = sorted(name for name in ("frames", "base", "truth") if (out / name).exists())
         if strangers:
             raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
+        _tidy(out, ".dataset-*.json")
         dataset.save(out)
         return dataset
     before = Dataset.load(out)
@@ -220,11 +221,23 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         other = sorted(name for name in asked if getattr(before, name) != getattr(dataset, name))
         differs = " and ".join(other) or "seed (or of another version of this program)"
         raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
-    # A killed run cannot remove its temporary files (`optics.files.atomic`).
-    for pattern in ("frames/.*-*", "base/.*-*", "truth/**/.*-*", ".*-*.json", ".*-*.toml", ".*-*.mp4", ".*-*.avi"):
-        for leftover in out.glob(pattern):
-            leftover.unlink()
+    _tidy(
+        out,
+        ".dataset-*.json",
+        ".layout-*.json",
+        ".board-*.toml",
+        ".video-*.*",
+        "frames/.*-*",
+        "base/.*-*",
+        "truth/**/.*-*",
+    )
     return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
+
+
+def _tidy(out: Path, *patterns: str) -> None:
+    """Remove what a killed run could not: its temporary files (`optics.files.atomic`)."""
+    for leftover in [path for pattern in patterns for path in out.glob(pattern)]:
+        leftover.unlink(missing_ok=True)
 
 
 def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:

@@ -151,6 +151,51 @@ def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_pat
     assert contents(out) == contents(finished)
 
 
+def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
+    render: Render, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small: dict[str, object] = {"frames": 2, "base_frames": 1, "rate_hz": 10.0}
+    small["settings"] = RenderSettings(renderer="fast", sensor=SENSORS["c920"], video="avi")
+    render(tmp_path / "whole", **small)
+    whole, put_in_place = contents(tmp_path / "whole"), Path.replace
+
+    def end_at(write: int) -> Callable[[Path, Path], Path]:
+        writes = iter(range(write + 1))
+
+        def replace(temporary: Path, target: Path) -> Path:
+            if next(writes) == write:
+                # What a killed process leaves, which cannot remove its temporary file.
+                (temporary.parent / f".{target.stem}-left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
+                raise KeyboardInterrupt
+            return put_in_place(temporary, target)
+
+        return replace
+
+    ended = 0
+    for write in range(100):
+        out = tmp_path / f"ended at {write}"
+        monkeypatch.setattr(Path, "replace", end_at(write))
+        try:
+            render(out, **small)
+        except KeyboardInterrupt:
+            ended += 1
+        else:
+            break
+        finally:
+            monkeypatch.setattr(Path, "replace", put_in_place)
+        for name, content in contents(out).items():
+            if name == MANIFEST:
+                dataset = Dataset.load(out)
+                assert all(dataset.intact(out, recorded) for recorded in dataset.files)
+            elif not Path(name).name.startswith("."):
+                assert content == whole[name], name
+        if write % 3 == 0 or (out / "video.avi").exists():
+            render(out, **small)
+            assert contents(out) == whole
+    # The manifest each time that something else was written, and each file.
+    assert ended > len(whole) + 4
+
+
 def test_a_finished_set_renders_nothing_again(render: Render, finished: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in finished.glob("*/*.png")}
     calls: list[tuple[int, int]] = []
@@ -290,6 +335,6 @@ def test_the_manifest_holds_every_parameter(render: Render, tmp_path: Path) -> N
     settings = RenderSettings(renderer="fast", spp=9, paper=0.8, ink=0.04, sensor=sensor, maps=False)
     render(tmp_path / "set", frames=1, base_frames=0, settings=settings)
     told = json.loads((tmp_path / "set" / MANIFEST).read_text(encoding="utf-8"))
-    assert told["settings"]["sensor"] == sensor.model_dump()
+    assert told["settings"]["sensor"] == sensor.model_dump(mode="json")
     assert set(told["settings"]) == set(RenderSettings.model_fields)
-    assert told["settings"] == settings.model_dump()
+    assert told["settings"] == settings.model_dump(mode="json")
