@@ -49,7 +49,7 @@ class DeskRequest(Value):
 
     layout: Layout
     depths_mm: tuple[float, ...] = ()
-    meshes: tuple[NamedMesh, ...] = ()
+    meshes: tuple[NamedMesh, ...] = Field(default=(), max_length=200)
     seed: int = Field(default=0, ge=0)
     tolerances: Tolerances = Tolerances()
     sensor: SensorModel = SENSORS["c920"]
@@ -66,7 +66,7 @@ class DeskSet(Value):
     schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
     layout_identity: str
     depths_mm: tuple[float, ...]
-    meshes: dict[str, str] = Field(description="SHA-256 of each mesh that stands on the desk, by its file's name")
+    meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the desk")
     width_px: int
     height_px: int
     tolerances: Tolerances
@@ -111,7 +111,7 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     manifest = DeskSet(
         layout_identity=layout.identity,
         depths_mm=depths,
-        meshes={mesh.file.name: sha256_of(mesh.file) for mesh in request.meshes},
+        meshes=tuple((mesh.file.name, sha256_of(mesh.file)) for mesh in request.meshes),
         width_px=layout.camera.width_px,
         height_px=layout.camera.height_px,
         tolerances=request.tolerances,
@@ -139,10 +139,13 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     report(1, 1 + len(grid))
     classes = np.array([*(MASK[thing.material] for thing in things), MASK["nothing"]], dtype=np.uint8)
     for number, (t, s) in enumerate(grid):
-        names = {kind: f"truth/{kind}/{t}_{s}{suffix}" for kind, suffix in _KINDS.items()}
+        # One view alone has no disparity.
+        kinds = [kind for kind in _KINDS if kind != "disparity" or len(grid) > 1]
+        names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
         if not set(names.values()) <= manifest.files.keys():
-            for kind, content in _true_view(room, views, t, s, request, classes).items():
-                write_bytes(out / names[kind], content)
+            files = _true_view(room, views, t, s, request, classes)
+            for kind, name in names.items():
+                write_bytes(out / name, files[kind])
             manifest = _recorded(out, manifest, *names.values())
         report(2 + number, 1 + len(grid))
     return manifest
@@ -213,10 +216,10 @@ def _true_view(
     disparity = {axis: views.disparity_px_from_depth(depth, axis) for axis in ("s", "t") if counts[axis] > 1}
     header = {"layout": room.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}
     steps = header | {"units": "px per mean view step, positive nearer than the reference plane"}
-    return {
+    files = {"disparity": exr_bytes(disparity, steps)} if disparity else {}
+    return files | {
         "views": encoded_image(np.clip(grey, 0, 255).astype(np.uint8), ".png"),
         "depth": exr_bytes({"depth": depth}, header),
-        "disparity": exr_bytes(disparity, steps),
         "mask": encoded_image(classes[hits.thing], ".png"),
         "things": encoded_image((hits.thing + 1).astype(np.uint8), ".png"),
     }

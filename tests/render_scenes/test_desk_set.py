@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -294,7 +295,7 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: DeskRequest, tmp_path: Pat
     place = np.array([5.0, -40.0, 290.0])
     request = asked.replaced(meshes=(NamedMesh(file=block, place_in_view_mm=place),), spp=4)
     manifest = render_desk(request, tmp_path / "desk")
-    assert set(manifest.meshes) == {"block.obj"}
+    assert manifest.meshes == (("block.obj", hashlib.sha256(block.read_bytes()).hexdigest()),)
     views = Decoder(Layout.load(tmp_path / "desk/truth/layout.json")).views
     labels = read_image(tmp_path / "desk/truth/things/1_1.png", grey=True)
     depth = exr(tmp_path / "desk/truth/depth/1_1.exr")["depth"]
@@ -306,6 +307,13 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: DeskRequest, tmp_path: Pat
     # 20 x 30 mm at that distance, in px.
     px_per_mm = views.focal_px / (285.0 - views.view_from_rig[2] @ views.reference_view_in_rig_mm)
     assert (labels == 10).sum() == pytest.approx(20.0 * 30.0 * px_per_mm**2, rel=0.15)
+
+
+def test_one_mirror_has_a_true_view_and_no_disparity(asked: DeskRequest, tmp_path: Path) -> None:
+    alone = asked.layout.replaced(rows=1, cols=1, mirrors=asked.layout.mirrors[4:5])
+    manifest = render_desk(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
+    views = {name for name in manifest.files if name.startswith("truth/") and name.count("/") == 2}
+    assert views == {f"truth/{kind}/0_0{end}" for kind, end in KINDS.items() if kind != "disparity"}
 
 
 def test_depths_come_from_the_spec_where_there_is_one(default_layout: Layout) -> None:
