@@ -20,7 +20,9 @@ from render_scenes.truth import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0
-CANDIDATES = 8  # poses tried for each one kept
+CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, which cover all there is by their number
+MOST_TRIED = 800
+FEWEST_CANDIDATES = 2
 CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
 FEWEST_CORNERS = 6  # that a view must show to tell where the board is
 SMALLEST_SQUARE_PX = 8.0
@@ -179,8 +181,9 @@ def _choose(
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
     # A shifted additive recurrence (Roberts): six numbers that fill the cube evenly however many there are.
     steps = _ROOT ** -np.arange(1.0, 7.0)
-    numbers = (random.random(6) + np.arange(CANDIDATES * count)[:, None] * steps) % 1.0
-    numbers = numbers.reshape(CANDIDATES, count, 6)
+    candidates = int(np.clip(MOST_TRIED // max(count, 1), FEWEST_CANDIDATES, CANDIDATES))
+    numbers = (random.random(6) + np.arange(candidates * count)[:, None] * steps) % 1.0
+    numbers = numbers.reshape(candidates, count, 6)
     numbers[..., 0] = (random.permutation(count) + numbers[..., 0]) / max(count, 1)
     poses: list[FloatArray] = []
     for frame in range(count):
