@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Annotated
 
 import cv2
@@ -81,8 +81,9 @@ class _Set:
                 variant=stage.variant,
             )
         self.settings = settings
-        self.rays = pixel_rays(built, mirrors=stage.mirrors) if settings.maps else None
-        self.coarse = pixel_rays(built, mirrors=stage.mirrors, step=COARSE)
+        follow = partial(pixel_rays, built, mirrors=stage.mirrors, finishes=stage.finishes)
+        self.rays = follow() if settings.maps else None
+        self.coarse = follow(step=COARSE)
 
     def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
         """Of a frame in which the board goes along poses (1 or 3, 4, 4); shape (h * subpixels, w * subpixels)."""

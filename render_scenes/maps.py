@@ -1,22 +1,23 @@
 """What every pixel truly shows: which mirror, where on the board, how far away. By rays, in float64, at pixel centres.
 
-Shares nothing with the renderers but the layout: a sheet is followed surface by surface, as its light goes.
+Shares nothing with the renderers but the layout and the shape of its mirrors: light is followed surface by surface.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.layout import Layout
-from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
+from render_scenes.finish import MirrorFinish
+from render_scenes.paths import reflected
 from render_scenes.sheet import MARGIN_SQUARES
 
 NO_MIRROR = -1
@@ -38,8 +39,11 @@ class PixelRays:
     before_mm: FloatArray
 
 
-def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1) -> PixelRays:
-    """The rays of a layout's pixels, or of those of some rows and columns, by its mirrors or by its camera alone."""
+def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1, finishes: Sequence[MirrorFinish] = ()) -> PixelRays:
+    """The rays of a layout's pixels, or of those of some rows and columns, by its mirrors or by its camera alone.
+
+    Without `finishes` its mirrors are flat.
+    """
     rays = _unit_rays(layout.camera, step)
     shape = rays.shape[:2]
     if not mirrors:
@@ -48,7 +52,7 @@ def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1) -> PixelRays:
     start, way, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
     for number, mirror in enumerate(layout.mirrors):
         window = _window(layout, number, step)
-        entry, leaves, along, travelled = reflected(mirror, rays[window])
+        entry, leaves, along, travelled = reflected(mirror, rays[window], finishes[number] if finishes else None)
         nearer = np.isfinite(entry) & (entry < depth[window])
         for target, values in (
             (depth, entry),
@@ -59,45 +63,6 @@ def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1) -> PixelRays:
         ):
             target[window][nearer] = values[nearer]
     return PixelRays(index, start, way, before)
-
-
-def reflected(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Unit rays (..., 3) from the pupil by way of a mirror.
-
-    Returns how far it is to where they meet it (...), mm, infinite where they miss it; where they leave it (..., 3) in
-    rig, along which unit vectors (..., 3), and after how many mm (...), NaN where they do not.
-    """
-    normal = mirror.normal_in_rig
-    cosine = np.maximum(-(rays @ normal), 1e-12)
-    front_mm = mirror.distance_mm - (mirror.thickness_mm if mirror.surface == "second" else 0.0)
-    entry_mm = front_mm / cosine
-    entry = rays * entry_mm[..., None]
-    leaves, way_mm = entry, entry_mm
-    if mirror.surface == "second":
-        # To the coating and back. Snell: what of a ray is along the surface shrinks by the index.
-        flat = (rays + cosine[..., None] * normal) / mirror.refractive_index
-        inside_mm = 2.0 * mirror.thickness_mm / np.sqrt(1.0 - np.square(flat).sum(axis=-1))
-        leaves, way_mm = entry + flat * inside_mm[..., None], entry_mm + inside_mm
-    met = _on(mirror, entry)
-    through = met & _on(mirror, leaves)
-    along = rays + 2.0 * cosine[..., None] * normal
-    return (
-        np.where(met, entry_mm, np.inf),
-        np.where(through[..., None], leaves, np.nan),
-        np.where(through[..., None], along, np.nan),
-        np.where(through, way_mm, np.nan),
-    )
-
-
-def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
-    """Whether points (..., 3) of the sheet's planes lie within its outline."""
-    frame = mirror.rig_from_plane
-    flat = (points - frame[:3, 3]) @ frame[:3, :2]
-    outline = mirror.outline_in_plane_mm
-    sides = []
-    for corner, edge in zip(outline, np.roll(outline, -1, axis=0) - outline, strict=True):
-        sides.append(edge[0] * (flat[..., 1] - corner[1]) - edge[1] * (flat[..., 0] - corner[0]))
-    return np.asarray((np.min(sides, axis=0) >= 0.0) | (np.max(sides, axis=0) <= 0.0))
 
 
 def _unit_rays(camera: Camera, step: int) -> FloatArray:

@@ -23,7 +23,7 @@ from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.device import parts_of
-from render_scenes.finish import draw_finishes
+from render_scenes.finish import MirrorFinish, draw_finishes
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
@@ -97,11 +97,8 @@ def render_set(
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
-    dataset = _write_truth(out, dataset, built, moments, base_plan, request.seed)
     finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
-    if finishes:
-        write_json(out / "truth" / "finish.json", [finish.model_dump(mode="json") for finish in finishes])
-        dataset = _recorded(out, dataset, "truth/finish.json")
+    dataset = _write_truth(out, dataset, built, finishes, moments, base_plan, request.seed)
     tasks = [
         FrameTask(
             stage=Stage(
@@ -260,6 +257,7 @@ def _write_truth(
     out: Path,
     dataset: Dataset,
     built: Layout,
+    finishes: tuple[MirrorFinish, ...],
     moments: FloatArray,
     base_plan: Plan,
     seed: int,
@@ -268,7 +266,7 @@ def _write_truth(
     names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
     halfway = moments[:, moments.shape[1] // 2]
     truth = out / "truth"
-    oracle = Oracle(built, dataset.target)
+    oracle = Oracle(built, dataset.target, finishes)
     frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
     base_px, base_visible = oracle.all_direct(list(base_plan.poses))
     built.save(truth / "layout.json")
@@ -276,6 +274,9 @@ def _write_truth(
     if moments.shape[1] == 3:
         write_json(truth / "readout.json", {"poses": moments.tolist()})
         names.append("readout.json")
+    if finishes:
+        write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
+        names.append("finish.json")
     write_json(truth / "seed.json", {"seed": seed})
     with atomic(truth / "corners.npz") as temporary:
         np.savez_compressed(

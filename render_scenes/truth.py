@@ -17,8 +17,9 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
-from render_scenes.maps import reflected
+from render_scenes.finish import MirrorFinish
 from render_scenes.motion import poses_at
+from render_scenes.paths import image_px, reflected
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by
@@ -55,11 +56,11 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
     return clear
 
 
-def _through(camera: Camera, mirror: Mirror, px: FloatArray) -> BoolArray:
-    """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, enters and leaves a sheet's front."""
+def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
+    """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, meets and leaves a mirror's front."""
     margin = VISIBLE_MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     rays = camera.unproject(px[:, None] + margin)
-    length = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True))[3]
+    length = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
 
 
@@ -71,10 +72,13 @@ def sub_image(layout: Layout, index: int) -> shapely.Polygon:
 
 
 class Oracle:
-    """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible."""
+    """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible.
 
-    def __init__(self, layout: Layout, target: Checkerboard | Charuco) -> None:
-        self.layout, self.target = layout, target
+    Without `finishes` the mirrors are flat.
+    """
+
+    def __init__(self, layout: Layout, target: Checkerboard | Charuco, finishes: Sequence[MirrorFinish] = ()) -> None:
+        self.layout, self.target, self._finishes = layout, target, finishes or (None,) * len(layout.mirrors)
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
 
@@ -114,7 +118,7 @@ class Oracle:
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3) in rig by way of a mirror; NaN without an image."""
-        return np.asarray(self.layout.camera.project(self.layout.mirrors[index].image_of(points)))
+        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
         """Whether nothing but its turned side hides what lies at points (n, 3) in rig and is shown at pixels (n, 2)."""
@@ -122,8 +126,9 @@ class Oracle:
         seen = _on_sensor(self.layout.camera, px)
         seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
         seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
-        if mirror.surface == "second":
-            seen[seen] = _through(self.layout.camera, mirror, px[seen])
+        finish = self._finishes[index]
+        if mirror.surface == "second" or (finish is not None and not finish.flat):
+            seen[seen] = _through(self.layout.camera, mirror, px[seen], finish)
         seen[seen] = _clear_of(self.layout, index, points[seen])
         return seen
 

@@ -14,7 +14,8 @@ from optics.values import FloatArray
 from render_scenes.fast import FastScene
 from render_scenes.integrator import CLEARANCE_MM
 from render_scenes.llvm import SCALAR
-from render_scenes.maps import board_maps, pixel_rays, reflected
+from render_scenes.maps import board_maps, pixel_rays
+from render_scenes.paths import reflected
 from render_scenes.scene import BoardScene
 from render_scenes.settings import RenderSettings
 from render_scenes.truth import Oracle
