@@ -125,8 +125,15 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(
     assert contents(tmp_path / "set") == contents(finished)
 
 
-def test_the_reference_gives_the_same_bytes_by_workers(request_of_options: SetRequest, tmp_path: Path) -> None:
-    request = request_of_options.replaced(frames=2, base_frames=1, settings=RenderSettings(spp=4))
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_the_reference_gives_the_same_bytes_by_workers(
+    surface: str, request_of_options: SetRequest, tmp_path: Path
+) -> None:
+    layout = request_of_options.layout
+    sheets = tuple(mirror.replaced(surface=surface, thickness_mm=2.0) for mirror in layout.mirrors)
+    request = request_of_options.replaced(
+        layout=layout.replaced(mirrors=sheets), frames=2, base_frames=1, settings=RenderSettings(spp=4)
+    )
     render_set(request, tmp_path / "by workers", run=in_workers(2))
     render_set(request, tmp_path / "here")
     assert contents(tmp_path / "by workers") == contents(tmp_path / "here")

@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
-from optics.values import FloatArray
+from optics.values import FloatArray, InputError
 from render_scenes.fast import FastScene
 from render_scenes.frame import FrameTask, Stage, render_frame, render_frame_in_turn, render_frame_on_one_core
+from render_scenes.llvm import CUDA
 from render_scenes.poses import plan_frames
 from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
 from render_scenes.truth import Oracle
@@ -78,6 +79,17 @@ def test_whoever_renders_it_a_frame_has_the_same_bytes(how: object, small_layout
     files = render_frame(task)
     assert how(task) == files
     assert render_frame(task) == files
+
+
+def test_a_worker_renders_by_the_variant_it_is_told_or_not_at_all(
+    small_layout: Layout, small_board: Charuco, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Mixed variants would differ in their last bits.
+    monkeypatch.setattr("render_scenes.llvm.gpu_answers", lambda: False)
+    task = task_of(small_layout, small_board, PLAIN, maps=False)
+    elsewhere = task.replaced(stage=task.stage.replaced(variant=CUDA))
+    with pytest.raises(InputError, match="variant cuda_ad_mono needs a GPU"):
+        render_frame(elsewhere.model_dump_json())
 
 
 def test_threads_that_ask_at_once_get_their_own_frames(small_layout: Layout, small_board: Charuco) -> None:
