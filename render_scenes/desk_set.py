@@ -27,13 +27,14 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import sha256
-from render_scenes.desk import NamedMesh, Thing, check_meshes, desk, nearest_mm
+from render_scenes.desk import NamedMesh, check_meshes, desk, nearest_mm
 from render_scenes.llvm import use_variant
 from render_scenes.maps import exr_bytes, pixel_rays
 from render_scenes.meshes import sha256_of
 from render_scenes.photograph import photograph
 from render_scenes.room import NOTHING, Room, pinhole_rays
 from render_scenes.settings import SENSORS, SensorModel
+from render_scenes.things import Thing
 
 MANIFEST = "scene.json"
 MAPS = "truth/maps/frames/0000.exr"
@@ -105,7 +106,8 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     depths = request.depths_mm or default_depths_mm(layout)
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
-    things = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
+    stood = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
+    things = stood.things
     check_meshes(layout, things)
     views = _views(built, default_reference_depth_mm(layout))
     manifest = DeskSet(
@@ -130,7 +132,7 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     grid = [(t, s) for t in range(views.rows) for s in range(views.cols)]
     report = on_picture or (lambda done, total: None)
     report(0, 1 + len(grid))
-    room = Room(built, things, request.mirror_reflectance, variant)
+    room = Room(built, stood, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(room, request)
         write_bytes(out / MAPS, maps)

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from optics.layout import Layout
 from optics.light_field.light_field import Views
 from optics.values import FloatArray, InputError
-from render_scenes.desk import Thing, lights, shapes_of
+from render_scenes.desk import Desk
 from render_scenes.finish import MirrorFinish
 from render_scenes.integrator import CLEARANCE_MM
 from render_scenes.lit import render_lit
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.mirrors import mirror_shapes
 from render_scenes.sensor import sensor
+from render_scenes.things import lights, shapes_of
 
 NOTHING = -1
 
@@ -41,22 +42,19 @@ class Room:
     Mirrors stand in the room: they hide light and are seen in what is glossy. Raises InputError where nothing compiles.
     """
 
-    def __init__(
-        self, layout: Layout, things: tuple[Thing, ...], mirror_reflectance: float, variant: str | None = None
-    ):
+    def __init__(self, layout: Layout, desk: Desk, mirror_reflectance: float, variant: str | None = None):
         self.variant = use_variant(variant, colour=True)
         if self.variant == SCALAR:
             raise InputError("a scene in colour needs a GPU or an LLVM that compiles: pip install karellen-llvm-core")
         import mitsuba as mi
 
         self.layout = layout
-        shapes = {
-            f"thing_{i}_{k}": s for i, t in enumerate(things) for k, s in enumerate(shapes_of(t, layout.view_from_rig))
-        }
+        turn = layout.view_from_rig
+        shapes = {f"thing_{i}_{k}": s for i, t in enumerate(desk.things) for k, s in enumerate(shapes_of(t, turn))}
         self._scene = mi.load_dict(
             {
                 "type": "scene",
-                **lights(things, layout.view_from_rig),
+                **lights(desk.lit_in_view, desk.reach_mm, turn),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, mirror in enumerate(layout.mirrors)

@@ -10,8 +10,9 @@ import shapely
 
 from optics.layout import Layout
 from optics.values import InputError
-from render_scenes.desk import NamedMesh, Thing, desk, nearest_mm
+from render_scenes.desk import NamedMesh, desk, nearest_mm
 from render_scenes.poses import fields
+from render_scenes.things import Thing
 
 DEPTHS = (310.0, 380.0, 520.0)
 FIXED = ("wall", "desk")
@@ -22,7 +23,7 @@ def standing(things: tuple[Thing, ...]) -> list[Thing]:
 
 
 def test_things_stand_at_the_given_depths(default_layout: Layout) -> None:
-    things = desk(default_layout, DEPTHS, 3)
+    things = desk(default_layout, DEPTHS, 3).things
     depths = [float(thing.view_from_thing[2, 3]) for thing in standing(things)]
     assert set(depths) == set(DEPTHS)
     assert {thing.kind for thing in things} == {"sphere", "cylinder", "box", "rectangle", "leaves"}
@@ -33,7 +34,7 @@ def test_things_stand_at_the_given_depths(default_layout: Layout) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_every_view_sees_some_of_everything(default_layout: Layout, seed: int) -> None:
-    for thing in standing(desk(default_layout, DEPTHS, seed)):
+    for thing in standing(desk(default_layout, DEPTHS, seed).things):
         x, y, depth = thing.view_from_thing[:3, 3]
         common = shapely.intersection_all(fields(default_layout, float(depth)))
         around = shapely.Point(x, y).buffer(float(thing.size_mm.max()) / 2.0)
@@ -41,7 +42,7 @@ def test_every_view_sees_some_of_everything(default_layout: Layout, seed: int) -
 
 
 def test_all_stands_on_the_desk_and_before_the_wall(default_layout: Layout) -> None:
-    things = desk(default_layout, DEPTHS, 3)
+    things = desk(default_layout, DEPTHS, 3).things
     top_mm = next(thing for thing in things if thing.name == "desk").view_from_thing[1, 3]
     balls = [thing for thing in things if thing.kind == "sphere"]
     assert len(balls) == 3
@@ -52,7 +53,7 @@ def test_all_stands_on_the_desk_and_before_the_wall(default_layout: Layout) -> N
 
 
 def test_a_seed_moves_and_colours_but_leaves_the_depths(default_layout: Layout) -> None:
-    one, again, other = (desk(default_layout, DEPTHS, seed) for seed in (3, 3, 4))
+    one, again, other = (desk(default_layout, DEPTHS, seed).things for seed in (3, 3, 4))
     assert one == again
     for thing, moved in zip(one[2:], other[2:], strict=True):
         shift = thing.view_from_thing[:3, 3] - moved.view_from_thing[:3, 3]
@@ -63,18 +64,20 @@ def test_a_seed_moves_and_colours_but_leaves_the_depths(default_layout: Layout) 
 
 
 def test_one_depth_is_enough(default_layout: Layout) -> None:
-    assert {float(thing.view_from_thing[2, 3]) for thing in standing(desk(default_layout, (400.0,), 0))} == {400.0}
+    assert {float(thing.view_from_thing[2, 3]) for thing in standing(desk(default_layout, (400.0,), 0).things)} == {
+        400.0
+    }
 
 
 def test_a_named_mesh_stands_where_it_is_put(default_layout: Layout) -> None:
     named = NamedMesh(file=Path("vase.stl"), place_in_view_mm=np.array([10.0, -30.0, 350.0]))
-    *others, placed = desk(default_layout, DEPTHS, 3, (named,))
-    assert tuple(others) == desk(default_layout, DEPTHS, 3)
+    *others, placed = desk(default_layout, DEPTHS, 3, (named,)).things
+    assert tuple(others) == desk(default_layout, DEPTHS, 3).things
     assert placed.view_from_thing[:3, 3].tolist() == [10.0, -30.0, 350.0]
     up = placed.view_from_thing[:3, :3] @ [0.0, 0.0, 1.0]
     assert up.tolist() == [0.0, -1.0, 0.0]
     assert np.linalg.det(placed.view_from_thing[:3, :3]) == pytest.approx(1.0)
-    unplaced = desk(default_layout, DEPTHS, 3, (NamedMesh(file=Path("vase.stl")),))[-1]
+    unplaced = desk(default_layout, DEPTHS, 3, (NamedMesh(file=Path("vase.stl")),)).things[-1]
     assert unplaced.view_from_thing[2, 3] == 380.0
 
 

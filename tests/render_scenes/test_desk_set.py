@@ -19,10 +19,11 @@ from optics.light_field.decode import Decoder
 from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
-from render_scenes.desk import NamedMesh
+from render_scenes.desk import NamedMesh, desk
 from render_scenes.desk_set import MANIFEST, MAPS, MASK, DeskRequest, DeskSet, default_depths_mm, read_map, render_desk
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.maps import exr_bytes
+from render_scenes.room import Room
 from render_scenes.settings import SENSORS
 
 KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}
@@ -123,6 +124,16 @@ def test_a_decoded_frame_is_the_true_views(finished: Path, built: Layout) -> Non
     assert min(sharp) > 25.0
     assert min(soft) > 32.0
     assert max(shifts) < 0.06
+
+
+@pytest.mark.slow
+def test_a_decoded_frame_of_a_webcam_is_the_true_views(default_layout: Layout, tmp_path: Path) -> None:
+    request = DeskRequest(layout=default_layout, seed=1, sensor=SENSORS["ideal"], spp=16)
+    render_desk(request, tmp_path / "desk")
+    sharp, soft, shifts = compared(tmp_path / "desk", Decoder(Layout.load(tmp_path / "desk/truth/layout.json")))
+    assert min(sharp) > 28.0
+    assert min(soft) > 36.0
+    assert max(shifts) < 0.03
 
 
 def test_decoding_as_designed_instead_of_as_built_is_noticed(finished: Path, asked: DeskRequest, built: Layout) -> None:
@@ -314,6 +325,11 @@ def test_one_mirror_has_a_true_view_and_no_disparity(asked: DeskRequest, tmp_pat
     manifest = render_desk(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
     views = {name for name in manifest.files if name.startswith("truth/") and name.count("/") == 2}
     assert views == {f"truth/{kind}/0_0{end}" for kind, end in KINDS.items() if kind != "disparity"}
+
+
+def test_without_a_compiler_a_desk_is_refused(small_layout: Layout) -> None:
+    with pytest.raises(InputError, match=r"^a scene in colour needs a GPU or an LLVM"):
+        Room(small_layout, desk(small_layout, (400.0,), 0), 0.9, variant=SCALAR)
 
 
 def test_depths_come_from_the_spec_where_there_is_one(default_layout: Layout) -> None:
