@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.scene import mesh_from_text
+from mirrorcam.commands.scene import SceneOptions, mesh_from_text
 from optics.camera import Camera
 from optics.files import read_image
 from optics.layout import Layout
@@ -92,6 +92,12 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     assert complaint in said
     assert said.count("\n") == 1
     assert not (here / "desk").exists()
+
+
+def test_meshes_are_named_one_by_one() -> None:
+    command = cli.parse(["scene", "layout.json", "--mesh", "a.obj", "--mesh", "b.stl:1,2,3"]).command
+    assert isinstance(command, SceneOptions)
+    assert command.mesh == ("a.obj", "b.stl:1,2,3")
 
 
 def test_a_mesh_may_have_a_place() -> None:
