@@ -15,7 +15,7 @@ from mirrorcam.extras import require
 from mirrorcam.progress import count_text, long_work, say
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Shaped, Value
-from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel, VideoName
+from render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
 
 if TYPE_CHECKING:
     from mirrorcam.workers import Died
@@ -70,6 +70,21 @@ def sensor_from_text(text: str) -> SensorModel:
     return read_model(SensorModel, Path(text))
 
 
+def settings_of(options: RenderOptions, sensor: SensorModel, finish: Finish) -> RenderSettings:
+    """The settings that options ask for; raises InputError where they contradict each other."""
+    try:
+        return RenderSettings(
+            renderer=options.renderer,
+            spp=options.spp,
+            sensor=sensor,
+            finish=finish,
+            maps=options.maps,
+            video=options.video,
+        )
+    except ValidationError as error:
+        raise InputError(error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")) from None
+
+
 class RenderOptions(Value):
     """Render what a layout, built with tolerances, photographs: frames of a board, and the truth in its own folder."""
 
@@ -101,6 +116,9 @@ class RenderOptions(Value):
     )
     video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
         default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+    )
+    finish: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="TOML file of the mirrors' finish: tint, spread, roughness, sag, ripple"
     )
     parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(
         default=None, description="what `mirrorcam cad` wrote of the layout: its parts hide and scatter light"
@@ -143,6 +161,8 @@ def run(options: RenderOptions) -> int:
     target = default_board() if options.board is None else load_board(options.board)
     given = None if options.poses is None else read_model(PosesFile, options.poses)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
+    finish = Finish() if options.finish is None else read_model(Finish, options.finish)
+    settings = settings_of(options, sensor, finish)
     require("render")
     from mirrorcam.workers import cores
     from render_scenes.dataset import MANIFEST
@@ -155,9 +175,7 @@ def run(options: RenderOptions) -> int:
         base_frames=options.base_frames,
         seed=options.seed,
         tolerances=tolerances,
-        settings=RenderSettings(
-            renderer=options.renderer, spp=options.spp, sensor=sensor, maps=options.maps, video=options.video
-        ),
+        settings=settings,
         poses=() if given is None else given.poses.tolist(),
         poses_hz=1.0 if given is None else given.poses_hz,
         rate_hz=options.rate_hz,

@@ -290,6 +290,10 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--video avi --rate-hz 9 --sensor ideal", "video avi: holds the JPEG files of a sensor"),
         ("--video gif --rate-hz 9", "invalid choice"),
         ("--spp 100000", "--spp 100000: Input should be less than or equal to 65536"),
+        ("--finish mirrors.toml --renderer fast", "renderer fast: mirrors are smooth and flat, expected sag_mm 0"),
+        ("--finish none.toml", "none.toml: no such file"),
+        ("--parts .", ".: no assembly.glb and no .stl files, expected a folder that `mirrorcam cad` wrote"),
+        ("--parts mine --renderer fast", "renderer fast: shows mirrors alone"),
         ("--workers 0", "--workers 0"),
         ("--workers 2 --scheduler tcp://x:1", "--workers and --scheduler: expected one of the two"),
         ("--verify set", "expected LAYOUT or --verify SET, one of the two"),
@@ -306,6 +310,7 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     write_json(folder / "sheared.json", poses_with(0.5, 3, 0))
     write_json(folder / "unseen.json", poses_with(9.0, 0, 3))
     (folder / "both.toml").write_text("jpeg_quality = 90\nh264_crf = 20\n", encoding="utf-8")
+    (folder / "mirrors.toml").write_text("sag_mm = 0.1\n", encoding="utf-8")
     (folder / "mine" / "truth").mkdir(parents=True)
     before = contents(folder)
     arguments = ["render", "layout.json", "--board", "board.toml", "--base-frames", "0", *options.split()]

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mirrorcam.commands.render import in_workers
 from optics.as_built import draw_as_built, draw_strays
 from optics.files import read_image
 from optics.layout import Layout
@@ -31,7 +32,7 @@ from render_scenes.llvm import SCALAR
 from render_scenes.poses import plan_frames
 from render_scenes.render_set import SetRequest, render_set
 from render_scenes.scene import BoardScene
-from render_scenes.settings import SENSORS, RenderSettings
+from render_scenes.settings import SENSORS, Finish, RenderSettings
 from render_scenes.sheet import print_on_paper
 
 SETTINGS = RenderSettings()
@@ -208,6 +209,27 @@ def test_a_set_of_a_device_is_rendered_with_its_parts(
     with pytest.raises(InputError, match="renderer fast: shows mirrors alone"):
         render_set(fast, tmp_path / "fast")
     assert not (tmp_path / "fast").exists()
+
+
+def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout: Layout, small_board: Charuco) -> None:
+    """Its parts, its rough and bent mirrors, and all that is drawn by lot."""
+    (tmp_path / "parts").mkdir()
+    write_stl(tmp_path / "parts" / "wall.stl", box((-70.0, -80.0, -20.0), (70.0, -75.0, 150.0)))
+    request = SetRequest(
+        layout=small_layout,
+        target=small_board,
+        frames=2,
+        base_frames=0,
+        settings=RenderSettings(spp=4, maps=False, finish=Finish(roughness=1e-3, sag_mm=0.02, reflectance_percent=2.0)),
+        parts=tmp_path / "parts",
+    )
+    sets = [tmp_path / "workers", tmp_path / "here"]
+    render_set(request, sets[0], run=in_workers(2))
+    render_set(request, sets[1])
+    names = sorted(path.relative_to(sets[0]) for path in sets[0].rglob("*") if path.is_file())
+    assert len(names) == 10
+    for name in names:
+        assert (sets[0] / name).read_bytes() == (sets[1] / name).read_bytes(), name
 
 
 def write_stl(path: Path, body: Body) -> None:
