@@ -20,7 +20,17 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
 from render_scenes.desk import NamedMesh, desk
-from render_scenes.desk_set import MANIFEST, MAPS, MASK, DeskRequest, DeskSet, default_depths_mm, read_map, render_desk
+from render_scenes.desk_set import (
+    MANIFEST,
+    MAPS,
+    MASK,
+    DeskRequest,
+    DeskSet,
+    _views,
+    default_depths_mm,
+    read_map,
+    render_desk,
+)
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.maps import exr_bytes
 from render_scenes.room import Room
@@ -318,6 +328,16 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: DeskRequest, tmp_path: Pat
     # 20 x 30 mm at that distance, in px.
     px_per_mm = views.focal_px / (285.0 - views.view_from_rig[2] @ views.reference_view_in_rig_mm)
     assert (labels == 10).sum() == pytest.approx(20.0 * 30.0 * px_per_mm**2, rel=0.15)
+
+
+def test_sheets_coated_behind_have_the_views_of_what_they_look_like(small_layout: Layout) -> None:
+    sheets = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in small_layout.mirrors)
+    built = small_layout.replaced(mirrors=sheets)
+    views = _views(built, 375.0)
+    assert np.array_equal(views.reference_view_in_rig_mm, built.virtual_centres_in_rig_mm[4])
+    assert views.layout_identity == built.identity
+    plain = Decoder(built.replaced(mirrors=tuple(mirror.apparent for mirror in sheets))).views
+    assert (views.width_px, views.height_px, views.focal_px) == (plain.width_px, plain.height_px, plain.focal_px)
 
 
 def test_one_mirror_has_a_true_view_and_no_disparity(asked: DeskRequest, tmp_path: Path) -> None:
