@@ -17,6 +17,14 @@ from render_scenes.settings import RenderSettings
 MANIFEST = "dataset.json"
 
 
+class Reach(Value):
+    """The depths of the boards that a mirror shows, and how much they are tilted against its view; 0 without any."""
+
+    nearest_mm: int
+    farthest_mm: int
+    tilt_deg: int
+
+
 class Dataset(Value):
     """The manifest of a rendered set: what a real user would know of it, and a checksum for each file written so far.
 
@@ -36,6 +44,7 @@ class Dataset(Value):
     parts: str | None = Field(default=None, description="checksum of the parts that stand around the mirrors; or none")
     renderer: str = Field(description="program, version and variant")
     coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
+    reaches: tuple[Reach, ...] = Field(description="how near, far and tilted each mirror sees the planned boards")
     base_coverage: float = Field(description="the same of the whole sensor in the base frames")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")

@@ -27,7 +27,7 @@ from render_scenes.finish import MirrorFinish, draw_finishes
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
-from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of
+from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of, reaches
 from render_scenes.settings import RenderSettings
 from render_scenes.truth import Oracle
 from render_scenes.video import write_h264, write_mjpeg
@@ -91,6 +91,7 @@ def render_set(
         parts=None if parts is None else parts.checksum,
         renderer=f"{settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
         coverage=tuple(plan.coverage),
+        reaches=reaches(plan, request.target, layout.view_from_rig[2]),
         base_coverage=float(base_plan.coverage[0]),
         request="",
     )
@@ -214,7 +215,7 @@ def _continue(out: Path, dataset: Dataset) -> Dataset:
         return dataset
     before = Dataset.load(out)
     if before.request != dataset.request:
-        asked = set(Dataset.model_fields) - {"schema_id", "request", "files", "coverage", "base_coverage"}
+        asked = set(Dataset.model_fields) - {"schema_id", "request", "files", "coverage", "reaches", "base_coverage"}
         other = sorted(name for name in asked if getattr(before, name) != getattr(dataset, name))
         differs = " and ".join(other) or "seed (or of another version of this program)"
         raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")

@@ -187,6 +187,7 @@ def run(options: RenderOptions) -> int:
     with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
         dataset = render_set(request, options.out, run=run_there, on_frame=advance)
     say("coverage", coverage_text(dataset, layout.cols))
+    say("coverage", reach_text(dataset))
     say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
 
@@ -197,6 +198,17 @@ def coverage_text(dataset: Dataset, cols: int) -> str:
     rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
     mirrors = f"corners over {' / '.join(rows)} % of the mirrors' pictures"
     return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of the bare camera's" if dataset.base_frames else mirrors
+
+
+def reach_text(dataset: Dataset) -> str:
+    """What every mirror sees: the least of all their reaches."""
+    reaches = dataset.reaches
+    blind = [str(number) for number, reach in enumerate(reaches) if reach.farthest_mm == 0]
+    if blind:
+        return f"mirror {', '.join(blind)} shows too few corners in every frame"
+    nearest, farthest = max(reach.nearest_mm for reach in reaches), min(reach.farthest_mm for reach in reaches)
+    tilt = min(reach.tilt_deg for reach in reaches)
+    return f"every mirror shows boards from {nearest} to {farthest} mm away and tilted by up to {tilt}°"
 
 
 def verify(folder: Path) -> int:

@@ -18,7 +18,14 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import _living, in_workers, on_cluster, sensor_from_text, tolerances_from_text
+from mirrorcam.commands.render import (
+    _living,
+    in_workers,
+    on_cluster,
+    reach_text,
+    sensor_from_text,
+    tolerances_from_text,
+)
 from mirrorcam.workers import run_local
 from optics.camera import Camera
 from optics.files import write_json
@@ -26,7 +33,7 @@ from optics.layout import Layout
 from optics.targets import Charuco, save_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import Dataset
+from render_scenes.dataset import Dataset, Reach
 from render_scenes.render_set import SetRequest, render_set
 from render_scenes.settings import SENSORS, RenderSettings
 
@@ -196,8 +203,10 @@ def test_it_says_what_the_frames_cover(folder: Path, finished: Path, capfd: pyte
     percent = [f"{100 * part:.0f}" for part in dataset.coverage]
     rows = " / ".join(" ".join(percent[row : row + 3]) for row in (0, 3, 6))
     bare = f"{100 * dataset.base_coverage:.0f} % of the bare camera's"
-    assert f"corners over {rows} % of the mirrors' pictures, {bare}" in capfd.readouterr().out
+    capfd_out = capfd.readouterr().out
+    assert f"corners over {rows} % of the mirrors' pictures, {bare}" in capfd_out
     assert min(dataset.coverage) > 0.1
+    assert f"every mirror shows boards from {max(r.nearest_mm for r in dataset.reaches)} to " in capfd_out
     assert contents(folder / "set") == contents(finished)
 
 
@@ -337,6 +346,17 @@ def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Pat
     assert (running.returncode, said.count("\n")) == (2, 1)
     assert "cannot be written: File too large" in said
     assert not [name for name in contents(folder / "set") if name.endswith(".jpg") or "/." in f"/{name}"]
+
+
+def test_a_mirror_that_shows_no_board_is_named(finished: Path) -> None:
+    dataset = Dataset.load(finished)
+    none = Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
+    blind = dataset.replaced(reaches=(none, *dataset.reaches[1:7], none, dataset.reaches[8]))
+    assert reach_text(blind) == "mirror 0, 7 shows too few corners in every frame"
+    near = Reach(nearest_mm=250, farthest_mm=400, tilt_deg=50)
+    far = Reach(nearest_mm=300, farthest_mm=500, tilt_deg=40)
+    both = dataset.replaced(reaches=(near, far))
+    assert reach_text(both) == "every mirror shows boards from 300 to 400 mm away and tilted by up to 40°"
 
 
 def test_texts_become_tolerances_and_sensors() -> None:

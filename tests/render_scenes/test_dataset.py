@@ -11,7 +11,7 @@ import pytest
 from optics.targets import default_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, sha256
+from render_scenes.dataset import MANIFEST, Dataset, Reach, sha256
 from render_scenes.settings import SENSORS, RenderSettings, SensorName
 
 
@@ -27,6 +27,7 @@ def manifest() -> Dataset:
         settings=RenderSettings(),
         renderer="mitsuba",
         coverage=(0.5, 1.0),
+        reaches=(Reach(nearest_mm=281, farthest_mm=560, tilt_deg=44), Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)),
         base_coverage=0.9,
         request="abc",
     )
