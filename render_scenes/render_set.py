@@ -55,7 +55,7 @@ class SetRequest(Value):
     settings: RenderSettings = RenderSettings()
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     poses_hz: float = Field(default=1.0, gt=0)
-    rate_hz: float | None = Field(default=None, gt=0)
+    rate_hz: float | None = Field(default=None, ge=0.01, le=500)
     parts: Path | None = None
 
 

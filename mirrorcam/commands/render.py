@@ -112,7 +112,7 @@ class RenderOptions(Value):
         default=None, description="JSON file of poses, rig_from_board in mm, in place of planned ones"
     )
     rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
-        default=None, gt=0, description="frames in a second of one smooth motion through the poses"
+        default=None, ge=0.01, le=500, description="frames in a second of one smooth motion through the poses"
     )
     video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
         default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"

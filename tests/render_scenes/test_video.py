@@ -71,6 +71,16 @@ def test_an_mp4_shows_the_pictures_at_their_rate(pictures: dict[str, list[Path]]
     assert np.ptp(np.stack(shown)) > 170
 
 
+@pytest.mark.parametrize("rate_hz", [0.01, 23.976, 500.0])
+def test_slow_and_fast_motions_keep_their_rate(rate_hz: float, pictures: dict[str, list[Path]], tmp_path: Path) -> None:
+    write_mjpeg(tmp_path / "video.avi", pictures["jpg"], rate_hz, lambda count: None)
+    write_h264(tmp_path / "video.mp4", pictures["png"], rate_hz, 20, lambda count: None)
+    for name in ("video.avi", "video.mp4"):
+        with av.open(str(tmp_path / name)) as container:
+            times = [frame.time for frame in container.decode(video=0)]
+        assert times == pytest.approx([number / rate_hz for number in range(6)], rel=1e-5)
+
+
 def test_lower_quality_is_smaller_and_worse(pictures: dict[str, list[Path]], tmp_path: Path) -> None:
     sizes, errors = [], []
     for crf in (0, 15, 30, 45):
