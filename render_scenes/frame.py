@@ -16,7 +16,7 @@ from optics.files import encoded_image
 from optics.layout import Layout
 from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
-from render_scenes.device import Parts, bodies_around
+from render_scenes.device import Obstacles, Parts, bodies_around
 from render_scenes.fast import FastScene
 from render_scenes.finish import MirrorFinish
 from render_scenes.llvm import use_variant
@@ -64,13 +64,13 @@ class _Set:
     def __init__(self, stage: Stage) -> None:
         built, settings = stage.built, stage.settings
         mirrors = built.mirrors if stage.mirrors else ()
+        bodies = () if stage.parts is None else bodies_around(stage.parts)
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
             self.scene = FastScene(
                 built.camera, mirrors, stage.target, settings, finishes=stage.finishes, variant=stage.variant
             )
         else:
-            bodies = () if stage.parts is None else bodies_around(stage.parts)
             self.scene = BoardScene(
                 built.camera,
                 mirrors,
@@ -81,7 +81,8 @@ class _Set:
                 variant=stage.variant,
             )
         self.settings = settings
-        follow = partial(pixel_rays, built, mirrors=stage.mirrors, finishes=stage.finishes)
+        obstacles = Obstacles(bodies) if bodies else None
+        follow = partial(pixel_rays, built, mirrors=stage.mirrors, finishes=stage.finishes, obstacles=obstacles)
         self.rays = follow() if settings.maps else None
         self.coarse = follow(step=COARSE)
 
@@ -142,7 +143,7 @@ def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, Float
     """What pixels show of a board along poses (1 or 3, 4, 4): each row when it is read."""
     if len(poses) == 1:
         return board_maps(rays, target, poses[0])
-    fields = (rays.mirror, rays.start, rays.way, rays.before_mm)
+    fields = (rays.mirror, rays.start, rays.way, rays.before_mm, rays.free_mm)
     count = len(rays.mirror)
     meanwhile = poses_at(poses, np.arange(count) / (count - 1))
     rows = [

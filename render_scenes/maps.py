@@ -16,6 +16,7 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
+from render_scenes.device import Obstacles
 from render_scenes.finish import MirrorFinish
 from render_scenes.paths import reflected
 from render_scenes.sheet import MARGIN_SQUARES
@@ -29,25 +30,34 @@ class PixelRays:
     """How the ray of every pixel (h, w) goes on: what all frames through one device share.
 
     `mirror` is the index of the mirror that a pixel shows, `NO_MIRROR` without one; from `start` (h, w, 3) in rig, mm,
-    its ray goes along the unit vector `way` (h, w, 3), after `before_mm` on its way from the pupil. NaN where the
-    pixel shows neither the scene nor a mirror that shows it.
+    its ray goes along the unit vector `way` (h, w, 3), after `before_mm` on its way from the pupil, for `free_mm` until
+    something stops it, if anything does. NaN where the pixel shows neither the scene nor a mirror that shows it.
     """
 
     mirror: FloatArray
     start: FloatArray
     way: FloatArray
     before_mm: FloatArray
+    free_mm: FloatArray
 
 
-def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1, finishes: Sequence[MirrorFinish] = ()) -> PixelRays:
+def pixel_rays(
+    layout: Layout,
+    *,
+    mirrors: bool,
+    step: int = 1,
+    finishes: Sequence[MirrorFinish] = (),
+    obstacles: Obstacles | None = None,
+) -> PixelRays:
     """The rays of a layout's pixels, or of those of some rows and columns, by its mirrors or by its camera alone.
 
-    Without `finishes` its mirrors are flat.
+    Without `finishes` its mirrors are flat; `obstacles` stand around them.
     """
     rays = _unit_rays(layout.camera, step)
     shape = rays.shape[:2]
     if not mirrors:
-        return PixelRays(np.full(shape, float(NO_MIRROR)), np.zeros_like(rays), rays, np.zeros(shape))
+        nothing, endless = np.zeros(shape), np.full(shape, np.inf)
+        return PixelRays(nothing + NO_MIRROR, np.zeros_like(rays), rays, nothing, endless)
     index, depth = np.full(shape, float(NO_MIRROR)), np.full(shape, np.inf)
     start, way, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
     for number, mirror in enumerate(layout.mirrors):
@@ -62,7 +72,13 @@ def pixel_rays(layout: Layout, *, mirrors: bool, step: int = 1, finishes: Sequen
             (before, travelled),
         ):
             target[window][nearer] = values[nearer]
-    return PixelRays(index, start, way, before)
+    if obstacles is None:
+        return PixelRays(index, start, way, before, np.full(shape, np.inf))
+    hidden = obstacles.free_from_pupil_mm(rays) < depth
+    index[hidden] = NO_MIRROR
+    for values in (start, way, before):
+        values[hidden] = np.nan
+    return PixelRays(index, start, way, before, obstacles.free_mm(start, way))
 
 
 def _unit_rays(camera: Camera, step: int) -> FloatArray:
@@ -111,7 +127,7 @@ def board_maps(rays: PixelRays, target: Checkerboard | Charuco, rig_from_board: 
         x, y = (start[..., axis] + length * way[..., axis] for axis in range(2))
         margin = MARGIN_SQUARES * target.square_mm
         width, height = target.size_mm
-        shown = (length > 0.0) & (way[..., 2] > 0.0)
+        shown = (length > 0.0) & (length < rays.free_mm) & (way[..., 2] > 0.0)
         shown &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)
     values = (np.where(shown, value, np.nan) for value in (x, y, rays.before_mm + length))
     return dict(zip(CHANNELS, (rays.mirror, *values), strict=True))

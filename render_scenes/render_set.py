@@ -22,7 +22,7 @@ from optics.targets import Target, save_board
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, sha256
-from render_scenes.device import parts_of
+from render_scenes.device import Obstacles, bodies_around, parts_of
 from render_scenes.finish import MirrorFinish, draw_finishes
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
@@ -99,7 +99,9 @@ def render_set(
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
     finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
-    dataset = _write_truth(out, dataset, built, finishes, moments, base_plan, request.seed)
+    obstacles = None if parts is None else Obstacles(bodies_around(parts))
+    oracle = Oracle(built, dataset.target, finishes, obstacles)
+    dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
     tasks = [
         FrameTask(
             stage=Stage(
@@ -257,7 +259,7 @@ def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
 def _write_truth(
     out: Path,
     dataset: Dataset,
-    built: Layout,
+    oracle: Oracle,
     finishes: tuple[MirrorFinish, ...],
     moments: FloatArray,
     base_plan: Plan,
@@ -267,10 +269,9 @@ def _write_truth(
     names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
     halfway = moments[:, moments.shape[1] // 2]
     truth = out / "truth"
-    oracle = Oracle(built, dataset.target, finishes)
     frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
     base_px, base_visible = oracle.all_direct(list(base_plan.poses))
-    built.save(truth / "layout.json")
+    oracle.layout.save(truth / "layout.json")
     write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
     if moments.shape[1] == 3:
         write_json(truth / "readout.json", {"poses": moments.tolist()})

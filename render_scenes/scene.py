@@ -16,9 +16,9 @@ from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.device import Body, body_shapes
+from render_scenes.device import Body, body_shapes, near_mm
 from render_scenes.finish import MirrorFinish, even
-from render_scenes.integrator import CLEARANCE_MM, SHEET_BRANCHES, Light, integrator, render
+from render_scenes.integrator import SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
 from render_scenes.mirrors import mirror_shapes
 from render_scenes.sensor import sensor
@@ -79,9 +79,7 @@ class BoardScene:
                 **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
             }
         )
-        # The pupil lies within the camera.
-        own = [float(body.points[:, 2].max()) for body in bodies if body.kind == "camera"]
-        self.sensor = sensor(camera, near_mm=max(own, default=-CLEARANCE_MM) + CLEARANCE_MM)
+        self.sensor = sensor(camera, near_mm=near_mm(bodies))
         # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
         rough = any(finish.roughness > 0.0 for finish in finishes)
         sheets = any(mirror.surface == "second" for mirror in mirrors)

@@ -17,6 +17,7 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
+from render_scenes.device import Obstacles
 from render_scenes.finish import MirrorFinish
 from render_scenes.motion import poses_at
 from render_scenes.paths import image_px, reflected
@@ -58,10 +59,15 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
 
 def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
     """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, meets and leaves a mirror's front."""
+    length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
+    return np.asarray(np.isfinite(length).all(axis=1))
+
+
+def _unit_rays_around(camera: Camera, px: FloatArray) -> FloatArray:
+    """Unit rays (n, 4, 3) of the pixels `VISIBLE_MARGIN_PX` beside pixels (n, 2)."""
     margin = VISIBLE_MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     rays = camera.unproject(px[:, None] + margin)
-    length = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), finish)[3]
-    return np.asarray(np.isfinite(length).all(axis=1))
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def sub_image(layout: Layout, index: int) -> shapely.Polygon:
@@ -74,11 +80,18 @@ def sub_image(layout: Layout, index: int) -> shapely.Polygon:
 class Oracle:
     """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible.
 
-    Without `finishes` the mirrors are flat.
+    Without `finishes` the mirrors are flat; `obstacles` stand around them.
     """
 
-    def __init__(self, layout: Layout, target: Checkerboard | Charuco, finishes: Sequence[MirrorFinish] = ()) -> None:
-        self.layout, self.target, self._finishes = layout, target, finishes or (None,) * len(layout.mirrors)
+    def __init__(
+        self,
+        layout: Layout,
+        target: Checkerboard | Charuco,
+        finishes: Sequence[MirrorFinish] = (),
+        obstacles: Obstacles | None = None,
+    ) -> None:
+        self.layout, self.target, self._obstacles = layout, target, obstacles
+        self._finishes = finishes or (None,) * len(layout.mirrors)
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
 
@@ -130,7 +143,17 @@ class Oracle:
         if mirror.surface == "second" or (finish is not None and not finish.flat):
             seen[seen] = _through(self.layout.camera, mirror, px[seen], finish)
         seen[seen] = _clear_of(self.layout, index, points[seen])
+        if self._obstacles is not None:
+            seen[seen] = self._free(self._obstacles, index, points[seen], px[seen])
         return seen
+
+    def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Whether nothing stops light beside pixels (n, 2) on its way to the mirror and on to points (n, 3)."""
+        rays = _unit_rays_around(self.layout.camera, px)
+        entry_mm, start, way, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
+        free = obstacles.free_from_pupil_mm(rays) > entry_mm
+        free &= obstacles.free_mm(start, way) > np.linalg.norm(points[:, None] - start, axis=-1)
+        return np.asarray(free.all(axis=1))
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""

@@ -21,6 +21,7 @@ from optics.values import FloatArray, InputError
 from render_scenes.device import (
     PLASTIC_RGB,
     Body,
+    Obstacles,
     bodies_around,
     checksum,
     holder_from_rig,
@@ -29,11 +30,13 @@ from render_scenes.device import (
     read_bodies,
 )
 from render_scenes.llvm import SCALAR
+from render_scenes.maps import NO_MIRROR, board_maps, pixel_rays
 from render_scenes.poses import plan_frames
 from render_scenes.render_set import SetRequest, render_set
 from render_scenes.scene import BoardScene
 from render_scenes.settings import SENSORS, Finish, RenderSettings
 from render_scenes.sheet import print_on_paper
+from render_scenes.truth import Oracle
 
 SETTINGS = RenderSettings()
 
@@ -139,6 +142,38 @@ def test_the_camera_does_not_hide_itself(small_layout: Layout, small_board: Char
     np.testing.assert_allclose(seen[free > 0.0], free[free > 0.0], atol=1e-5)
     hidden = scene_of(small_layout, small_board, pose, box((-40.0, -12.0, -30.0), (40.0, 12.0, 5.0)))
     assert np.abs(hidden.render(spp=4, seed=1, crop=crop) - free).mean() > 0.1
+
+
+def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
+    """A wall between camera and mirror, then one between mirror and board: maps and corners, against the picture."""
+    middle = small_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
+    seen = board_maps(pixel_rays(small_layout, mirrors=True), small_board, pose)
+    px, before = Oracle(small_layout, small_board).by_mirrors(pose)
+    free = scene_of(small_layout, small_board, pose).render(spp=16, seed=1)
+    walls = (0.6 * middle, [3.0, 3.0, 0.1]), (middle + 120.0 * small_layout.view_from_rig[2], [4.0, 0.1, 4.0])
+    for kept, (at, half) in enumerate(walls):
+        wall = box(at - half, at + half)
+        obstacles = Obstacles([wall])
+        maps = board_maps(pixel_rays(small_layout, mirrors=True, obstacles=obstacles), small_board, pose)
+        hidden = np.isfinite(seen["board.x"]) & ~np.isfinite(maps["board.x"])
+        assert 20 < hidden.sum() < 3000
+        lost_mirrors = (maps["mirror"][hidden] == NO_MIRROR).mean()
+        assert lost_mirrors == (0.0 if kept else 1.0)
+        picture = scene_of(small_layout, small_board, pose, wall).render(spp=16, seed=1)
+        shown = np.isfinite(maps["board.x"])
+        inside, outside = (cv2.erode(part.astype(np.uint8), np.ones((3, 3))) > 0 for part in (hidden, shown))
+        assert inside.sum() > 10
+        plastic = 0.2 * SETTINGS.surroundings * (SETTINGS.mirror_reflectance if kept else 1.0)
+        assert (np.abs(picture[inside] - plastic) < 0.3 * plastic).mean() > 0.95
+        assert (np.abs(picture - free)[outside] < 1e-5).mean() > 0.999
+        after = Oracle(small_layout, small_board, (), obstacles).by_mirrors(pose)[1]
+        assert not (after & ~before).any()
+        near = cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7))) > 0
+        lost = px[before & ~after].round().astype(int)
+        assert len(lost) > 0
+        assert near[lost[:, 1], lost[:, 0]].all()
+        still = px[after].round().astype(int)
+        assert not hidden[still[:, 1], still[:, 0]].any()
 
 
 def test_the_scalar_variant_shows_parts_alike(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
