@@ -15,20 +15,21 @@ from render_scenes.finish import MirrorFinish, radius_mm
 CELLS_A_WAVE, CELLS_A_RADIUS = 40, 12
 
 
-def mirror_shapes(mirror: Mirror, finish: MirrorFinish) -> dict[str, Any]:
+def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) -> dict[str, Any]:
     """A mirror exactly as its layout cuts it, by names of its faces.
 
-    A first-surface mirror is a reflecting face, black behind. A second-surface one is a sheet: a front that light
-    passes by Fresnel's formulas, cut like the coating behind it, which is black from behind, and black edges. Both
-    faces of a bent sheet have one shape.
+    A first-surface mirror is a reflecting face, black behind; with `edges`, those of its sheet, as black, behind it. A
+    second-surface one is a sheet: a front that light passes by Fresnel's formulas, cut like the coating behind it,
+    which is black from behind, and black edges. Both faces of a bent sheet have one shape.
     """
     if mirror.surface == "first":
-        return {"coating": _face(mirror, finish, 0.0, _coating(finish))}
+        coating = {"coating": _face(mirror, finish, 0.0, _coating(finish))}
+        return coating | ({"edges": _edges(mirror, -mirror.thickness_mm)} if edges else {})
     glass = {"type": "dielectric", "int_ior": mirror.refractive_index, "ext_ior": 1.0}
     return {
         "coating": _face(mirror, finish, 0.0, _coating(finish)),
         "front": _face(mirror, finish, mirror.thickness_mm, glass),
-        "edges": _edges(mirror),
+        "edges": _edges(mirror, mirror.thickness_mm),
     }
 
 
@@ -99,11 +100,11 @@ def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np
     return points, faces
 
 
-def _edges(mirror: Mirror) -> Any:
-    """The cut edges of a sheet: what they meet is lost."""
-    back = mirror.outline_in_rig_mm
-    count = len(back)
-    corners = np.concatenate([back, back + mirror.thickness_mm * mirror.normal_in_rig])
+def _edges(mirror: Mirror, height_mm: float) -> Any:
+    """The cut edges of a sheet from its coating on, towards the pupil: what meets them is lost."""
+    outline = mirror.outline_in_rig_mm
+    count = len(outline)
+    corners = np.concatenate([outline, outline + height_mm * mirror.normal_in_rig])
     here = np.arange(count)
     after = (here + 1) % count
     faces = np.concatenate([np.stack([here, after, after + count]), np.stack([here, after + count, here + count])], 1)

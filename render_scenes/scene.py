@@ -73,7 +73,7 @@ class BoardScene:
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
-                    for face, shape in mirror_shapes(mirror, finish).items()
+                    for face, shape in mirror_shapes(mirror, finish, edges=bool(bodies)).items()
                 },
                 **body_shapes(bodies),
                 **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),

@@ -134,6 +134,26 @@ def test_a_matte_wall_under_an_even_sky_is_as_bright_as_the_sky_times_its_reflec
     np.testing.assert_allclose(found, 0.2 * SETTINGS.surroundings, rtol=1e-4)
 
 
+def test_sheets_of_a_device_are_as_thick_as_they_are(
+    small_layout: Layout, small_board: Charuco, pose: FloatArray
+) -> None:
+    """Light that comes along the plane of a first-surface mirror, half its thickness behind it, ends at its edge."""
+    import mitsuba as mi
+
+    mirror = small_layout.mirrors[4]
+    edge = mirror.outline_in_rig_mm[:2].mean(axis=0)
+    inwards = mirror.outline_in_rig_mm.mean(axis=0) - edge
+    inwards /= np.linalg.norm(inwards)
+    start = edge - 0.5 * mirror.thickness_mm * mirror.normal_in_rig - 2.0 * inwards
+    far = box((900.0, 0.0, 0.0), (901.0, 1.0, 1.0))
+    for bodies, met in (((far,), True), ((), False)):
+        scene = scene_of(small_layout.replaced(rows=1, cols=1, mirrors=(mirror,)), small_board, pose, *bodies)
+        hit = scene.scene.ray_intersect(mi.Ray3f(mi.Point3f(*start.tolist()), mi.Vector3f(*inwards.tolist())))
+        assert bool(hit.t[0] < 10.0) == met
+        if met:
+            assert hit.t[0] == pytest.approx(2.0, abs=1e-3)
+
+
 def test_the_camera_does_not_hide_itself(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
     own = box((-40.0, -12.0, -30.0), (40.0, 12.0, 5.0), kind="camera")
     crop = (200, 90, 80, 40)
