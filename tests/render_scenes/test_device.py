@@ -138,8 +138,6 @@ def test_sheets_of_a_device_are_as_thick_as_they_are(
     small_layout: Layout, small_board: Charuco, pose: FloatArray
 ) -> None:
     """Light that comes along the plane of a first-surface mirror, half its thickness behind it, ends at its edge."""
-    import mitsuba as mi
-
     mirror = small_layout.mirrors[4]
     edge = mirror.outline_in_rig_mm[:2].mean(axis=0)
     inwards = mirror.outline_in_rig_mm.mean(axis=0) - edge
@@ -148,6 +146,8 @@ def test_sheets_of_a_device_are_as_thick_as_they_are(
     far = box((900.0, 0.0, 0.0), (901.0, 1.0, 1.0))
     for bodies, met in (((far,), True), ((), False)):
         scene = scene_of(small_layout.replaced(rows=1, cols=1, mirrors=(mirror,)), small_board, pose, *bodies)
+        import mitsuba as mi
+
         hit = scene.scene.ray_intersect(mi.Ray3f(mi.Point3f(*start.tolist()), mi.Vector3f(*inwards.tolist())))
         assert bool(hit.t[0] < 10.0) == met
         if met:

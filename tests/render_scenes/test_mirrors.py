@@ -76,10 +76,10 @@ def test_sheets_look_the_same_by_both_renderers(
 
 def test_the_maps_tell_where_the_traced_light_left_the_board(sheets: Layout, pose: FloatArray) -> None:
     """From face to face by Mitsuba's own intersections and BSDFs: the board's place in every pixel, to 1 um."""
-    import mitsuba as mi
-
     scene = BoardScene(sheets.camera, sheets.mirrors, TARGET, RenderSettings())
     scene.place_board(pose)
+    import mitsuba as mi
+
     step = 8
     truth = board_maps(pixel_rays(sheets, mirrors=True, step=step), TARGET, pose)
     y, x = np.nonzero(np.isfinite(truth["board.x"]))
