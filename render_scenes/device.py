@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from optics.files import read_bytes
 from optics.layout import Layout
@@ -21,6 +22,8 @@ from render_scenes.mirrors import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"
+COUPON = "fit_coupon"  # among the parts to print, but no piece of the device
+SAME_MM = 0.05  # between a corner of a mirror in a file and in a layout
 # Printed plastic, dark and matte, as it comes where no file says its colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
 _COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -54,12 +57,28 @@ class Parts(Value):
 
 
 def parts_of(folder: Path, nominal: Layout, built: Layout) -> Parts:
-    """The parts in a folder around a device built of a layout. Raises InputError for a folder without any."""
+    """The parts in a folder around a device built of a layout.
+
+    Raises InputError for a folder without any, or for one of a device with other mirrors.
+    """
+    if (folder / ASSEMBLY).is_file():
+        check_mirrors(folder, nominal)
     return Parts(
         folder=str(folder.resolve()),
         checksum=checksum(folder),
         holder_from_rig=holder_from_rig(nominal, built),
     )
+
+
+def check_mirrors(folder: Path, nominal: Layout) -> None:
+    """Raise InputError unless the mirrors of an assembly, if it has any, are those of a layout."""
+    sheets = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
+    if not sheets:
+        return
+    corners = cKDTree(np.concatenate([body.points for body in sheets]))
+    off_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
+    if len(sheets) != len(nominal.mirrors) or off_mm > SAME_MM:
+        raise InputError(f"{folder}: parts of another layout, expected what `mirrorcam cad` wrote of this one")
 
 
 def bodies_around(parts: Parts) -> tuple[Body, ...]:
@@ -85,7 +104,7 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
     """
     if (folder / ASSEMBLY).is_file():
         return (folder / ASSEMBLY,)
-    found = tuple(sorted(folder.glob("*.stl")))
+    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem != COUPON)
     if not found:
         raise InputError(f"{folder}: no {ASSEMBLY} and no .stl files, expected a folder that `mirrorcam cad` wrote")
     return found

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
-from render_scenes.device import ASSEMBLY, Body, read_assembly
+from render_scenes.device import ASSEMBLY, Body, check_mirrors, read_assembly
 from render_scenes.integrator import Light, integrator, render
 from render_scenes.llvm import use_variant
 from render_scenes.mirrors import mesh
@@ -86,10 +86,11 @@ def views_of(layout: Layout, bodies: Sequence[Body]) -> tuple[View, View]:
 def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.0) -> NDArray[np.uint8]:
     """The picture (1080, 1920, 3), red first, or a `scale` of it, of a layout's device from what `mirrorcam cad` wrote.
 
-    Raises InputError where the folder holds no assembly.
+    Raises InputError where the folder holds no assembly, or that of another layout.
     """
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
+    check_mirrors(folder, layout)
     bodies = read_assembly(folder / ASSEMBLY)
     use_variant(colour=True)
     import mitsuba as mi

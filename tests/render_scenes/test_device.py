@@ -211,6 +211,7 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
         read_bodies(tmp_path)
     wall = box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
     write_stl(tmp_path / "wall.stl", wall)
+    write_stl(tmp_path / "fit_coupon.stl", wall)  # to print, but no piece of the device
     (found,) = read_bodies(tmp_path)
     assert found.name == "wall"
     np.testing.assert_allclose(np.sort(found.points, axis=0), np.sort(wall.points, axis=0))
@@ -222,6 +223,8 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
     with pytest.raises(InputError, match="other parts than when the set was begun"):
         bodies_around(parts)
     write_glb(tmp_path / "assembly.glb", {"holder": ("part", wall), "mirror_0-0": ("mirror", wall)})
+    with pytest.raises(InputError, match="parts of another layout"):
+        parts_of(tmp_path, default_layout, default_layout)
     (holder,) = read_bodies(tmp_path)
     assert (holder.name, holder.kind, holder.rgb) == ("holder", "part", (0.25, 0.5, 0.75))
     np.testing.assert_array_equal(holder.points[holder.faces], wall.points[wall.faces])
