@@ -26,7 +26,7 @@ from cad.build import build
 from cad.device import Device
 from cad.part import PartPlan
 from cad.slicer import slicer_version
-from mirrorcam.sweep_local import cores
+from mirrorcam.workers import cores
 from optics.design.optimise import design
 from optics.layout import Layout
 from optics.spec import DesignSpec

@@ -21,8 +21,9 @@ from typing import Any, TypeVar
 
 from mirrorcam.figures.sweep import pareto
 from mirrorcam.sweep import outcome_of, sweep, table_of, write_table
-from mirrorcam.sweep_local import Died, cores, run_local
+from mirrorcam.sweep_run import design_here
 from mirrorcam.sweep_work import Answer
+from mirrorcam.workers import Died, cores
 from optics.camera import Camera
 from optics.design.sweep import Outcome
 from optics.spec import DesignSpec
@@ -135,7 +136,7 @@ def main(folder: Path, only: Sequence[str], workers: int) -> None:
     times: dict[tuple[int, int], list[float]] = defaultdict(list)
 
     def noted(missing: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for place, got in run_local(missing, workers):
+        for place, got in design_here(missing, workers):
             spec = missing[place]
             number, outcome = listed.index(spec), outcome_of(spec, got)
             seconds = got.seconds if isinstance(got, Answer) else 0.0

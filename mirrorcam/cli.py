@@ -26,7 +26,7 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam import interruption
-from mirrorcam.commands import cad, calibrate, decode, design, render, run, sweep, validate
+from mirrorcam.commands import board, cad, calibrate, decode, design, picture, render, run, scene, sweep, validate
 from optics.camera import Camera
 from optics.values import InputError
 
@@ -37,7 +37,10 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     design.DesignOptions: design.run,
     sweep.SweepOptions: sweep.run,
     cad.CadOptions: cad.run,
+    board.BoardOptions: board.run,
     render.RenderOptions: render.run,
+    scene.SceneOptions: scene.run,
+    picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
     validate.ValidateOptions: validate.run,
@@ -53,7 +56,10 @@ class Command:
         | Annotated[design.DesignOptions, subcommand("design")]
         | Annotated[sweep.SweepOptions, subcommand("sweep")]
         | Annotated[cad.CadOptions, subcommand("cad")]
+        | Annotated[board.BoardOptions, subcommand("board")]
         | Annotated[render.RenderOptions, subcommand("render")]
+        | Annotated[scene.SceneOptions, subcommand("scene")]
+        | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]

@@ -53,7 +53,8 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
     shown = next((root / "light_field").glob("*.npz"))
     with np.load(shown, allow_pickle=False) as light_field:
         height, width = light_field["weights"].shape[2:]
-    frame, views = f"set/frames/{shown.stem}.png", f"light_field/{shown.stem}_views.png"
+    frame = next(f"set/{name}" for name in dataset.frame_names if Path(name).stem == shown.stem)
+    views = f"light_field/{shown.stem}_views.png"
     tolerances = dataset.tolerances
     return Report(
         command=command,

@@ -11,18 +11,21 @@ from mirrorcam.extras import require
 from mirrorcam.page import read_metrics, write_page, write_pictures
 from mirrorcam.progress import Advance, long_work, print_metrics, say
 from mirrorcam.stages import Stage, perform, staleness
-from mirrorcam.sweep_local import cores
+from mirrorcam.workers import cores
 from optics.camera import Camera
 from optics.files import write_metrics
 from optics.layout import Layout
 from optics.spec import DesignSpec
 from optics.targets import Charuco, Checkerboard, default_board
+from render_scenes.settings import RenderSettings
 
 # What decides about a result besides our own sources.
 CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2")
 SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
 # The frame that the page shows and decodes.
 SHOWN = 0
+# Maps of all pixels are 18 MB a frame, and nothing here reads them.
+SETTINGS = RenderSettings(maps=False)
 
 
 @dataclass(frozen=True)
@@ -33,14 +36,14 @@ class Recipe:
     target: Charuco | Checkerboard
     frames: int
     base_frames: int
-    spp: int
+    settings: RenderSettings
     seed: int
     small: bool
 
 
 def full_recipe(seed: int) -> Recipe:
     """The nominal 3x3 camera at 1920x1080 with 20 frames."""
-    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, spp=16, seed=seed, small=False)
+    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, settings=SETTINGS, seed=seed, small=False)
 
 
 def quick_recipe(seed: int) -> Recipe:
@@ -50,7 +53,7 @@ def quick_recipe(seed: int) -> Recipe:
     """
     spec = DesignSpec(camera=scaled(Camera.c920(), 0.5), rows=2, cols=2)
     target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
-    return Recipe(spec, target, frames=8, base_frames=6, spp=16, seed=seed, small=True)
+    return Recipe(spec, target, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
 
 
 def scaled(camera: Camera, factor: float) -> Camera:
@@ -70,7 +73,7 @@ def scaled(camera: Camera, factor: float) -> Camera:
 def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     """The steps of a run into `root`, in order."""
     nominal, synthetic = root / "design" / "layout.json", root / "set"
-    shown = synthetic / "frames" / f"{SHOWN:04d}.png"
+    shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, advance: Advance) -> None:
@@ -82,20 +85,17 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         build(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
 
     def render(folder: Path, advance: Advance) -> None:
-        from optics.tolerances import Tolerances
-        from render_scenes.render_set import render_set
+        from render_scenes.render_set import SetRequest, render_set
 
-        render_set(
-            Layout.load(nominal),
-            recipe.target,
-            folder,
+        request = SetRequest(
+            layout=Layout.load(nominal),
+            target=recipe.target,
             frames=recipe.frames,
             base_frames=recipe.base_frames,
             seed=recipe.seed,
-            tolerances=Tolerances(),
-            spp=recipe.spp,
-            on_frame=advance,
+            settings=recipe.settings,
         )
+        render_set(request, folder, on_frame=advance)
 
     def check(folder: Path, advance: Advance) -> None:
         from mirrorcam.commands.calibrate import write_calibration
@@ -148,11 +148,11 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
                 "frames": recipe.frames,
                 "base_frames": recipe.base_frames,
                 "seed": recipe.seed,
-                "spp": recipe.spp,
+                "settings": recipe.settings.model_dump(mode="json"),
             },
             reads=(nominal,),
             sources=("optics", "render_scenes"),
-            tools=(*SOLVERS, "mitsuba", "drjit", "karellen-llvm-core"),
+            tools=(*SOLVERS, "mitsuba", "drjit", "OpenEXR", "karellen-llvm-core"),
             resumes=True,
         ),
         Stage(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import ValidationError
 
 from mirrorcam.progress import Advance
-from mirrorcam.sweep_local import Died
 from mirrorcam.sweep_work import Answer, Record, made_with, record_text
+from mirrorcam.workers import Died
 from optics.design.sweep import Cell, Outcome, rows_of
 from optics.files import atomic, write_json, write_text
 from optics.spec import DesignSpec

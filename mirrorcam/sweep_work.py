@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -45,9 +44,6 @@ class Answer:
     record: str
     layout: str = ""
     seconds: float = field(default=0.0, compare=False)
-
-
-Work = Callable[[str], Answer]
 
 
 @cache

@@ -43,6 +43,11 @@ def atomic(path: Path) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
+    except OSError as error:
+        # A disk that is full has no name; of another file we say nothing.
+        if error.filename not in (None, name):
+            raise
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -123,12 +128,23 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
+def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
+    """What the file of an RGB (h, w, 3) or grey (h, w) 8-bit image holds, in the format of the suffix."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in (".jpg", ".jpeg") else []
+    encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
+    if not encoded:
+        raise ValueError(f"no encoder for {image.shape=}")
+    return buffer.tobytes()
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with atomic(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
     if not cv2.haveImageWriter(path.name):
         raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
-    encoded, buffer = cv2.imencode(path.suffix, image if image.ndim == 2 else image[..., ::-1])
-    if not encoded:
-        raise ValueError(f"{path}: no encoder for {image.shape=}")
-    with atomic(path) as temporary:
-        temporary.write_bytes(buffer.tobytes())
+    write_bytes(path, encoded_image(image, path.suffix))

@@ -107,7 +107,7 @@ class Mirror(Value):
         if self.surface == "first":
             return across, across_mm / self.distance_mm
         air_mm = self.distance_mm - self.thickness_mm
-        return across, outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index)
+        return across, float(outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index))
 
     @cached_property
     def apparent(self) -> Mirror:
@@ -164,6 +164,23 @@ class Mirror(Value):
     def reflect(self, points_in_rig: FloatArray) -> FloatArray:
         """Reflect points (..., 3) in mm at the plane."""
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
+
+    def image_of(self, points_in_rig: FloatArray) -> FloatArray:
+        """Where points (..., 3) before the mirror appear to the pupil, exactly in direction, also through a sheet.
+
+        The light, unfolded at the coating, passes air, the sheet twice, and air again, `across` in all. NaN for points
+        that are not before the sheet.
+        """
+        if self.surface == "first":
+            return self.reflect(points_in_rig)
+        normal, front_mm = self.normal_in_rig, self.distance_mm - self.thickness_mm
+        height = points_in_rig @ normal
+        across = points_in_rig - height[..., None] * normal
+        across_mm = np.linalg.norm(across, axis=-1)
+        air_mm = np.where(height + front_mm > 0.0, height + 2.0 * front_mm, np.nan)
+        tangent = outer_tangent(across_mm, air_mm, 2.0 * self.thickness_mm, self.refractive_index)
+        stretch = np.divide(tangent * air_mm, across_mm, out=np.ones_like(across_mm), where=across_mm > 0.0)
+        return np.asarray(stretch[..., None] * across - air_mm[..., None] * normal)
 
     def cut(self, normalized: FloatArray) -> FloatArray:
         """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""

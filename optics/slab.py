@@ -18,22 +18,26 @@ def inner_tangent(tangent: FloatArray, refractive_index: float) -> FloatArray:
     return tangent / np.sqrt(refractive_index**2 * (1.0 + squared) - squared)
 
 
-def outer_tangent(across_mm: float, air_mm: float, glass_mm: float, refractive_index: float) -> float:
-    """Tangent outside of the ray that goes `across_mm` while it passes `air_mm` > 0 and then `glass_mm` of a slab.
+def outer_tangent(
+    across_mm: FloatArray | float, air_mm: FloatArray | float, glass_mm: float, refractive_index: float
+) -> FloatArray:
+    """Tangents outside of rays (...) that go `across_mm` while they pass `air_mm` > 0 and then `glass_mm` of a slab.
 
     Newton's method on air tan + glass tan' = across: the left side is concave and grows, so that steps from below the
     root never overshoot it.
     """
-    tangent = across_mm / (air_mm + glass_mm)
+    across, air = np.broadcast_arrays(np.asarray(across_mm, dtype=np.float64), air_mm)
+    tangent = across / (air + glass_mm)
+    # d tan' / d tan = n^2 (tan' / tan)^3, which is 1 / n at normal incidence.
+    upright = np.full_like(tangent, 1.0 / refractive_index)
     for _ in range(NEWTON_STEPS):
-        inner = float(inner_tangent(np.array(tangent), refractive_index))
-        # d tan' / d tan = n^2 (tan' / tan)^3, which is 1 / n at normal incidence.
-        bend = inner / tangent if tangent > 0 else 1.0 / refractive_index
-        step = (across_mm - air_mm * tangent - glass_mm * inner) / (air_mm + glass_mm * refractive_index**2 * bend**3)
-        tangent += step
-        if abs(step) <= 1e-15 * (1.0 + tangent):
+        inner = inner_tangent(tangent, refractive_index)
+        bend = np.divide(inner, tangent, out=upright.copy(), where=tangent > 0)
+        step = (across - air * tangent - glass_mm * inner) / (air + glass_mm * refractive_index**2 * bend**3)
+        tangent = tangent + step
+        if (np.abs(step) <= 1e-15 * (1.0 + tangent)).all():
             break
-    return tangent
+    return np.asarray(tangent)
 
 
 def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -> FloatArray:
@@ -45,3 +49,13 @@ def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -
     straight = np.full_like(tangent, 1.0 / refractive_index)
     ratio = np.divide(inner_tangent(tangent, refractive_index), tangent, out=straight, where=tangent > 1e-12)
     return thickness_mm * (1.0 - ratio)
+
+
+def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatArray:
+    """Part (...) of unpolarised light that the slab's bare front reflects (Fresnel)."""
+    tangent = np.asarray(tangent, dtype=np.float64)
+    cosine = 1.0 / np.sqrt(1.0 + tangent**2)
+    inner_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / refractive_index**2)
+    across = (cosine - refractive_index * inner_cosine) / (cosine + refractive_index * inner_cosine)
+    parallel = (inner_cosine - refractive_index * cosine) / (inner_cosine + refractive_index * cosine)
+    return 0.5 * (across**2 + parallel**2)

@@ -12,30 +12,17 @@ from optics.files import read_model, write_text
 from optics.targets import Target
 from optics.tolerances import Tolerances
 from optics.values import Value
+from render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 
 
-class SensorModel(Value):
-    """From radiance to an 8-bit picture. The response is linear, radiance 1 is grey level 255."""
+class Reach(Value):
+    """The depths of the boards that a mirror shows, and how much they are tilted against its view; 0 without any."""
 
-    lens_blur_px: float = Field(default=0.8, ge=0, description="sigma of the lens's Gaussian blur")
-    read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the noise, in grey levels")
-
-
-class RenderSettings(Value):
-    """How a set is rendered, beyond its layout, board and poses."""
-
-    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel")
-    paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
-    ink: float = Field(default=0.05, ge=0, description="radiance of its print")
-    mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
-    sensor: SensorModel = SensorModel()
-
-    @property
-    def subpixels(self) -> int:
-        """How many squares a pixel is cut into, along each side, before the lens blurs: two where `spp` allows it."""
-        return 2 if self.spp % 4 == 0 else 1
+    nearest_mm: int
+    farthest_mm: int
+    tilt_deg: int
 
 
 class Dataset(Value):
@@ -53,8 +40,11 @@ class Dataset(Value):
     height_px: int
     tolerances: Tolerances
     settings: RenderSettings
+    rate_hz: float | None = Field(default=None, description="frames in a second of one motion; none: each by itself")
+    parts: str | None = Field(default=None, description="checksum of the parts that stand around the mirrors; or none")
     renderer: str = Field(description="program, version and variant")
     coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
+    reaches: tuple[Reach, ...] = Field(description="how near, far and tilted each mirror sees the planned boards")
     base_coverage: float = Field(description="the same of the whole sensor in the base frames")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
@@ -62,17 +52,32 @@ class Dataset(Value):
     @property
     def frame_names(self) -> tuple[str, ...]:
         """Names of the frames by way of the mirrors, in order."""
-        return tuple(f"frames/{index:04d}.png" for index in range(self.frames))
+        return tuple(f"frames/{index:04d}{self.settings.suffix}" for index in range(self.frames))
 
     @property
     def base_names(self) -> tuple[str, ...]:
         """Names of the frames of the camera alone, in order."""
-        return tuple(f"base/{index:04d}.png" for index in range(self.base_frames))
+        return tuple(f"base/{index:04d}{self.settings.suffix}" for index in range(self.base_frames))
+
+    @property
+    def video_name(self) -> str | None:
+        """The name of the video; None where there is none."""
+        return None if self.settings.video is None else f"video.{self.settings.video}"
+
+    def map_of(self, name: str) -> str | None:
+        """The name of the maps that tell what every pixel of a picture shows; None where there are none."""
+        return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
 
     @property
     def complete(self) -> bool:
-        """Whether every frame has been written."""
-        return all(name in self.files for name in (*self.frame_names, *self.base_names))
+        """Whether every frame has been written, and the video of them."""
+        return not self.missing
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Pictures, and the video of them, that have not been written."""
+        wanted = (*self.frame_names, *self.base_names, self.video_name)
+        return tuple(name for name in wanted if name is not None and name not in self.files)
 
     def intact(self, folder: Path, name: str) -> bool:
         """Whether a file of the set is there and is what was written."""

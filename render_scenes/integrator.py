@@ -3,10 +3,15 @@
 `SurfaceInteraction.spawn_ray` moves the origin of a reflected ray along the *normal* to leave the surface. The ray is
 then no longer the true one but a parallel of it, and corners seen by way of a mirror move by hundredths of a pixel (by
 tenths where the unit is metres). Moving it along the *reflected direction* leaves the surface too and changes nothing.
+
+Where light is split, by the front of a sheet, nothing is drawn by lot: a path is followed once for each branch, and
+their light adds up. So sheets add no noise. Branch 0 is reflected by the front; branch k goes on to the coating, and
+leaves the sheet when it comes to the front for the k-th time.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -17,6 +22,24 @@ from numpy.typing import NDArray
 CLEARANCE_MM = 0.02
 # Steps of the R2 sequence (Roberts): 1/g and 1/g^2 with g^3 = g + 1, the plane's best-spread additive recurrence.
 R2_STEPS = (0.7548776662466927, 0.5698402909959032)
+SHEET_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
+NUMBERS = 8  # random ones that a bounce may take
+
+
+@dataclass(frozen=True)
+class Light:
+    """What an integrator has to follow: only what a scene needs costs time.
+
+    With `mirrors_only` what the camera sees directly is black. `branches` is how many ways through the first sheet are
+    followed: one where nothing is transparent. `lit`: surfaces scatter light, which is then gathered by lot. `colour`:
+    three channels in place of one. `max_bounces` bounds a path.
+    """
+
+    mirrors_only: bool = False
+    branches: int = 1
+    lit: bool = False
+    colour: bool = False
+    max_bounces: int = 8
 
 
 @cache
@@ -25,40 +48,71 @@ def _plugin(variant: str) -> str:
     import drjit as dr
     import mitsuba as mi
 
+    delta, smooth, through = mi.BSDFFlags.Delta, mi.BSDFFlags.Smooth, mi.BSDFFlags.DeltaTransmission
+
     def emitted(scene: Any, hit: Any, active: Any) -> Any:
         emitter = hit.emitter(scene)
         return mi.Spectrum(0.0) if emitter is None else emitter.eval(hit, active)  # None: scalar variants only
 
-    def reflected(ray: Any, hit: Any, active: Any) -> tuple[Any, Any]:
-        # A perfect reflection takes no random numbers.
-        bsdf = hit.bsdf(ray) if hit.shape is not None else None
+    def scattered(bsdf: Any, hit: Any, one: Any, two: Any, active: Any) -> tuple[Any, Any]:
         if bsdf is None:
             return mi.BSDFSample3f(), mi.Spectrum(0.0)
-        return bsdf.sample(mi.BSDFContext(), hit, 0.5, mi.Point2f(0.5), active)
+        return bsdf.sample(mi.BSDFContext(), hit, one, two, active)
 
-    class SpecularIntegrator(mi.SamplingIntegrator):
-        """Plugin "specular": emission at the end of a chain of perfect reflections.
+    def flagged(bsdf: Any, flag: Any, active: Any) -> Any:
+        return mi.Bool(False) if bsdf is None else active & mi.has_flag(bsdf.flags(), flag)
 
-        `max_bounces` bounds the chain; with `mirrors_only` what the camera sees directly is black.
+    def no(condition: Any) -> Any:
+        return dr.select(condition, mi.Bool(False), mi.Bool(True))  # ~ of Python's bool is no bool
+
+    def share(own: Any, other: Any) -> Any:
+        """Of light that can be found in two ways, what one of them counts: the power heuristic (Veach 1997)."""
+        return dr.select(own > 0.0, own * own / dr.maximum(own * own + other * other, 1e-30), 0.0)
+
+    def looked_for(scene: Any, hit: Any, bsdf: Any, lot: Any, active: Any) -> Any:
+        """What a surface scatters of the light of a point of each lamp. The sky is found by chance alone.
+
+        By the cosine it is found without noise wherever nothing hides it.
         """
+        looks, total = flagged(bsdf, smooth, active), mi.Spectrum(0.0)
+        for lamp in scene.emitters():
+            if lamp.is_environment():
+                continue
+            towards, light = lamp.sample_direction(hit, lot, looks)
+            value, other = bsdf.eval_pdf(mi.BSDFContext(), hit, hit.to_local(towards.d), looks)
+            light *= value * dr.select(towards.delta, 1.0, share(towards.pdf, other))
+            lit = looks & (towards.pdf > 0.0) & dr.any(light > 0.0)
+            way = mi.Ray3f(mi.Ray3f(hit.p + CLEARANCE_MM * towards.d, towards.d), towards.dist - 2.0 * CLEARANCE_MM)
+            total += dr.select(lit & no(scene.ray_test(way, lit)), light, 0.0)
+        return total
+
+    class LightPaths(mi.SamplingIntegrator):
+        """Plugin "light_paths": emission at the ends of paths, as `Light` says."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
             # Opaque, so that other scenes do not compile other kernels.
             self.first = mi.UInt32(1 if props.get("mirrors_only", False) else 0)
             self.last = mi.UInt32(props.get("max_bounces", 8))
+            self.branches: Any = props.get("branches", 1)
+            self.lit = props.get("lit", False)
+            self.channels = 3 if props.get("colour", False) else 1
             dr.make_opaque(self.first, self.last)
 
-        def radiance(self, scene: Any, ray: Any, active: Any) -> Any:
-            """Radiance along rays (one colour per ray): follows mirrors until something else is hit."""
+        def radiance(self, scene: Any, ray: Any, active: Any, branch: Any = 0, key: Any = 0, number: Any = 0) -> Any:
+            """Radiance along rays in one branch; random numbers are those of a key from a number on."""
+            if self.lit or self.branches > 1:
+                return self._by_branch(scene, ray, active, mi.UInt32(branch), mi.UInt32(key), mi.UInt32(number))
 
             def bounce(ray: Any, colour: Any, throughput: Any, active: Any, bounces: Any) -> tuple[Any, ...]:
                 hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
                 active &= hit.is_valid()
                 colour += throughput * emitted(scene, hit, active & (bounces >= self.first))
-                sample, weight = reflected(ray, hit, active)
+                # A perfect reflection takes no random numbers.
+                bsdf = hit.bsdf(ray) if hit.shape is not None else None
+                sample, weight = scattered(bsdf, hit, 0.5, mi.Point2f(0.5), active)
                 throughput *= weight
-                active &= mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) & (bounces < self.last)
+                active &= mi.has_flag(sample.sampled_type, delta) & (bounces < self.last)
                 active &= dr.any(throughput > 0.0)
                 direction = hit.to_world(sample.wo)
                 ray = mi.Ray3f(hit.p + CLEARANCE_MM * direction, direction)
@@ -68,8 +122,75 @@ def _plugin(variant: str) -> str:
             end = dr.while_loop(start, lambda ray, colour, throughput, active, bounces: active, bounce)
             return end[1]
 
-        def means(self, scene: Any, sensor: Any, x: Any, y: Any, side: Any, spp: Any, seed: Any) -> Any:
-            """Mean radiance of squares (x, y) of `side` pixels: one lane each, its samples one after the other.
+        def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
+            """As above, through sheets and from surface to surface.
+
+            The first sheet is gone through as the branch says, `passes` times to its coating, and then `out` is true;
+            for all that comes later lots are drawn.
+            """
+
+            def bounce(
+                ray: Any,
+                colour: Any,
+                throughput: Any,
+                active: Any,
+                bounces: Any,
+                passes: Any,
+                out: Any,
+                before: Any,
+                density: Any,
+            ) -> tuple[Any, ...]:
+                hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
+                # Whatever needs no sheet is the same in all branches, and counts in one.
+                counts = active & (out | (branch == 0))
+                light = throughput * emitted(scene, hit, counts & (bounces >= self.first))
+                emitter = hit.emitter(scene)
+                if self.lit and emitter is not None:
+                    # A lamp that the last surface has also looked for.
+                    looked = counts & (density > 0.0) & hit.is_valid()
+                    found = emitter.pdf_direction(before, mi.DirectionSample3f(scene, hit, before), looked)
+                    light *= dr.select(looked, share(density, found), 1.0)
+                colour += light
+                active &= hit.is_valid()
+                lots = [mi.sample_tea_float32(key, number + NUMBERS * bounces + k) for k in range(5 if self.lit else 1)]
+                bsdf = hit.bsdf(ray) if hit.shape is not None else None
+                if self.lit and bsdf is not None:
+                    colour += throughput * looked_for(scene, hit, bsdf, mi.Point2f(lots[1], lots[2]), active & counts)
+                glass = flagged(bsdf, through, active)
+                outside = hit.wi.z > 0.0
+                passes = dr.select(glass & no(outside), passes + 1, passes)
+                turns = dr.select(outside, branch == 0, passes < branch)
+                told = glass & no(out)
+                one = dr.select(told, dr.select(turns, mi.Float(0.0), mi.Float(2.0)), lots[0])
+                two = mi.Point2f(lots[3], lots[4]) if self.lit else mi.Point2f(0.5)
+                sample, weight = scattered(bsdf, hit, one, two, active)
+                throughput *= weight * dr.select(told, sample.pdf, 1.0)
+                out |= told & dr.select(outside, turns, no(turns))
+                singular = mi.has_flag(sample.sampled_type, delta)
+                active &= (bounces < self.last) & (sample.pdf > 0.0)
+                if not self.lit:
+                    active &= singular
+                active &= dr.any(throughput > 0.0)
+                density = dr.select(singular, mi.Float(0.0), sample.pdf)
+                direction = hit.to_world(sample.wo)
+                ray = mi.Ray3f(hit.p + CLEARANCE_MM * direction, direction)
+                return ray, colour, throughput, active, bounces + 1, passes, out, mi.Interaction3f(hit), density
+
+            start = (
+                mi.Ray3f(ray),
+                mi.Spectrum(0.0),
+                mi.Spectrum(1.0),
+                mi.Bool(active),
+                mi.UInt32(0),
+                mi.UInt32(0),
+                mi.Bool(False),
+                dr.zeros(mi.Interaction3f),
+                mi.Float(0.0),
+            )
+            return dr.while_loop(start, lambda *state: state[3], bounce)[1]
+
+        def means(self, scene: Any, sensor: Any, x: Any, y: Any, side: Any, spp: Any, seed: Any) -> list[Any]:
+            """Mean radiance of squares (x, y) of `side` pixels, by channel: a lane each, its samples one by one.
 
             So memory does not grow with the samples, and sums are formed in one order whatever the number of threads.
             """
@@ -77,42 +198,48 @@ def _plugin(variant: str) -> str:
             bits_x, bits_y = mi.sample_tea_32(y * 65536 + x, seed)
             shift_x, shift_y = mi.Float(bits_x) * 2.0**-32, mi.Float(bits_y) * 2.0**-32
             left, top = mi.Float(x), mi.Float(y)
+            per_sample = NUMBERS * (self.last + 1)
 
-            def take(total: Any, taken: Any) -> tuple[Any, ...]:
-                at_x, at_y = shift_x + mi.Float(taken) * R2_STEPS[0], shift_y + mi.Float(taken) * R2_STEPS[1]
+            def take(taken: Any, *totals: Any) -> tuple[Any, ...]:
+                sample, branch = (taken // self.branches, taken % self.branches) if self.branches > 1 else (taken, 0)
+                at_x, at_y = shift_x + mi.Float(sample) * R2_STEPS[0], shift_y + mi.Float(sample) * R2_STEPS[1]
                 at_x, at_y = left + at_x - dr.floor(at_x), top + at_y - dr.floor(at_y)
                 ray = sensor.ray_through(at_x * side, at_y * side)
-                return total + self.radiance(scene, ray, mi.Bool(True))[0], taken + 1
+                light = self.radiance(scene, ray, mi.Bool(True), branch, bits_x, taken * per_sample)
+                return taken + 1, *(total + light[k] for k, total in enumerate(totals))
 
-            total, _ = dr.while_loop((mi.Float(0.0), mi.UInt32(0)), lambda total, taken: taken < spp, take)
-            return total / mi.Float(spp)
+            start: tuple[Any, ...] = (mi.UInt32(0), *(mi.Float(0.0) for _ in range(self.channels)))
+            _, *totals = dr.while_loop(start, lambda taken, *totals: taken < spp * self.branches, take)
+            return [total / mi.Float(spp) for total in totals]
 
         def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> Any:
-            return self.radiance(scene, ray, active), mi.Bool(True), []
+            key = mi.UInt32(sampler.next_1d(active) * 2.0**24) if self.lit or self.branches > 1 else 0
+            light = sum(self.radiance(scene, ray, active, branch, key) for branch in range(self.branches))
+            return light, mi.Bool(True), []
 
-    name = "specular"
-    mi.register_integrator(name, SpecularIntegrator)
+    name = "light_paths"
+    mi.register_integrator(name, LightPaths)
     return name
 
 
-def integrator(*, mirrors_only: bool, max_bounces: int = 8) -> Any:
-    """The integrator for the current variant; with `mirrors_only` whatever the camera sees directly is black."""
+def integrator(light: Light) -> Any:
+    """The integrator for the current variant."""
     import mitsuba as mi
 
-    return mi.load_dict({"type": _plugin(mi.variant()), "mirrors_only": mirrors_only, "max_bounces": max_bounces})
+    return mi.load_dict({"type": _plugin(mi.variant()), **vars(light)})
 
 
 def render(
     scene: Any,
     sensor: Any,
-    specular: Any,
+    paths: Any,
     *,
     crop: tuple[int, int, int, int],
     subpixels: int,
     spp: int,
     seed: int,
 ) -> NDArray[np.float32]:
-    """Radiance (height * subpixels, width * subpixels), float32, of the pixels in `crop` = x, y, width, height.
+    """Radiance (height * subpixels, width * subpixels[, 3]), float32, of the pixels in `crop` = x, y, width, height.
 
     Each pixel is cut into subpixels x subpixels squares of `spp` samples each. Same arguments, same bits.
     """
@@ -122,16 +249,19 @@ def render(
     x, y, width, height = (number * subpixels for number in crop)
     side = 1.0 / subpixels
     if not dr.is_jit_v(mi.Float):
-        means = [
-            specular.means(scene, sensor, column, row, side, spp, seed)
+        found = [
+            paths.means(scene, sensor, column, row, side, spp, seed)
             for row in range(y, y + height)
             for column in range(x, x + width)
         ]
-        return np.array(means, dtype=np.float32).reshape(height, width)
-    # Opaque, so that other numbers do not compile other kernels.
-    left, top, columns, samples, key = opaque = [mi.UInt32(number) for number in (x, y, width, spp, seed)]
-    scale = mi.Float(side)
-    dr.make_opaque(opaque, scale)
-    index = dr.arange(mi.UInt32, width * height)
-    found = specular.means(scene, sensor, left + index % columns, top + index // columns, scale, samples, key)
-    return np.asarray(found.numpy(), dtype=np.float32).reshape(height, width)
+        means = np.array(found, dtype=np.float32)
+    else:
+        # Opaque, so that other numbers do not compile other kernels.
+        left, top, columns, samples, key = opaque = [mi.UInt32(number) for number in (x, y, width, spp, seed)]
+        scale = mi.Float(side)
+        dr.make_opaque(opaque, scale)
+        index = dr.arange(mi.UInt32, width * height)
+        found = paths.means(scene, sensor, left + index % columns, top + index // columns, scale, samples, key)
+        dr.eval(found)
+        means = np.stack([channel.numpy() for channel in found], axis=-1)
+    return means.reshape(height, width, *([] if means.shape[-1] == 1 else [means.shape[-1]]))

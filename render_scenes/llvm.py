@@ -22,6 +22,7 @@ from pathlib import Path
 from optics.values import InputError
 
 CUDA, LLVM, SCALAR = "cuda_ad_mono", "llvm_ad_mono", "scalar_rgb"
+IN_COLOUR = {CUDA: "cuda_ad_rgb", LLVM: "llvm_ad_rgb", SCALAR: SCALAR}
 PACKAGE = "karellen-llvm-core"
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 _NEWEST_THAT_ABORTS = 16
@@ -156,14 +157,14 @@ def _ready(variant: str) -> None:
         raise InputError(f"drjit was imported with LLVM {version}, too old: set {LIBRARY_VARIABLE}={library} before")
 
 
-def use_variant(variant: str | None = None) -> str:
-    """Set Mitsuba's variant, by default the fastest usable one, and return its name.
+def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
+    """Set Mitsuba's variant, by default the fastest usable one (in `colour`, of those with three), and return its name.
 
     Raises InputError where Mitsuba is not installed, has no such variant, or could not run it.
     """
     if importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("drjit") is None:
         raise InputError('rendering needs Mitsuba, which is not installed: pip install -e ".[render]"')
-    name = variant or choose_variant()
+    name = variant or (IN_COLOUR[choose_variant()] if colour else choose_variant())
     _ready(name)
     mi = importlib.import_module("mitsuba")
     if name not in mi.variants():

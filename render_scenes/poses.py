@@ -16,11 +16,14 @@ from scipy.spatial.transform import Rotation
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
+from render_scenes.dataset import Reach
 from render_scenes.truth import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0
-CANDIDATES = 8  # poses tried for each one kept
+CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, which cover all there is by their number
+MOST_TRIED = 800
+FEWEST_CANDIDATES = 2
 CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
 FEWEST_CORNERS = 6  # that a view must show to tell where the board is
 SMALLEST_SQUARE_PX = 8.0
@@ -30,10 +33,35 @@ _ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
 
 @dataclass(frozen=True)
 class Plan:
-    """Board poses, rig_from_board (n, 4, 4) in mm, and the part of each view's picture where they show corners."""
+    """Board poses, rig_from_board (n, 4, 4) in mm, and what they show to views: the mirrors, or the bare camera.
+
+    `coverage` (views,) is the part of each view's picture where some pose shows a corner, `corners` (n, views) how many
+    corners each pose shows.
+    """
 
     poses: FloatArray
     coverage: FloatArray
+    corners: NDArray[np.int64]
+
+
+def reaches(plan: Plan, target: Checkerboard | Charuco, forward: FloatArray) -> tuple[Reach, ...]:
+    """How near, far and tilted each view of a plan shows `FEWEST_CORNERS` or more.
+
+    Depth is that of the board's middle along a unit vector (3,) in rig, tilt that of its normal against it. In whole
+    mm and degrees, as one who held the board would know them.
+    """
+    middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
+    depths = (plan.poses @ middle)[:, :3] @ forward
+    tilts = np.degrees(np.arccos(np.clip(plan.poses[:, :3, 2] @ forward, -1.0, 1.0)))
+    found = []
+    for corners in plan.corners.T:
+        shown = corners >= FEWEST_CORNERS
+        if not shown.any():
+            found.append(Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0))
+            continue
+        near, far, tilt = (round(float(v)) for v in (depths[shown].min(), depths[shown].max(), tilts[shown].max()))
+        found.append(Reach(nearest_mm=near, farthest_mm=far, tilt_deg=tilt))
+    return tuple(found)
 
 
 def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
@@ -81,6 +109,21 @@ def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, rand
     plan = _choose(pose, oracle.by_mirrors, views, count, random)
     _check_visible(target, plan, oracle.by_mirrors, views, "mirror")
     return plan
+
+
+def plan_of(layout: Layout, target: Checkerboard | Charuco, poses: FloatArray) -> Plan:
+    """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
+    oracle = Oracle(layout, target)
+    cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
+    covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
+    corners = np.zeros((len(poses), len(cells)), dtype=np.int64)
+    for number, pose in enumerate(poses):
+        px, visible = oracle.by_mirrors(pose)
+        corners[number] = visible.sum(axis=1)
+        covered |= [cell.hit(px[index][visible[index]]) for index, cell in enumerate(cells)]
+    if not covered.any():
+        raise InputError(f"none of {len(poses)} poses shows a corner of the board to a mirror")
+    return Plan(poses, _shares(cells, covered), corners)
 
 
 def plan_base_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
@@ -166,10 +209,12 @@ def _choose(
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
     # A shifted additive recurrence (Roberts): six numbers that fill the cube evenly however many there are.
     steps = _ROOT ** -np.arange(1.0, 7.0)
-    numbers = (random.random(6) + np.arange(CANDIDATES * count)[:, None] * steps) % 1.0
-    numbers = numbers.reshape(CANDIDATES, count, 6)
+    candidates = int(np.clip(MOST_TRIED // max(count, 1), FEWEST_CANDIDATES, CANDIDATES))
+    numbers = (random.random(6) + np.arange(candidates * count)[:, None] * steps) % 1.0
+    numbers = numbers.reshape(candidates, count, 6)
     numbers[..., 0] = (random.permutation(count) + numbers[..., 0]) / max(count, 1)
     poses: list[FloatArray] = []
+    corners = np.zeros((count, len(cells)), dtype=np.int64)
     for frame in range(count):
         best, best_gain = None, (-1, -1.0)
         for candidate in numbers[:, frame]:
@@ -183,12 +228,17 @@ def _choose(
             gain = (poorest, float((hits & ~covered).sum() + 0.05 * hits.sum()))
             if gain > best_gain:
                 best, best_gain, best_hits = rig_from_board, gain, hits
+                corners[frame] = visible.sum(axis=1)
         if best is None:
             raise InputError("board: too large to be held before the mirrors without touching them")
         poses.append(best)
         covered |= best_hits
-    shares = [float(c[cell.inside].mean()) for c, cell in zip(covered, cells, strict=True)]
-    return Plan(np.array(poses).reshape(count, 4, 4), np.array(shares))
+    return Plan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered), corners)
+
+
+def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
+    """Part (views,) of the cells of each view's picture that is covered."""
+    return np.array([float(hits[cell.inside].mean()) for hits, cell in zip(covered, cells, strict=True)])
 
 
 def _check_visible(

@@ -1,100 +1,36 @@
 """A calibration board before a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
 
 The board shines by itself, so that no lamp adds noise; mirrors are exactly as the layout cuts them; all else is black.
+Where the parts of a device stand around them, those hide what is behind and scatter the light of the board and of the
+surroundings, which are of one radiance.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.mirror import Mirror
-from optics.targets import DICTIONARIES, Charuco, Checkerboard
-from optics.values import FloatArray, InputError
-from render_scenes.dataset import RenderSettings
-from render_scenes.integrator import integrator, render
+from optics.targets import Charuco, Checkerboard
+from optics.values import FloatArray
+from render_scenes.device import Body, body_shapes, near_mm
+from render_scenes.finish import MirrorFinish, even
+from render_scenes.integrator import SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
+from render_scenes.mirrors import mirror_shapes
 from render_scenes.sensor import sensor
-
-MARGIN_SQUARES = 1  # of white paper around the printed squares
-_MOST_TEXELS_PER_SQUARE = 64
-
-
-def print_on_paper(target: Checkerboard | Charuco) -> NDArray[np.uint8]:
-    """The sheet, as coarse as its edges allow: the print with its margin of white paper, 0 ink and 255 paper.
-
-    One texel a square is exact for a checkerboard. With markers, one texel a marker module is exact where a square is a
-    whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
-    """
-    if isinstance(target, Checkerboard):
-        return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
-    texels, marker_mm = _marker_raster(target)
-    image = target.replaced(marker_mm=marker_mm).image(texels)
-    return np.pad(image, MARGIN_SQUARES * texels, constant_values=255)
-
-
-def _marker_raster(target: Charuco) -> tuple[int, float]:
-    """Texels a square, and the marker_mm nearest to the target's whose modules are then whole numbers of texels."""
-    modules = DICTIONARIES[target.dictionary][1]
-    choices = [
-        (texels, texels_per_module * modules * target.square_mm / texels)
-        for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1)
-        for texels_per_module in range(1, (texels - 1) // modules + 1)
-        if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
-    ]
-    return min(choices, key=lambda choice: (round(abs(choice[1] - target.marker_mm), 9), choice[0]))
-
-
-def world_from_sheet(target: Checkerboard | Charuco, rig_from_board: FloatArray) -> FloatArray:
-    """The 4x4 that lays Mitsuba's rectangle ([-1, 1]^2, shining along +z, v up) on the sheet, printed side out."""
-    width, height = target.size_mm
-    margin = MARGIN_SQUARES * target.square_mm
-    board_from_sheet = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
-    board_from_sheet[:2, 3] = width / 2, height / 2
-    return rig_from_board @ board_from_sheet
-
-
-def mirror_shape(mirror: Mirror, reflectance: float) -> Any:
-    """A first-surface mirror as a fan of triangles, black behind, with the exact normal at every corner.
-
-    The normals of the triangles themselves would carry the rounding of their corners.
-    """
-    import mitsuba as mi
-
-    if mirror.surface != "first":
-        raise InputError(
-            "mirror with its coating behind (surface 'second'): the renderer has first-surface mirrors only"
-        )
-    corners = mirror.outline_in_rig_mm
-    outline = mirror.outline_in_plane_mm
-    edges = np.roll(outline, -1, axis=0) - outline
-    turn = (outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]).sum()
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(
-        {
-            "type": "conductor",
-            "material": "none",
-            "specular_reflectance": {"type": "uniform", "value": reflectance},
-        }
-    )
-    count = len(corners)
-    mesh = mi.Mesh("mirror", count, count - 2, props=properties, has_vertex_normals=True)
-    fan = np.array([[0, k, k + 1] if turn > 0 else [0, k + 1, k] for k in range(1, count - 1)])
-    buffers = mi.traverse(mesh)
-    buffers["vertex_positions"] = np.float32(corners).ravel()
-    buffers["vertex_normals"] = np.tile(np.float32(mirror.normal_in_rig), count)
-    buffers["faces"] = np.uint32(fan).ravel()
-    buffers.update()
-    return mesh
+from render_scenes.settings import RenderSettings
+from render_scenes.sheet import print_on_paper, world_from_sheet
 
 
 class BoardScene:
     """A board that can be moved, seen by a camera by way of mirrors (or, without any, directly).
 
-    Moving the board costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
+    `finishes` are those of the mirrors, without them even, smooth and flat; `bodies` stand around. Moving the board
+    costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
     """
 
     def __init__(
@@ -104,12 +40,15 @@ class BoardScene:
         target: Checkerboard | Charuco,
         settings: RenderSettings,
         *,
+        finishes: Sequence[MirrorFinish] = (),
+        bodies: Sequence[Body] = (),
         variant: str | None = None,
     ) -> None:
         self.variant = use_variant(variant)
         import mitsuba as mi
 
         self.camera, self.target = camera, target
+        finishes = finishes or even(settings, len(mirrors))
         # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
         sheet = print_on_paper(target)[::-1]
         radiance = settings.ink + (settings.paper - settings.ink) * (sheet / 255.0)
@@ -131,12 +70,27 @@ class BoardScene:
                         },
                     },
                 },
-                **{f"mirror_{i}": mirror_shape(m, settings.mirror_reflectance) for i, m in enumerate(mirrors)},
+                **{
+                    f"mirror_{index}_{face}": shape
+                    for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
+                    for face, shape in mirror_shapes(mirror, finish, edges=bool(bodies)).items()
+                },
+                **body_shapes(bodies),
+                **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
             }
         )
-        self.sensor = sensor(camera)
-        # Whatever stands between the mirrors of a real device hides the scene behind it.
-        self.integrator = integrator(mirrors_only=bool(mirrors))
+        self.sensor = sensor(camera, near_mm=near_mm(bodies))
+        # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
+        rough = any(finish.roughness > 0.0 for finish in finishes)
+        sheets = any(mirror.surface == "second" for mirror in mirrors)
+        self.integrator = integrator(
+            Light(
+                mirrors_only=bool(mirrors) and not bodies,
+                branches=SHEET_BRANCHES if sheets else 1,
+                lit=bool(bodies) or rough,
+                max_bounces=16 if sheets else 8,
+            )
+        )
         self._parameters = mi.traverse(self.scene)
 
     def place_board(self, rig_from_board: FloatArray) -> None:

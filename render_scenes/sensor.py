@@ -45,18 +45,23 @@ def _plugin(variant: str) -> str:
     import mitsuba as mi
 
     class OpenCVSensor(mi.Sensor):
-        """Plugin "opencv_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas."""
+        """Plugin "opencv_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas.
+
+        Nothing is seen before the plane z = `near_mm`.
+        """
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
             # Opaque, so that another camera does not compile another kernel.
             self.intrinsics = [mi.Float(float(number)) for number in str(props["intrinsics"]).split(",")]
-            dr.make_opaque(self.intrinsics)
+            self.near_mm = mi.Float(props.get("near_mm", 0.0))
+            dr.make_opaque(self.intrinsics, self.near_mm)
 
         def ray_through(self, x: Any, y: Any) -> Any:
             """The ray from the pupil through a point of the sensor (Mitsuba's pixels, of the whole sensor)."""
-            direction = dr.normalize(mi.Vector3f(*normalized_from_mitsuba(x, y, self.intrinsics), 1.0))
-            return mi.RayDifferential3f(mi.Ray3f(mi.Point3f(0.0), direction))
+            direction: Any = dr.normalize(mi.Vector3f(*normalized_from_mitsuba(x, y, self.intrinsics), 1.0))
+            start = mi.Point3f(direction * (self.near_mm / direction.z))
+            return mi.RayDifferential3f(mi.Ray3f(start, direction))
 
         def sample_ray_differential(
             self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
@@ -80,8 +85,10 @@ def _plugin(variant: str) -> str:
     return name
 
 
-def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None) -> Any:
+def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None, near_mm: float = 0.0) -> Any:
     """A Mitsuba sensor for a camera, with a box-filtered film of one channel; `crop` is x, y, width, height in pixels.
+
+    What lies before z = `near_mm` is not seen: the camera's own body, in which the pupil lies.
 
     The variant must have been set (`render_scenes.llvm.use_variant`).
     """
@@ -103,6 +110,7 @@ def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None) -> 
             "type": _plugin(mi.variant()),
             # As text: a property holds single floats in full, but no list of them.
             "intrinsics": ",".join(repr(float(number)) for number in camera.intrinsics),
+            "near_mm": near_mm,
             "film": film,
             "sampler": {"type": "independent"},
         }

@@ -21,12 +21,12 @@ MAY_IMPORT = {
     "optics": OPTICS,
     "cad": OPTICS
     | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2", "markdown_it"},
-    "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR"},
+    "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": ROOMS | OPTICS | {"matplotlib", "rich", "tyro", "distributed", "pyarrow"},
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
-    *("dask", "distributed", "pyarrow"),
+    *("dask", "distributed", "pyarrow", "OpenEXR", "av"),
 )
 
 

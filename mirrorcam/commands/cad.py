@@ -65,7 +65,7 @@ def run(options: CadOptions) -> int:
     hardware = hardware_of(options)
     require("cad")
     from cad.build import build
-    from mirrorcam.sweep_local import cores
+    from mirrorcam.workers import cores
 
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance, merged(options.out, listing=LISTING) as folder:

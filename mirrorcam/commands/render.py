@@ -1,56 +1,257 @@
-"""`mirrorcam render`: a synthetic calibration set with sealed truth."""
+"""`mirrorcam render`: a synthetic calibration set with sealed truth; and whether a set is still what was rendered."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
+import numpy as np
 import tyro
-from pydantic import Field
+from pydantic import Field, ValidationError, model_validator
 
 from mirrorcam.extras import require
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import Value
+from optics.tolerances import Tolerances
+from optics.values import FloatArray, InputError, Shaped, Value
+from render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
+
+if TYPE_CHECKING:
+    from mirrorcam.workers import Died
+    from render_scenes.dataset import Dataset
+    from render_scenes.render_set import Run
+
+
+class PosesFile(Value):
+    """Where the board is: rig_from_board (n, 4, 4) in mm, and how many of them a motion passes in a second."""
+
+    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
+    poses_hz: float = Field(default=1.0, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not len(self.poses):
+            raise ValueError("no pose, expected one or more")
+        for number, pose in enumerate(self.poses):
+            turn = pose[:3, :3]
+            if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
+                raise ValueError(f"pose {number} turns by a matrix that is no rotation")
+            if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
+                raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
+        return self
+
+
+def tolerances_from_text(text: str) -> Tolerances:
+    """Tolerances of a text like tilt_deg=0.3,offset_mm=0.3, the others as usual; of "none", of a perfect copy."""
+    if text == "none":
+        return Tolerances.none()
+    parts = [part.partition("=") for part in text.split(",") if part]
+    names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
+    for name, _, _ in parts:
+        if name not in names:
+            raise InputError(f"--as-built {name}: no such tolerance, expected {', '.join(names)}")
+    try:
+        return Tolerances().replaced(**{name: value for name, _, value in parts})
+    except ValidationError as error:
+        found = error.errors(include_url=False)[0]
+        raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
+
+
+def sensor_from_text(text: str) -> SensorModel:
+    """A preset by its name, or a TOML file of a `SensorModel`."""
+    from optics.files import read_model
+
+    presets = {str(name): model for name, model in SENSORS.items()}
+    if text in presets:
+        return presets[text]
+    if not text.endswith(".toml"):
+        raise InputError(f"--sensor {text!r}: expected {', '.join(presets)} or a .toml file")
+    return read_model(SensorModel, Path(text))
+
+
+def settings_of(options: RenderOptions, sensor: SensorModel, finish: Finish) -> RenderSettings:
+    """The settings that options ask for; raises InputError where they contradict each other."""
+    try:
+        return RenderSettings(
+            renderer=options.renderer,
+            spp=options.spp,
+            sensor=sensor,
+            finish=finish,
+            maps=options.maps,
+            video=options.video,
+        )
+    except ValidationError as error:
+        raise InputError(error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")) from None
 
 
 class RenderOptions(Value):
     """Render what a layout, built with tolerances, photographs: frames of a board, and the truth in its own folder."""
 
-    layout: tyro.conf.Positional[Path] = Field(description="layout.json, as designed")
+    layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = (
+        Field(default=None, description="layout.json, as designed")
+    )
     frames: int = Field(default=20, ge=1, description="frames of the board through the mirrors")
-    base_frames: int = Field(default=10, ge=1, description="frames of the board by the bare camera, without mirrors")
+    base_frames: int = Field(default=10, ge=0, description="frames of the board by the bare camera, without mirrors")
     seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise; the same seed, the same bytes")
-    tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror from its design (sigma, about two axes)")
-    offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal (sigma)")
-    spp: int = Field(default=16, ge=1, description="samples per pixel")
+    renderer: RendererName = Field(
+        default="mitsuba", description="mitsuba: the reference, along light paths; fast: by formula, for large sets"
+    )
+    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference")
+    sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
+    )
+    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(built by hand)")] = Field(
+        default="",
+        description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+    )
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="board.toml; without it, the default board"
     )
+    poses: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="JSON file of poses, rig_from_board in mm, in place of planned ones"
+    )
+    rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
+        default=None, ge=0.01, le=500, description="frames in a second of one smooth motion through the poses"
+    )
+    video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
+        default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+    )
+    finish: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="TOML file of the mirrors' finish: tint, spread, roughness, sag, ripple"
+    )
+    parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(
+        default=None, description="what `mirrorcam cad` wrote of the layout: its parts hide and scatter light"
+    )
+    maps: bool = Field(
+        default=True, description="write what every pixel truly shows: for each frame an EXR file, 18 MB at 1920 x 1080"
+    )
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
+        default=None, ge=1, description="frames at a time on this machine"
+    )
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
+        default=None, description="Dask scheduler to work on instead, like tcp://host:8786"
+    )
+    verify: Annotated[Path | None, tyro.conf.arg(metavar="SET", help_behavior_hint="")] = Field(
+        default=None, description="render nothing, compare the files of a set with their checksums"
+    )
     out: Path = Field(default=Path("output/set"), description="folder for the set; an interrupted one is continued")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.layout is None) == (self.verify is None):
+            raise ValueError("expected LAYOUT or --verify SET, one of the two")
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("--workers and --scheduler: expected one of the two")
+        if self.video is not None and self.rate_hz is None:
+            raise ValueError(f"--video {self.video}: its frames are moments of a motion, expected --rate-hz with it")
+        return self
 
 
 def run(options: RenderOptions) -> int:
-    """Render the set."""
+    """Render the set, or verify one."""
+    if options.verify is not None:
+        return verify(options.verify)
+    from optics.files import read_model
     from optics.layout import Layout
     from optics.targets import default_board, load_board
-    from optics.tolerances import Tolerances
 
+    assert options.layout is not None
     layout = Layout.load(options.layout)
     target = default_board() if options.board is None else load_board(options.board)
+    given = None if options.poses is None else read_model(PosesFile, options.poses)
+    tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
+    finish = Finish() if options.finish is None else read_model(Finish, options.finish)
+    settings = settings_of(options, sensor, finish)
     require("render")
-    from render_scenes.render_set import render_set
+    from mirrorcam.workers import cores
+    from render_scenes.dataset import MANIFEST
+    from render_scenes.render_set import SetRequest, render_set
 
-    with long_work("render", f"{options.frames} + {count_text(options.base_frames, 'frame')}", "frames") as advance:
-        render_set(
-            layout,
-            target,
-            options.out,
-            frames=options.frames,
-            base_frames=options.base_frames,
-            seed=options.seed,
-            tolerances=Tolerances(tilt_deg=options.tilt_deg, offset_mm=options.offset_mm),
-            spp=options.spp,
-            on_frame=advance,
-        )
-    say("render", f"{options.out / 'dataset.json'} written; what is in {options.out / 'truth'} is for validate alone")
+    request = SetRequest(
+        layout=layout,
+        target=target,
+        frames=options.frames,
+        base_frames=options.base_frames,
+        seed=options.seed,
+        tolerances=tolerances,
+        settings=settings,
+        poses=() if given is None else given.poses.tolist(),
+        poses_hz=1.0 if given is None else given.poses_hz,
+        rate_hz=options.rate_hz,
+        parts=options.parts,
+    )
+    workers = options.workers or cores()
+    run_there = in_workers(workers) if options.scheduler is None else on_cluster(options.scheduler)
+    who = count_text(workers, "worker") if options.scheduler is None else f"the workers of {options.scheduler}"
+    with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
+        dataset = render_set(request, options.out, run=run_there, on_frame=advance)
+    say("coverage", coverage_text(dataset, layout.cols))
+    say("coverage", reach_text(dataset))
+    say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
+
+
+def coverage_text(dataset: Dataset, cols: int) -> str:
+    """Which part of each mirror's picture, row by row, and of the bare camera's, shows corners in some frame."""
+    percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
+    rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
+    mirrors = f"corners over {' / '.join(rows)} % of the mirrors' pictures"
+    return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of the bare camera's" if dataset.base_frames else mirrors
+
+
+def reach_text(dataset: Dataset) -> str:
+    """What every mirror sees: the least of all their reaches."""
+    reaches = dataset.reaches
+    blind = [str(number) for number, reach in enumerate(reaches) if reach.farthest_mm == 0]
+    if blind:
+        return f"mirror {', '.join(blind)} shows too few corners in every frame"
+    nearest, farthest = max(reach.nearest_mm for reach in reaches), min(reach.farthest_mm for reach in reaches)
+    tilt = min(reach.tilt_deg for reach in reaches)
+    return f"every mirror shows boards from {nearest} to {farthest} mm away and tilted by up to {tilt}°"
+
+
+def verify(folder: Path) -> int:
+    """Compare every file of a set with its checksum; 1 where one is missing or altered."""
+    from render_scenes.dataset import Dataset
+
+    dataset = Dataset.load(folder)
+    wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
+    for name in wrong:
+        say("verify", f"{folder / name} is {'altered' if (folder / name).exists() else 'missing'}")
+    missing = dataset.missing
+    if missing:
+        say("verify", f"{count_text(len(missing), 'file')} not rendered yet, {missing[0]} first")
+    if not wrong and not missing:
+        say("verify", f"{count_text(len(dataset.files), 'file')} as rendered")
+    return 1 if wrong or missing else 0
+
+
+def in_workers(workers: int) -> Run:
+    """Who renders frames: so many processes of this machine, each on one core."""
+    from mirrorcam.workers import run_local
+    from render_scenes.frame import render_frame_on_one_core
+
+    return partial(_living, partial(run_local, workers=workers, work=render_frame_on_one_core))
+
+
+def on_cluster(address: str) -> Run:
+    """Who renders frames: the workers of a Dask scheduler."""
+    from mirrorcam.cluster import run_cluster
+    from render_scenes.frame import render_frame_in_turn
+
+    return partial(_living, partial(run_cluster, address=address, work=render_frame_in_turn))
+
+
+def _living(
+    run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
+) -> Iterator[tuple[int, dict[str, bytes]]]:
+    """The frames that are done; raises InputError for one that ended all of its workers."""
+    from mirrorcam.workers import Died
+
+    for number, got in run(tasks):
+        if isinstance(got, Died):
+            from render_scenes.frame import FrameTask
+
+            raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {got.reason}")
+        yield number, got

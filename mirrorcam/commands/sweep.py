@@ -96,13 +96,13 @@ class SweepOptions(Value):
 
 def _runner(options: SweepOptions) -> tuple[Runner, str]:
     """Who does the work, and how people call it."""
-    from mirrorcam.sweep_cluster import run_cluster
-    from mirrorcam.sweep_local import cores, run_local
+    from mirrorcam.sweep_run import design_here, design_on_cluster
+    from mirrorcam.workers import cores
 
     if options.scheduler is not None:
-        return partial(run_cluster, address=options.scheduler), f"the workers of {options.scheduler}"
+        return partial(design_on_cluster, address=options.scheduler), f"the workers of {options.scheduler}"
     workers = options.workers or cores()
-    return partial(run_local, workers=workers), count_text(workers, "worker")
+    return partial(design_here, workers=workers), count_text(workers, "worker")
 
 
 def summary(outcomes: list[Outcome]) -> list[str]:

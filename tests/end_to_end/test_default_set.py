@@ -10,28 +10,29 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
+from mirrorcam.pipeline import SETTINGS
 from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors, validate
 from optics.calibration.result import mirror_covariance
 from optics.layout import Layout
 from optics.targets import default_board
 from optics.tolerances import Tolerances
-from render_scenes.render_set import render_set
+from render_scenes.render_set import SetRequest, render_set
 
 
 @pytest.fixture(scope="module")
 def default_set(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> Path:
     """20 frames through mirrors tilted by 0.3 deg and shifted by 0.3 mm (sigma), and 10 without, at 1920 x 1080."""
     folder = tmp_path_factory.mktemp("default") / "set"
-    render_set(
-        default_layout,
-        default_board(),
-        folder,
+    request = SetRequest(
+        layout=default_layout,
+        target=default_board(),
         frames=20,
         base_frames=10,
         seed=0,
         tolerances=Tolerances(tilt_deg=0.3, offset_mm=0.3),
-        spp=16,
+        settings=SETTINGS,
     )
+    render_set(request, folder)
     return folder
 
 

@@ -1,6 +1,13 @@
-"""A layout small enough for tests of the command and its page."""
+"""What tests of the command share: a small layout, and a cluster of this machine."""
 
 from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +15,8 @@ import pytest
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
+
+ROOT = Path(__file__).parents[2]
 
 
 def _folding_mirror(left: float, right: float) -> Mirror:
@@ -23,3 +32,34 @@ def small_layout() -> Layout:
     """Two mirrors beside each other before a C920."""
     mirrors = (_folding_mirror(-0.3, -0.02), _folding_mirror(0.02, 0.3))
     return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
+
+
+def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    """A scheduler or a worker of one process and one thread, which dies as a whole."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with (folder / f"{arguments[0]}.log").open("ab") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"],
+            env=environment,
+            stdout=log,
+            stderr=log,
+        )
+
+
+@pytest.fixture
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """The address of a scheduler, and the processes: the scheduler, then two workers."""
+    pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
+    folder = tmp_path_factory.mktemp("dask")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    processes = [dask(folder, "scheduler", "--host", address)]
+    worker = ("worker", address, "--no-nanny", "--nthreads", "1", "--local-directory", str(folder))
+    processes += [dask(folder, *worker) for _ in range(2)]
+    try:
+        yield address, processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()

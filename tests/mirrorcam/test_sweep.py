@@ -21,8 +21,9 @@ import pytest
 from mirrorcam import cli, sweep_work
 from mirrorcam.commands.sweep import SweepOptions, summary
 from mirrorcam.sweep import Results, Runner, sweep, table_of, write_table
-from mirrorcam.sweep_local import Died, run_local
+from mirrorcam.sweep_run import design_here
 from mirrorcam.sweep_work import Answer, answer, record_text
+from mirrorcam.workers import Died
 from optics.design.sweep import Outcome, grid
 from optics.layout import Layout
 from optics.spec import DesignSpec
@@ -63,7 +64,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Outcome]]:
     """A folder with the four designs of SPECS, made one after another in one process."""
     folder = tmp_path_factory.mktemp("finished")
-    outcomes = sweep(SPECS, folder, partial(run_local, workers=1))
+    outcomes = sweep(SPECS, folder, partial(design_here, workers=1))
     assert [outcome.status for outcome in outcomes] == ["solved"] * 4
     return folder, outcomes
 
@@ -186,7 +187,7 @@ def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
     folder, outcomes = finished
 
     def backwards(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in run_local(specs[::-1], 2):
+        for number, got in design_here(specs[::-1], 2):
             yield len(specs) - 1 - number, got
 
     assert sweep(SPECS, tmp_path, backwards) == outcomes
@@ -203,7 +204,7 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
     kept: list[list[str]] = []
 
     def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in run_local(specs, 2, answer):
+        for number, got in design_here(specs, 2, answer):
             if not kept:
                 victims = multiprocessing.active_children()
                 assert len(victims) == 2

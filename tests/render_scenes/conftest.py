@@ -6,6 +6,7 @@ import pytest
 
 from optics.camera import Camera
 from optics.layout import Layout
+from optics.mirror import Mirror
 from optics.targets import Charuco
 
 LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
@@ -15,6 +16,18 @@ LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
 def distorted_layout(default_layout: Layout) -> Layout:
     """The default layout before a lens with every kind of distortion."""
     return default_layout.replaced(camera=default_layout.camera.replaced(distortion=LENS))
+
+
+@pytest.fixture(scope="session")
+def sheets(distorted_layout: Layout) -> Layout:
+    """The layout with mirrors of 2 mm acrylic, coated behind, that look the same along their chief rays."""
+    mirrors = tuple(
+        Mirror.second_surface(
+            mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=2.0, refractive_index=1.49
+        )
+        for mirror in distorted_layout.mirrors
+    )
+    return distorted_layout.replaced(mirrors=mirrors, kind="as-built", spec=None)
 
 
 @pytest.fixture(scope="session")

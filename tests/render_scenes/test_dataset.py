@@ -11,7 +11,8 @@ import pytest
 from optics.targets import default_board
 from optics.tolerances import Tolerances
 from optics.values import InputError
-from render_scenes.dataset import MANIFEST, Dataset, RenderSettings, sha256
+from render_scenes.dataset import MANIFEST, Dataset, Reach, sha256
+from render_scenes.settings import SENSORS, RenderSettings, SensorName
 
 
 def manifest() -> Dataset:
@@ -26,6 +27,7 @@ def manifest() -> Dataset:
         settings=RenderSettings(),
         renderer="mitsuba",
         coverage=(0.5, 1.0),
+        reaches=(Reach(nearest_mm=281, farthest_mm=560, tilt_deg=44), Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)),
         base_coverage=0.9,
         request="abc",
     )
@@ -35,7 +37,7 @@ def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
     dataset = manifest()
     dataset.save(tmp_path)
     assert Dataset.load(tmp_path) == dataset
-    assert '"schema": "mirrorcam.dataset/1"' in (tmp_path / MANIFEST).read_text()
+    assert '"schema": "mirrorcam.dataset/1"' in (tmp_path / MANIFEST).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -50,7 +52,7 @@ def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_what_does_not_belong_is_refused_by_name(tmp_path: Path, before: str, after: str, named: str) -> None:
     manifest().save(tmp_path)
     path = tmp_path / MANIFEST
-    path.write_text(path.read_text().replace(before, after))
+    path.write_text(path.read_text(encoding="utf-8").replace(before, after), encoding="utf-8")
     with pytest.raises(InputError, match=named):
         Dataset.load(tmp_path)
 
@@ -73,13 +75,21 @@ def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
     assert not dataset.intact(tmp_path, "frames/0000.png")
 
 
-def test_it_is_complete_with_every_frame() -> None:
-    dataset = manifest()
-    assert dataset.frame_names == ("frames/0000.png", "frames/0001.png")
-    assert dataset.base_names == ("base/0000.png",)
+@pytest.mark.parametrize(("sensor", "suffix"), [("ideal", ".png"), ("c920", ".jpg")])
+def test_it_is_complete_with_every_frame(sensor: SensorName, suffix: str) -> None:
+    dataset = manifest().replaced(settings=RenderSettings(sensor=SENSORS[sensor]))
+    assert dataset.frame_names == (f"frames/0000{suffix}", f"frames/0001{suffix}")
+    assert dataset.base_names == (f"base/0000{suffix}",)
     most = dict.fromkeys(dataset.frame_names, "0")
     assert not dataset.replaced(files=most).complete
-    assert dataset.replaced(files=most | {"base/0000.png": "0"}).complete
+    assert dataset.replaced(files=most | {f"base/0000{suffix}": "0"}).complete
+
+
+def test_maps_lie_in_the_truth_under_the_names_of_their_pictures() -> None:
+    dataset = manifest()
+    assert dataset.map_of("frames/0001.jpg") == "truth/maps/frames/0001.exr"
+    assert dataset.map_of("base/0000.png") == "truth/maps/base/0000.exr"
+    assert dataset.replaced(settings=RenderSettings(maps=False)).map_of("frames/0001.jpg") is None
 
 
 def test_the_manifest_needs_no_renderer() -> None:

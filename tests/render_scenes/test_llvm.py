@@ -132,6 +132,12 @@ def test_a_missing_mitsuba_is_named_with_its_command(monkeypatch: pytest.MonkeyP
         llvm.use_variant()
 
 
+def test_in_colour_it_is_the_same_kind_with_three_channels() -> None:
+    grey = llvm.use_variant()
+    assert llvm.use_variant(colour=True) == grey.replace("_mono", "_rgb")
+    assert llvm.use_variant() == grey
+
+
 def test_an_unknown_variant_is_refused() -> None:
     with pytest.raises(InputError, match="variant 'llvm_rgb' is unknown"):
         llvm.use_variant("llvm_rgb")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from optics.camera import Camera
 from optics.layout import Layout
@@ -11,7 +12,8 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard, default_board
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
-from render_scenes.poses import ROOM_MM, common_bounds, fields, plan_base_frames, plan_frames
+from render_scenes.dataset import Reach
+from render_scenes.poses import ROOM_MM, Plan, common_bounds, fields, plan_base_frames, plan_frames, reaches
 from render_scenes.truth import Oracle
 
 
@@ -20,17 +22,22 @@ def random() -> np.random.Generator:
 
 
 @pytest.fixture(scope="module")
-def poses(default_layout: Layout) -> FloatArray:
-    return plan_frames(default_layout, default_board(), 20, random()).poses
+def plan(default_layout: Layout) -> Plan:
+    return plan_frames(default_layout, default_board(), 20, random())
 
 
-def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layout) -> None:
-    plan = plan_frames(default_layout, default_board(), 20, random())
+@pytest.fixture(scope="module")
+def poses(plan: Plan) -> FloatArray:
+    return plan.poses
+
+
+def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layout, plan: Plan) -> None:
     assert plan.poses.shape == (20, 4, 4)
     assert plan.coverage.shape == (9,)
     assert plan.coverage.min() > 0.95
-    _, visible = Oracle(default_layout, default_board()).all_by_mirrors(list(plan.poses))
+    _, visible = Oracle(default_layout, default_board()).all_by_mirrors(list(plan.poses[:, None]))
     assert visible.sum(axis=2).min() >= 30
+    np.testing.assert_array_equal(plan.corners, visible.sum(axis=2))
 
 
 def test_one_frame_covers_less_than_many(default_layout: Layout) -> None:
@@ -159,3 +166,28 @@ def test_mirrors_without_a_common_field_see_parts_of_a_board() -> None:
 def test_mirrors_too_far_apart_for_the_board_are_refused() -> None:
     with pytest.raises(InputError, match="too small to be seen, mirror"):
         plan_frames(parting_mirrors(0.5), default_board(), 6, random())
+
+
+def test_every_mirror_sees_boards_near_and_far_and_tilted(plan: Plan, default_layout: Layout) -> None:
+    found = reaches(plan, default_board(), default_layout.view_from_rig[2])
+    assert len(found) == 9
+    for reach in found:
+        # The default layout is for 300 to 500 mm.
+        assert reach.nearest_mm < 300.0
+        assert reach.farthest_mm > 500.0
+        assert 35.0 < reach.tilt_deg < 60.0
+
+
+def test_reaches_are_those_of_the_poses_that_show_enough(default_layout: Layout) -> None:
+    board, forward = default_board(), default_layout.view_from_rig[2]
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    for pose, depth, tilt in zip(poses, (300.0, 400.0, 600.0), (10.0, 30.0, 50.0), strict=True):
+        turn = Rotation.from_euler("x", tilt, degrees=True).as_matrix()
+        pose[:3, :3] = default_layout.view_from_rig.T @ turn
+        pose[:3, 3] = depth * forward - pose[:3, :3] @ np.array([*board.size_mm, 0.0]) / 2.0
+    shown = np.array([[6, 99, 0], [5, 99, 0], [7, 99, 5]])
+    first, second, third = reaches(Plan(poses, np.ones(3), shown), board, forward)
+    assert first == Reach(nearest_mm=300, farthest_mm=600, tilt_deg=50)
+    assert second == first
+    assert third == Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
+    assert reaches(Plan(poses[:2], np.ones(3), shown[:2]), board, forward)[0].farthest_mm == 300

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
-from optics.values import FloatArray, InputError
-from render_scenes.dataset import RenderSettings
-from render_scenes.scene import BoardScene, print_on_paper
+from optics.values import FloatArray
+from render_scenes.scene import BoardScene
+from render_scenes.settings import RenderSettings
+from render_scenes.sheet import print_on_paper
 
 SETTINGS = RenderSettings()
 
@@ -179,10 +180,3 @@ def test_the_scalar_variant_renders_the_same_picture(small_layout: Layout, small
         pictures.append(scene.render(spp=4, seed=1, crop=crop))
     assert np.ptp(pictures[0]) > 0.5
     np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-5)
-
-
-def test_a_mirror_coated_behind_is_refused_in_one_line(small_layout: Layout, small_board: Charuco) -> None:
-    behind = small_layout.mirrors[0].replaced(surface="second")
-    with pytest.raises(InputError, match="first-surface mirrors only") as error:
-        BoardScene(small_layout.camera, (behind,), small_board, SETTINGS)
-    assert "\n" not in str(error.value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from scipy.spatial.transform import Rotation
 
 from optics.camera import Camera
 from optics.layout import Layout
@@ -12,6 +13,7 @@ from optics.mirror import Mirror
 from optics.targets import Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
+from render_scenes.motion import poses_at
 from render_scenes.truth import VISIBLE_MARGIN_PX, Oracle
 
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
@@ -134,8 +136,38 @@ def test_the_bare_camera_sees_the_printed_side_only(default_layout: Layout) -> N
 def test_stacked_poses_are_the_single_ones(default_layout: Layout) -> None:
     oracle = Oracle(default_layout, BOARD)
     poses = [facing(default_layout, BOARD, depth) for depth in (320.0, 500.0)]
-    px, visible = oracle.all_by_mirrors(poses)
+    px, visible = oracle.all_by_mirrors([pose[None] for pose in poses])
     for frame, pose in enumerate(poses):
         np.testing.assert_array_equal(px[frame], oracle.by_mirrors(pose)[0])
         np.testing.assert_array_equal(visible[frame], oracle.by_mirrors(pose)[1])
     assert oracle.all_direct([])[0].shape == (0, 19 * 13, 2)
+
+
+def moving_board(layout: Layout) -> FloatArray:
+    """Three poses (3, 4, 4) of a board that moves and turns while a shutter rolls: 20 mm and 3 degrees."""
+    poses = np.array([facing(layout, BOARD, 400.0)] * 3)
+    poses[:, :3, 3] += np.outer([-1.0, 0.1, 1.0], [6.0, 4.0, -7.0])
+    turn = Rotation.from_rotvec([0.01, -0.02, 0.015]).as_matrix()
+    poses[0, :3, :3] = poses[0, :3, :3] @ turn.T
+    poses[2, :3, :3] = poses[2, :3, :3] @ turn
+    return poses
+
+
+def test_a_corner_is_where_the_board_is_when_its_row_is_read(default_layout: Layout) -> None:
+    oracle, poses = Oracle(default_layout, BOARD), moving_board(default_layout)
+    px, visible = oracle.while_read(poses)
+    assert visible.sum() > 500
+    still = oracle.by_mirrors(poses[1])[0]
+    assert np.nanmax(np.abs(px - still)) > 3.0
+    for mirror, corner in np.argwhere(visible)[::40]:
+        at_its_time = poses_at(poses, px[mirror, corner, 1:] / (default_layout.camera.height_px - 1))[0]
+        expected, seen = oracle.by_mirrors(at_its_time)
+        assert seen[mirror, corner]
+        np.testing.assert_allclose(px[mirror, corner], expected[mirror, corner], atol=1e-8)
+
+
+def test_a_board_at_rest_is_seen_the_same_by_a_rolling_shutter(default_layout: Layout) -> None:
+    oracle, pose = Oracle(default_layout, BOARD), facing(default_layout, BOARD, 400.0)
+    px, visible = oracle.while_read(np.array([pose] * 3))
+    np.testing.assert_allclose(px, oracle.by_mirrors(pose)[0], atol=1e-9)
+    np.testing.assert_array_equal(visible, oracle.by_mirrors(pose)[1])

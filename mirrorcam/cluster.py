@@ -1,4 +1,4 @@
-"""Designs on a Dask cluster: its scheduler gives those of a lost worker to another; results come to this machine."""
+"""Tasks on a Dask cluster: its scheduler gives those of a lost worker to another; answers come to this machine."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import logging
 from collections.abc import Iterator, Sequence
 
 from mirrorcam.extras import require
-from mirrorcam.sweep_local import Died, in_order
-from mirrorcam.sweep_work import Answer, Work, answer
-from optics.spec import DesignSpec
+from mirrorcam.workers import Answer, Died, Work
 from optics.values import InputError
 
 SECONDS_TO_CONNECT = 10
 
 
-def run_cluster(specs: Sequence[DesignSpec], address: str, work: Work = answer) -> Iterator[tuple[int, Answer | Died]]:
-    """Number and answer of each spec, as they come, from the workers of the scheduler at `address`.
+def run_cluster(tasks: Sequence[str], address: str, work: Work[Answer]) -> Iterator[tuple[int, Answer | Died]]:
+    """Number and answer of each task, as they come, from the workers of the scheduler at `address`.
 
-    Workers may come and go. Raises InputError where no scheduler answers, or where it goes away.
+    Tasks that come first are begun first. Workers may come and go. Raises InputError where no scheduler answers, or
+    where it goes away.
     """
     require("cluster")
     from distributed import Client, Future, KilledWorker, as_completed
@@ -30,10 +29,8 @@ def run_cluster(specs: Sequence[DesignSpec], address: str, work: Work = answer) 
         reason = " ".join(str(error).split())
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there: {reason}") from None
     with client:
-        order = [number for group in in_order(specs) for number in group]
-        futures: dict[Future[Answer], int] = dict(
-            zip(client.map(work, [specs[number].model_dump_json() for number in order], pure=False), order, strict=True)
-        )
+        asked = client.map(work, list(tasks), pure=False)
+        futures: dict[Future[Answer], int] = {future: number for number, future in enumerate(asked)}
         try:
             for future in as_completed(futures, loop=client.loop):
                 if future.cancelled():

@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mirrorcam.sweep_local import ATTEMPTS, ONE_THREAD, Died, _Queue, in_order, run_local
+from mirrorcam.sweep_run import design_here, in_order
 from mirrorcam.sweep_work import Answer
+from mirrorcam.workers import ATTEMPTS, ONE_THREAD, Died, _Queue
 from optics.design.sweep import structure
 from optics.spec import DesignSpec
 
@@ -67,39 +68,39 @@ def environment(spec_json: str) -> Answer:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_every_spec_is_answered_once(tmp_path: Path, workers: int) -> None:
-    answers = dict(run_local(SPECS, workers, partial(noted, tmp_path)))
+    answers = dict(design_here(SPECS, workers, partial(noted, tmp_path)))
     assert answers == {number: Answer(f"{40 + number}") for number in range(6)}
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {f"{40 + n}": "x" for n in range(6)}
 
 
 def test_there_are_no_more_workers_than_specs(tmp_path: Path) -> None:
-    answers = run_local(SPECS[:1], 9, partial(noted, tmp_path))
+    answers = design_here(SPECS[:1], 9, partial(noted, tmp_path))
     assert next(answers) == (0, Answer("40"))
     assert multiprocessing.active_children() == []
     assert list(answers) == []
 
 
 def test_a_worker_that_dies_loses_only_what_it_was_doing(tmp_path: Path) -> None:
-    answers = dict(run_local(SPECS, 2, partial(killed_once, tmp_path)))
+    answers = dict(design_here(SPECS, 2, partial(killed_once, tmp_path)))
     assert answers == {number: Answer(f"{40 + number}") for number in range(6)}
     marks = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert marks == {f"{40 + number}": "x" for number in range(6)} | {"42": "xx"}
 
 
 def test_a_spec_that_kills_all_its_workers_is_given_up_and_the_others_are_done(tmp_path: Path) -> None:
-    answers = dict(run_local(SPECS, 2, partial(always_killed, tmp_path)))
+    answers = dict(design_here(SPECS, 2, partial(always_killed, tmp_path)))
     assert answers.pop(2) == Died("3 workers died of it, the last by signal 9")
     assert answers == {number: Answer(f"{40 + number}") for number in range(6) if number != 2}
     assert len((tmp_path / "42").read_text()) == ATTEMPTS == 3
 
 
 def test_how_a_worker_ended_is_told() -> None:
-    assert list(run_local(SPECS[:1], 1, leaving)) == [(0, Died("3 workers died of it, the last with exit code 3"))]
+    assert list(design_here(SPECS[:1], 1, leaving)) == [(0, Died("3 workers died of it, the last with exit code 3"))]
 
 
 def test_a_worker_that_cannot_work_at_all_ends_the_sweep() -> None:
     with pytest.raises(RuntimeError, match=r"a worker cannot work: (.|\n)*No module named 'casadi'"):
-        list(run_local(SPECS, 2, broken))
+        list(design_here(SPECS, 2, broken))
     assert multiprocessing.active_children() == []
 
 
@@ -108,14 +109,14 @@ def test_workers_compute_in_one_thread_and_leave_interruptions_to_their_parent(
 ) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    assert list(run_local(SPECS[:1], 1, environment)) == [(0, Answer("1 1 1 1", "True"))]
+    assert list(design_here(SPECS[:1], 1, environment)) == [(0, Answer("1 1 1 1", "True"))]
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, set())
 
 
 def test_whoever_stops_listening_leaves_no_worker_behind(tmp_path: Path) -> None:
-    answers = run_local(SPECS, 2, partial(noted, tmp_path))
+    answers = design_here(SPECS, 2, partial(noted, tmp_path))
     next(answers)
     assert multiprocessing.active_children() != []
     answers.close()
@@ -123,7 +124,7 @@ def test_whoever_stops_listening_leaves_no_worker_behind(tmp_path: Path) -> None
 
 
 def test_nobody_waits_for_a_design_that_is_no_longer_wanted() -> None:
-    answers = run_local(SPECS, 2, stuck)
+    answers = design_here(SPECS, 2, stuck)
     assert next(answers) == (0, Answer("40"))
     before = time.monotonic()
     answers.close()

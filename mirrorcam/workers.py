@@ -1,4 +1,4 @@
-"""Designs on all cores of this machine: processes of one thread each, of which any may die without harm to the rest."""
+"""Tasks on all cores of this machine: processes of one thread each, of which any may die without harm to the rest."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from typing import Generic, TypeVar
 
-from mirrorcam.sweep_work import Answer, Work, answer
-from optics.design.sweep import structure
-from optics.spec import DesignSpec
+Answer = TypeVar("Answer")
+Work = Callable[[str], Answer]
 
 ATTEMPTS = 3
 ONE_THREAD = dict.fromkeys(
@@ -25,9 +25,16 @@ ONE_THREAD = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Died:
-    """The end of every worker that tried a design."""
+    """The end of every worker that tried a task."""
 
     reason: str
+
+
+@dataclass(frozen=True)
+class Done(Generic[Answer]):
+    """What a worker sends back, whatever type its answer is of."""
+
+    answer: Answer
 
 
 @dataclass
@@ -42,15 +49,15 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def _serve(connection: Connection, work: Work) -> None:
-    """Answer specs until the other end closes; with a traceback where the work, which fails by no spec, is broken."""
+def _serve(connection: Connection, work: Work[Answer]) -> None:
+    """Answer tasks until the other end closes; with a traceback where the work, which fails by no task, is broken."""
     while True:
         try:
             task = connection.recv()
         except (EOFError, OSError):  # closed, or reset by a parent that leaves an answer unread
             return
         try:
-            done: Answer | str = work(task)
+            done: Done[Answer] | str = Done(work(task))
         except Exception:
             done = traceback.format_exc()
         try:
@@ -79,17 +86,6 @@ def _for_children() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
-def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
-    """Numbers of specs in groups of one structure, in which what was built for one serves the next.
-
-    Arrays of many mirrors come first, so that no core is left alone with one at the end.
-    """
-    groups: dict[tuple[int, int, int, int, str], list[int]] = {}
-    for number, spec in enumerate(specs):
-        groups.setdefault(structure(spec), []).append(number)
-    return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
-
-
 class _Queue:
     """Who does what next: a worker stays with its group; one without takes a whole group, then half of another's."""
 
@@ -113,16 +109,17 @@ class _Queue:
 
 
 def run_local(
-    specs: Sequence[DesignSpec], workers: int, work: Work = answer
+    tasks: Sequence[str], workers: int, work: Work[Answer], groups: Sequence[Sequence[int]] | None = None
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Number and answer of each spec, as they come, from at most `workers` processes.
+    """Number and answer of each task, as they come, from at most `workers` processes.
 
+    Tasks of a group go to one worker as far as that leaves none idle: what it has made for one serves the next.
     A worker that dies loses what it was doing, and only that: another takes its place and tries it again, until
     ATTEMPTS have died of it. Ends all workers when closed. Raises RuntimeError where a worker cannot work at all.
     """
     context = get_context("spawn")
-    queue = _Queue(in_order(specs))
-    deaths = [0] * len(specs)
+    queue = _Queue([range(len(tasks))] if groups is None else groups)
+    deaths = [0] * len(tasks)
     busy: dict[int, _Worker] = {}
 
     def hire(place: int) -> None:
@@ -135,10 +132,10 @@ def run_local(
             process.start()
         theirs.close()
         busy[place] = _Worker(process, ours, task)
-        _give(busy[place], specs[task])
+        _give(busy[place], tasks[task])
 
     try:
-        for place in range(min(workers, len(specs))):
+        for place in range(min(workers, len(tasks))):
             hire(place)
         while busy:
             ready = wait([worker.connection for worker in busy.values()])
@@ -164,17 +161,17 @@ def run_local(
                     worker.process.join()
                 else:
                     worker.task = following
-                    _give(worker, specs[following])
-                yield done, got
+                    _give(worker, tasks[following])
+                yield done, got.answer
     finally:
         for worker in busy.values():
             worker.process.kill()
             _buried(worker)
 
 
-def _give(worker: _Worker, spec: DesignSpec) -> None:
+def _give(worker: _Worker, task: str) -> None:
     try:
-        worker.connection.send(spec.model_dump_json())
+        worker.connection.send(task)
     except OSError:
         return  # it has died; whoever waits for its answer finds that out
 

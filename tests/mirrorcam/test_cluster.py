@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,15 +12,14 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.sweep import sweep
-from mirrorcam.sweep_cluster import run_cluster
-from mirrorcam.sweep_local import Died, run_local
+from mirrorcam.sweep_run import design_here, design_on_cluster
 from mirrorcam.sweep_work import Answer
+from mirrorcam.workers import Died
 from optics.design.sweep import grid
 from optics.spec import DesignSpec
 from optics.values import InputError
 
 pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
-ROOT = Path(__file__).parents[2]
 SPECS = grid(
     DesignSpec(),
     counts=[(1, 2), (2, 1)],
@@ -37,40 +33,10 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    """A scheduler or a worker of one process and one thread, which dies as a whole."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with (folder / f"{arguments[0]}.log").open("ab") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"],
-            env=environment,
-            stdout=log,
-            stderr=log,
-        )
-
-
-@pytest.fixture
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """The address of a scheduler, and the processes: the scheduler, then two workers."""
-    folder = tmp_path_factory.mktemp("dask")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-    processes = [dask(folder, "scheduler", "--host", address)]
-    worker = ("worker", address, "--no-nanny", "--nthreads", "1", "--local-directory", str(folder))
-    processes += [dask(folder, *worker) for _ in range(2)]
-    try:
-        yield address, processes
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-
-
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("mirrorcam.sweep_cluster.SECONDS_TO_CONNECT", 0.5)
+    monkeypatch.setattr("mirrorcam.cluster.SECONDS_TO_CONNECT", 0.5)
     assert cli.main(["sweep", "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "out")]) == 2
     said = capfd.readouterr().err
     assert said.startswith("mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: ")
@@ -83,7 +49,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
 
     def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         nonlocal yielded
-        for number, got in run_cluster(specs, address):
+        for number, got in design_on_cluster(specs, address):
             if yielded == 0:
                 first.send_signal(signal.SIGKILL)
             yielded += 1
@@ -93,7 +59,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
     outcomes = sweep(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
     assert [outcome.status for outcome in outcomes] == ["solved"] * len(SPECS)
-    assert outcomes == sweep(SPECS, tmp_path / "local", partial(run_local, workers=2))
+    assert outcomes == sweep(SPECS, tmp_path / "local", partial(design_here, workers=2))
     assert files_of(tmp_path / "cluster") == files_of(tmp_path / "local")
 
 
@@ -104,7 +70,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
     address, processes = cluster
 
     def until_lost(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in run_cluster(specs, address):
+        for number, got in design_on_cluster(specs, address):
             yield number, got
             for process in processes:
                 process.kill()
@@ -117,7 +83,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
 
     def noting(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         asked.extend(specs)
-        yield from run_local(specs, 2)
+        yield from design_here(specs, 2)
 
     sweep(SPECS, tmp_path, noting)
     assert len(asked) + len([name for name in kept if name.startswith("results/")]) == len(SPECS)

@@ -1,0 +1,198 @@
+"""Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--picture FILE]`.
+
+Times, in one run, a frame of the default camera (1920 x 1080, nine mirrors, a tilted ChArUco board) by formula and by
+the reference at several numbers of samples: the light alone, and the whole frame as a worker makes it (light, lens,
+noise, file). Then the same by as many workers as there are cores, and by the number of mirrors. The noise of corners is
+what OpenCV's cornerSubPix finds in a soft, noiseless picture, less what it finds in one of 1024 samples: no detector's
+own error, and none of the sensor's noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mirrorcam.workers import cores, run_local
+from optics.design.optimise import design
+from optics.files import atomic
+from optics.layout import Layout
+from optics.spec import DesignSpec
+from optics.targets import Charuco, default_board
+from optics.values import FloatArray
+from render_scenes.fast import FastScene
+from render_scenes.frame import FrameTask, Stage, render_frame
+from render_scenes.poses import plan_frames
+from render_scenes.scene import BoardScene
+from render_scenes.settings import SENSORS, RenderSettings
+from render_scenes.truth import Oracle
+
+LIMIT_S = 0.1
+TIMES_FASTER = 10.0
+SAMPLES = (4, 16, 64)
+REFERENCE_SPP = 1024
+BLUR_PX = 0.8
+LENS = (0.05, -0.1, 0.0, 0.0, 0.0)
+HALF_PX = 7
+COUNTS = ((1, 2), (2, 2), (3, 3), (5, 5), (7, 7))
+
+Picture = NDArray[np.float32]
+
+
+def camera_of(rows: int, cols: int) -> Layout:
+    """The design of a count of mirrors, before the usual lens."""
+    layout = design(DesignSpec(rows=rows, cols=cols))
+    return layout.replaced(camera=layout.camera.replaced(distortion=LENS), metrics={}, verdict={})
+
+
+def median_s(take: Callable[[int], object], frames: int) -> tuple[float, float]:
+    """Seconds of the first frame, and the median of those after it."""
+    times = []
+    for index in range(frames + 1):
+        started = time.perf_counter()
+        take(index)
+        times.append(time.perf_counter() - started)
+    return times[0], statistics.median(times[1:])
+
+
+def tasks(layout: Layout, board: Charuco, poses: FloatArray, settings: RenderSettings) -> list[str]:
+    """The frames of a set without maps, as workers get them."""
+    stage = Stage(built=layout, mirrors=True, target=board, settings=settings)
+    return [
+        FrameTask(
+            stage=stage, name=f"{i:04d}{settings.suffix}", map_name=None, poses=pose[None], key=(0, i)
+        ).model_dump_json()
+        for i, pose in enumerate(poses)
+    ]
+
+
+def rendered(asked: list[str], index: int) -> None:
+    """One whole frame, in this process."""
+    render_frame(asked[index])
+
+
+def whole_frames_s(asked: list[str]) -> float:
+    """Seconds a frame by one worker for each core, from the answer of the first to that of the last."""
+    started, count = 0.0, 0
+    # Every worker's first frame builds its scene and compiles: time begins when all have given one.
+    for done, _ in enumerate(run_local(asked, cores(), render_frame), start=1):
+        if done == 2 * cores():
+            started, count = time.perf_counter(), len(asked) - done
+    return (time.perf_counter() - started) / count
+
+
+def corners(picture: Picture, start: FloatArray) -> FloatArray:
+    """Corners (n, 2) that OpenCV finds in a picture (h, w) of light, blurred by the lens."""
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    found = cv2.cornerSubPix(picture, start.astype(np.float32)[:, None], (4, 4), (-1, -1), criteria)
+    return np.asarray(found[:, 0], dtype=np.float64)
+
+
+def soft(radiance: Picture, cut: int) -> Picture:
+    """Light (h, w) of pixels behind a lens that blurs."""
+    blurred = cv2.GaussianBlur(radiance, (0, 0), BLUR_PX * cut)
+    size = (radiance.shape[1] // cut, radiance.shape[0] // cut)
+    return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def noise_px(
+    scenes: dict[str, Callable[[], Picture]], layout: Layout, board: Charuco, pose: FloatArray
+) -> dict[str, tuple[float, float]]:
+    """RMS along an axis, and the largest, of what corners move by against those of the last scene."""
+    px, visible = Oracle(layout, board).by_mirrors(pose)
+    start = px[visible]
+    found = {name: corners(soft(render(), 2), start) for name, render in scenes.items()}
+    *others, last = found
+    # Where a corner is so near an edge that the detector runs away from it in any picture, it says nothing of noise.
+    kept = np.linalg.norm(found[last] - start, axis=1) < 0.3
+    moved = {name: (found[name] - found[last])[kept] for name in others}
+    return {name: (float(np.sqrt(np.mean(m**2))), float(np.linalg.norm(m, axis=1).max())) for name, m in moved.items()}
+
+
+def main(frames: int, picture: Path | None) -> None:
+    layout, board = camera_of(3, 3), default_board()
+    poses = plan_frames(layout, board, 12, np.random.default_rng(0)).poses
+    by_formula = RenderSettings(renderer="fast", maps=False)
+    started = time.perf_counter()
+    fast = FastScene(layout.camera, layout.mirrors, board, by_formula)
+    print(f"fast: scene made in {time.perf_counter() - started:.1f} s")
+
+    def light(index: int) -> None:
+        fast.place_board(poses[index % len(poses)])
+        fast.render()
+
+    first, fast_s = median_s(light, 5 * frames)
+    print(f"{'light alone':34} first {first:6.3f} s  then {fast_s:6.3f} s a frame")
+    costs = {"fast": fast_s}
+    reference = BoardScene(layout.camera, layout.mirrors, board, RenderSettings())
+    for spp in SAMPLES:
+
+        def traced(index: int, spp: int = spp) -> None:
+            reference.place_board(poses[index % len(poses)])
+            reference.render(spp=spp // 4, seed=index, subpixels=2)
+
+        first, costs[f"mitsuba {spp} spp"] = median_s(traced, frames)
+        print(f"{f'mitsuba {spp} spp':34} first {first:6.3f} s  then {costs[f'mitsuba {spp} spp']:6.3f} s a frame")
+    ratio = costs["mitsuba 16 spp"] / fast_s
+    print(f"mitsuba at 16 spp / fast: {ratio:.1f} (limit >= {TIMES_FASTER:g})")
+
+    for name, sensor in SENSORS.items():
+        asked = tasks(layout, board, np.tile(poses, (8, 1, 1)), by_formula.replaced(sensor=sensor))
+        alone = median_s(partial(rendered, asked), 2 * frames)[1]
+        together = f"{whole_frames_s(asked):6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
+        print(f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {together}")
+
+    for rows, cols in COUNTS:
+        built = layout if (rows, cols) == (3, 3) else camera_of(rows, cols)
+        where = plan_frames(built, board, 4, np.random.default_rng(0)).poses
+        scene = FastScene(built.camera, built.mirrors, board, by_formula)
+
+        def one(index: int, scene: FastScene = scene, where: FloatArray = where) -> None:
+            scene.place_board(where[index % len(where)])
+            scene.render()
+
+        print(f"fast, {rows} x {cols} mirrors: {median_s(one, frames)[1]:6.3f} s a frame")
+
+    fast.place_board(poses[0])
+    reference.place_board(poses[0])
+    scenes: dict[str, Callable[[], Picture]] = {"fast": fast.render}
+    for spp in (*SAMPLES, REFERENCE_SPP):
+        scenes[f"mitsuba {spp} spp"] = partial(reference.render, spp=spp // 4, seed=spp, subpixels=2)
+    noise = noise_px(scenes, layout, board, poses[0])
+    for by, (rms, most) in noise.items():
+        print(f"{by:16} corner noise {rms:.4f} px rms, {most:.4f} at most, for {costs[by]:.3f} s")
+    if picture is not None:
+        with atomic(picture) as temporary:
+            figure({by: (costs[by], *noise[by]) for by in noise}).savefig(temporary, dpi=150, format="png")
+
+
+def figure(points: dict[str, tuple[float, float, float]]) -> Figure:
+    """Corner noise against seconds a frame."""
+    drawn = Figure(figsize=(6.0, 4.0), layout="constrained")
+    axes = drawn.add_subplot()
+    for column, label, marker in ((1, "rms along an axis", "o"), (2, "largest", "^")):
+        axes.plot([p[0] for p in points.values()], [p[column] for p in points.values()], marker, label=label)
+    for name, point in points.items():
+        axes.annotate(name, (point[0], point[1]), xytext=(6, -12), textcoords="offset points", fontsize=8)
+    axes.set(
+        xscale="log", yscale="log", xlabel="seconds a frame, 1920 x 1080, nine mirrors", ylabel="corner noise (px)"
+    )
+    axes.grid(which="both", alpha=0.3)
+    axes.legend()
+    return drawn
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=5, help="frames that each time is the median of")
+    parser.add_argument("--picture", type=Path, help="PNG file of noise against time")
+    given = parser.parse_args()
+    main(given.frames, given.picture)

@@ -1,0 +1,45 @@
+"""`mirrorcam picture`: the device as one would photograph it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.extras import require
+from mirrorcam.progress import say
+from optics.values import InputError, Value
+
+QUALITY = 85  # of a JPEG
+
+
+class PictureOptions(Value):
+    """Render the device that `mirrorcam cad` made of a layout, from the front and from the side, in 1920 x 1080 pixels.
+
+    From the front, the lens is seen in every mirror.
+    """
+
+    layout: tyro.conf.Positional[Path] = Field(description="layout.json")
+    parts: Path = Field(default=Path("output/cad"), description="folder that `mirrorcam cad` wrote of this layout")
+    spp: int = Field(default=64, ge=1, description="samples per pixel: more are slower and less grainy")
+    out: Path = Field(default=Path("output/product.jpg"), description="picture to write, .jpg or .png")
+
+
+def run(options: PictureOptions) -> int:
+    """Render and write the picture."""
+    from optics.files import encoded_image, write_bytes
+    from optics.layout import Layout
+
+    suffix = options.out.suffix.lower()
+    if suffix not in (".jpg", ".png"):
+        raise InputError(f"--out {options.out}: expected a name that ends in .jpg or .png")
+    layout = Layout.load(options.layout)
+    require("render")
+    from render_scenes.product import product_picture
+
+    say("picture", f"{options.spp} samples a pixel ...")
+    picture = product_picture(layout, options.parts, spp=options.spp)
+    write_bytes(options.out, encoded_image(picture, suffix, QUALITY))
+    say("picture", f"{options.out} written")
+    return 0

@@ -1,0 +1,96 @@
+"""`mirrorcam scene`: what a layout photographs of a desk, with the truth of its light field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.commands.render import sensor_from_text, tolerances_from_text
+from mirrorcam.extras import require
+from mirrorcam.progress import long_work, say
+from optics.values import InputError, Value
+
+if TYPE_CHECKING:
+    from render_scenes.desk import NamedMesh
+
+
+OVERVIEW = "truth/overview.jpg"
+
+
+class SceneOptions(Value):
+    """Render what a layout, built with tolerances, photographs of a desk, and the true views and depths beside it."""
+
+    layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
+        description="layout.json, as designed"
+    )
+    depths_mm: Annotated[tuple[float, ...], tyro.conf.arg(metavar="MM...", help_behavior_hint="(the layout's)")] = (
+        Field(default=(), description="depths at which things stand, nearest first")
+    )
+    mesh: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]],
+        tyro.conf.arg(metavar="FILE[:x,y,z]", help_behavior_hint=""),
+    ] = Field(
+        default=(),
+        description="a mesh to stand on the desk, STL, PLY or OBJ in mm, z up, and where in view axes its base is",
+    )
+    seed: int = Field(
+        default=0, ge=0, description="seed of things, tolerances and noise; the same seed, the same bytes"
+    )
+    spp: int = Field(default=64, ge=4, description="samples per pixel")
+    sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
+        default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
+    )
+    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hobbyist)")] = Field(
+        default="",
+        description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+    )
+    out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is continued")
+
+
+def mesh_from_text(text: str) -> NamedMesh:
+    """A mesh and its place of a text like vase.stl:10,-30,350, or of its file alone."""
+    from render_scenes.desk import NamedMesh
+
+    name, colon, place = text.rpartition(":")
+    numbers = place.split(",")
+    if not colon or len(numbers) != 3:
+        return NamedMesh(file=Path(text))
+    try:
+        return NamedMesh(file=Path(name), place_in_view_mm=[float(number) for number in numbers])
+    except ValueError:
+        raise InputError(f"--mesh {text}: expected FILE or FILE:x,y,z in mm, view axes") from None
+
+
+def run(options: SceneOptions) -> int:
+    """Render the scene."""
+    from optics.files import write_image
+    from optics.layout import Layout
+
+    layout = Layout.load(options.layout)
+    tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
+    require("render")
+    from mirrorcam.figures.desk import overview
+    from render_scenes.desk_set import MANIFEST, DeskRequest, render_desk
+
+    request = DeskRequest(
+        layout=layout,
+        depths_mm=options.depths_mm,
+        meshes=tuple(mesh_from_text(text) for text in options.mesh),
+        seed=options.seed,
+        tolerances=tolerances,
+        sensor=sensor,
+        spp=options.spp,
+    )
+    views = layout.rows * layout.cols
+    with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
+        render_desk(request, options.out, on_picture=advance)
+        write_image(options.out / OVERVIEW, overview(options.out))
+    truth = options.out / "truth"
+    say(
+        "scene",
+        f"{options.out / MANIFEST} written; true views, depths and disparities in {truth}, in {OVERVIEW} a look",
+    )
+    return 0
