@@ -91,8 +91,9 @@ def whole_frames_s(asked: list[str]) -> float:
 
 def corners(picture: Picture, start: FloatArray) -> FloatArray:
     """Corners (n, 2) that OpenCV finds in a picture (h, w) of light, blurred by the lens."""
+    first = np.ascontiguousarray(start[:, None], dtype=np.float32)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    found = cv2.cornerSubPix(picture, start.astype(np.float32)[:, None], (4, 4), (-1, -1), criteria)
+    found = cv2.cornerSubPix(picture, first, (4, 4), (-1, -1), criteria)
     return np.asarray(found[:, 0], dtype=np.float64)
 
 
