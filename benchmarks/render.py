@@ -182,10 +182,11 @@ def figure(points: dict[str, tuple[float, float, float]]) -> Figure:
     for column, label, marker in ((1, "rms along an axis", "o"), (2, "largest", "^")):
         axes.plot([p[0] for p in points.values()], [p[column] for p in points.values()], marker, label=label)
     for name, point in points.items():
-        axes.annotate(name, (point[0], point[1]), xytext=(6, -12), textcoords="offset points", fontsize=8)
+        axes.annotate(name, (point[0], point[1]), xytext=(0, -14), textcoords="offset points", fontsize=8, ha="center")
     axes.set(
         xscale="log", yscale="log", xlabel="seconds a frame, 1920 x 1080, nine mirrors", ylabel="corner noise (px)"
     )
+    axes.margins(0.12)
     axes.grid(which="both", alpha=0.3)
     axes.legend()
     return drawn
