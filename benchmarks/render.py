@@ -28,12 +28,12 @@ from optics.layout import Layout
 from optics.spec import DesignSpec
 from optics.targets import Charuco, default_board
 from optics.values import FloatArray
-from render_scenes.fast import FastScene
+from render_scenes.fast.scene import FastScene
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.poses import plan_frames
-from render_scenes.scene import BoardScene
+from render_scenes.reference.scene import BoardScene
 from render_scenes.settings import SENSORS, RenderSettings
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 
 LIMIT_S = 0.1
 TIMES_FASTER = 10.0

@@ -16,15 +16,15 @@ from optics.files import encoded_image
 from optics.layout import Layout
 from optics.targets import Target
 from optics.values import FloatArray, Shaped, Value
-from render_scenes.device import Obstacles, Parts, bodies_around
-from render_scenes.fast import FastScene
+from render_scenes.fast.scene import FastScene
 from render_scenes.finish import MirrorFinish
 from render_scenes.llvm import use_variant
-from render_scenes.maps import CHANNELS, PixelRays, board_maps, exr_bytes, path_lengths, pixel_rays
 from render_scenes.motion import poses_at
 from render_scenes.photograph import photograph
-from render_scenes.scene import BoardScene
+from render_scenes.reference.device import Obstacles, Parts, bodies_around
+from render_scenes.reference.scene import BoardScene
 from render_scenes.settings import RenderSettings
+from render_scenes.truth.maps import CHANNELS, PixelRays, board_maps, exr_bytes, path_lengths, pixel_rays
 from render_scenes.video import as_key_frame
 
 # Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.

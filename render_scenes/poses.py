@@ -17,7 +17,7 @@ from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
 from render_scenes.dataset import Reach
-from render_scenes.truth import BoolArray, Oracle
+from render_scenes.truth.oracle import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0

@@ -22,14 +22,14 @@ from optics.targets import Target, save_board
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import MANIFEST, Dataset, sha256
-from render_scenes.device import Obstacles, bodies_around, parts_of
 from render_scenes.finish import MirrorFinish, draw_finishes
 from render_scenes.frame import FrameTask, Stage, render_frame
 from render_scenes.llvm import use_variant
 from render_scenes.motion import along
 from render_scenes.poses import Plan, plan_base_frames, plan_frames, plan_of, reaches
+from render_scenes.reference.device import Obstacles, bodies_around, parts_of
 from render_scenes.settings import RenderSettings
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 from render_scenes.video import write_h264, write_mjpeg
 
 # Streams of random numbers; each is independent of how much the others draw.
@@ -43,7 +43,7 @@ class SetRequest(Value):
 
     `poses` (n, 4, 4), rig_from_board in mm, are those of the frames, in place of planned ones. With `rate_hz`
     frames are moments of one motion, a smooth way through the poses, of which `poses_hz` are passed in a second.
-    `parts` is a folder of what stands around the mirrors (`render_scenes.device.read_bodies`).
+    `parts` is a folder of what stands around the mirrors (`render_scenes.reference.device.read_bodies`).
     """
 
     layout: Layout

@@ -36,7 +36,7 @@ def run(options: PictureOptions) -> int:
         raise InputError(f"--out {options.out}: expected a name that ends in .jpg or .png")
     layout = Layout.load(options.layout)
     require("render")
-    from render_scenes.product import product_picture
+    from render_scenes.reference.product import product_picture
 
     say("picture", f"{options.spp} samples a pixel ...")
     picture = product_picture(layout, options.parts, spp=options.spp)

@@ -14,7 +14,7 @@ from mirrorcam.progress import long_work, say
 from optics.values import InputError, Value
 
 if TYPE_CHECKING:
-    from render_scenes.desk import NamedMesh
+    from render_scenes.desk.desk import NamedMesh
 
 
 OVERVIEW = "truth/overview.jpg"
@@ -52,7 +52,7 @@ class SceneOptions(Value):
 
 def mesh_from_text(text: str) -> NamedMesh:
     """A mesh and its place of a text like vase.stl:10,-30,350, or of its file alone."""
-    from render_scenes.desk import NamedMesh
+    from render_scenes.desk.desk import NamedMesh
 
     name, colon, place = text.rpartition(":")
     numbers = place.split(",")
@@ -73,7 +73,7 @@ def run(options: SceneOptions) -> int:
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
     from mirrorcam.figures.desk import overview
-    from render_scenes.desk_set import MANIFEST, DeskRequest, render_desk
+    from render_scenes.desk.desk_set import MANIFEST, DeskRequest, render_desk
 
     request = DeskRequest(
         layout=layout,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.files import read_image
-from render_scenes.desk_set import DeskSet, read_map
+from render_scenes.desk.desk_set import DeskSet, read_map
 
 HEIGHT_PX = 480
 GAP_PX = 10

@@ -1,4 +1,4 @@
-"""`mirrorcam picture`: refusals; what it draws is tested with `render_scenes.product`."""
+"""`mirrorcam picture`: refusals; what it draws is tested with `render_scenes.reference.product`."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from scipy.special import erf
 from optics.layout import Layout
 from optics.targets import Checkerboard
 from optics.values import FloatArray
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 
 BLUR_PX = 0.8
 HALF_PX = 7  # of the localiser's window

@@ -16,16 +16,16 @@ from optics.mirror import Mirror
 from optics.targets import Charuco
 from optics.tolerances import Tolerances
 from optics.values import FloatArray
-from render_scenes.fast import FastScene
+from render_scenes.fast.scene import FastScene
 from render_scenes.finish import MirrorFinish, draw_finishes, even, radius_mm
-from render_scenes.integrator import CLEARANCE_MM
-from render_scenes.maps import board_maps, pixel_rays
-from render_scenes.paths import reflected
 from render_scenes.poses import plan_frames
+from render_scenes.reference.integrator import CLEARANCE_MM
+from render_scenes.reference.scene import BoardScene
 from render_scenes.render_set import SetRequest, render_set
-from render_scenes.scene import BoardScene
 from render_scenes.settings import SENSORS, Finish, RenderSettings
-from render_scenes.truth import Oracle
+from render_scenes.truth.maps import board_maps, pixel_rays
+from render_scenes.truth.oracle import Oracle
+from render_scenes.truth.paths import reflected
 from tests.render_scenes.corners import TARGET, tilted_board
 
 BENT = MirrorFinish(

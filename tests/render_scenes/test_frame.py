@@ -17,12 +17,12 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError
-from render_scenes.fast import FastScene
+from render_scenes.fast.scene import FastScene
 from render_scenes.frame import FrameTask, Stage, render_frame, render_frame_in_turn, render_frame_on_one_core
 from render_scenes.llvm import CUDA
 from render_scenes.poses import plan_frames
 from render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 from tests.render_scenes.corners import MARGIN_PX, TARGET, locate, photographed, tilted_board, windows
 
 PLAIN = SensorModel(read_noise_grey=0.0)

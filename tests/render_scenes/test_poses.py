@@ -14,7 +14,7 @@ from optics.transforms import transform
 from optics.values import FloatArray, InputError
 from render_scenes.dataset import Reach
 from render_scenes.poses import ROOM_MM, Plan, common_bounds, fields, plan_base_frames, plan_frames, reaches
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 
 
 def random() -> np.random.Generator:

@@ -17,7 +17,7 @@ from optics.values import InputError
 from render_scenes.dataset import MANIFEST, Dataset, sha256
 from render_scenes.render_set import SetRequest, render_set
 from render_scenes.settings import SENSORS, RenderSettings, SensorModel
-from render_scenes.truth import Oracle
+from render_scenes.truth.oracle import Oracle
 
 FRAMES, BASE = 3, 2
 Render = Callable[..., Dataset]

@@ -10,9 +10,9 @@ import shapely
 
 from optics.layout import Layout
 from optics.values import InputError
-from render_scenes.desk import NamedMesh, desk, nearest_mm
+from render_scenes.desk.desk import NamedMesh, desk, nearest_mm
+from render_scenes.desk.things import Thing
 from render_scenes.poses import fields
-from render_scenes.things import Thing
 
 DEPTHS = (310.0, 380.0, 520.0)
 FIXED = ("wall", "desk")

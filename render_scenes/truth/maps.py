@@ -16,10 +16,10 @@ from optics.camera import Camera
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.device import Obstacles
 from render_scenes.finish import MirrorFinish
-from render_scenes.paths import reflected
+from render_scenes.reference.device import Obstacles
 from render_scenes.sheet import MARGIN_SQUARES
+from render_scenes.truth.paths import reflected
 
 NO_MIRROR = -1
 CHANNELS = ("mirror", "board.x", "board.y", "path")

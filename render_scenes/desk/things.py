@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from optics.values import FloatArray, Matrix4, Value, Vector3
+from render_scenes.desk.textures import TextureName, texture
 from render_scenes.meshes import Triangles, leaves, read_mesh
-from render_scenes.mirrors import mesh
-from render_scenes.textures import TextureName, texture
+from render_scenes.reference.mirrors import mesh
 
 Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
 Material = Literal["matte", "glossy", "glass"]

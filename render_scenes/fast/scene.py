@@ -1,9 +1,10 @@
 """A board seen by way of mirrors, by formula, one square of the sensor after the other: for large sets.
 
-Of every square that shows a mirror it is known once for all where its light seems to come from (`render_scenes.lanes`).
-A frame takes, for each mirror, a projective map to the print that is made in float64, and for each square the mean of
-the print over its footprint: a box along the axes of the print, as wide as the footprint is in the mean square, exact
-for the two by two texels that it meets. No light bounces twice, and nothing but mirrors stands in its way.
+Of every square that shows a mirror it is known once for all where its light seems to come from
+(`render_scenes.fast.lanes`). A frame takes, for each mirror, a projective map to the print that is made in float64, and
+for each square the mean of the print over its footprint: a box along the axes of the print, as wide as the footprint is
+in the mean square, exact for the two by two texels that it meets. No light bounces twice, and nothing but mirrors stands
+in its way.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.arithmetic import Arithmetic, Compiled, Plain
+from render_scenes.fast.arithmetic import Arithmetic, Compiled, Plain
+from render_scenes.fast.lanes import Lanes, View, lanes_of, views_of
 from render_scenes.finish import MirrorFinish, even
-from render_scenes.lanes import Lanes, View, lanes_of, views_of
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.settings import RenderSettings
 from render_scenes.sheet import board_from_texels, print_on_paper

@@ -9,9 +9,9 @@ import pytest
 
 from optics.layout import Layout
 from optics.values import FloatArray
-from render_scenes.integrator import Light, integrator
-from render_scenes.scene import BoardScene
-from render_scenes.sensor import sensor
+from render_scenes.reference.integrator import Light, integrator
+from render_scenes.reference.scene import BoardScene
+from render_scenes.reference.sensor import sensor
 from render_scenes.settings import RenderSettings
 from tests.render_scenes.corners import TARGET, Crop, errors_by_mirror, photographed, tilted_board, windows
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from render_scenes.lit import render_lit
+from render_scenes.desk.lit import render_lit
 from render_scenes.llvm import SCALAR, use_variant
 
 SIZE = 24, 16

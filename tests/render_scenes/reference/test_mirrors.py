@@ -11,14 +11,14 @@ from scipy.optimize import least_squares
 from optics.layout import Layout
 from optics.mirror import reflect
 from optics.values import FloatArray
-from render_scenes.fast import FastScene
-from render_scenes.integrator import CLEARANCE_MM
+from render_scenes.fast.scene import FastScene
 from render_scenes.llvm import SCALAR
-from render_scenes.maps import board_maps, pixel_rays
-from render_scenes.paths import reflected
-from render_scenes.scene import BoardScene
+from render_scenes.reference.integrator import CLEARANCE_MM
+from render_scenes.reference.scene import BoardScene
 from render_scenes.settings import RenderSettings
-from render_scenes.truth import Oracle
+from render_scenes.truth.maps import board_maps, pixel_rays
+from render_scenes.truth.oracle import Oracle
+from render_scenes.truth.paths import reflected
 from tests.render_scenes.corners import TARGET, errors_by_mirror, photographed, tilted_board, windows
 
 FAST = RenderSettings(renderer="fast")

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from optics.layout import Layout
 from optics.values import FloatArray, InputError, Value, Vector3
+from render_scenes.desk.textures import TextureName
+from render_scenes.desk.things import Kind, Material, Thing, based
 from render_scenes.poses import ROOM_MM, common_bounds
-from render_scenes.textures import TextureName
-from render_scenes.things import Kind, Material, Thing, based
 
 WALL_DEPTHS = 1.2  # how deep the wall is, in depths of the farthest things
 WALL_FIELDS = 3.2  # how wide and high, in fields at that depth

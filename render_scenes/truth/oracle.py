@@ -17,10 +17,10 @@ from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
-from render_scenes.device import Obstacles
 from render_scenes.finish import MirrorFinish
 from render_scenes.motion import poses_at
-from render_scenes.paths import image_px, reflected
+from render_scenes.reference.device import Obstacles
+from render_scenes.truth.paths import image_px, reflected
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by

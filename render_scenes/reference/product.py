@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
-from render_scenes.device import ASSEMBLY, Body, check_mirrors, read_assembly
-from render_scenes.integrator import Light, integrator, render
 from render_scenes.llvm import use_variant
-from render_scenes.mirrors import mesh
 from render_scenes.poses import common_bounds
+from render_scenes.reference.device import ASSEMBLY, Body, check_mirrors, read_assembly
+from render_scenes.reference.integrator import Light, integrator, render
+from render_scenes.reference.mirrors import mesh
 
 SIZE_PX = (1920, 1080)  # of both views side by side
 GAP_PX = 8

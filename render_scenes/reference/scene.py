@@ -16,12 +16,12 @@ from optics.camera import Camera
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.device import Body, body_shapes, near_mm
 from render_scenes.finish import MirrorFinish, even
-from render_scenes.integrator import SHEET_BRANCHES, Light, integrator, render
 from render_scenes.llvm import use_variant
-from render_scenes.mirrors import mirror_shapes
-from render_scenes.sensor import sensor
+from render_scenes.reference.device import Body, body_shapes, near_mm
+from render_scenes.reference.integrator import SHEET_BRANCHES, Light, integrator, render
+from render_scenes.reference.mirrors import mirror_shapes
+from render_scenes.reference.sensor import sensor
 from render_scenes.settings import RenderSettings
 from render_scenes.sheet import print_on_paper, world_from_sheet
 

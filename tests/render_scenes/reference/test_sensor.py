@@ -8,7 +8,7 @@ import pytest
 from optics.camera import Camera
 from optics.values import FloatArray
 from render_scenes.llvm import use_variant
-from render_scenes.sensor import sensor
+from render_scenes.reference.sensor import sensor
 
 LENSES = {
     "pinhole": (0.0, 0.0, 0.0, 0.0, 0.0),

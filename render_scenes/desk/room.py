@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from optics.layout import Layout
 from optics.light_field.light_field import Views
 from optics.values import FloatArray, InputError
-from render_scenes.desk import Desk
+from render_scenes.desk.desk import Desk
+from render_scenes.desk.lit import render_lit
+from render_scenes.desk.things import lights, shapes_of
 from render_scenes.finish import MirrorFinish
-from render_scenes.integrator import CLEARANCE_MM
-from render_scenes.lit import render_lit
 from render_scenes.llvm import SCALAR, use_variant
-from render_scenes.mirrors import mirror_shapes
-from render_scenes.sensor import sensor
-from render_scenes.things import lights, shapes_of
+from render_scenes.reference.integrator import CLEARANCE_MM
+from render_scenes.reference.mirrors import mirror_shapes
+from render_scenes.reference.sensor import sensor
 
 NOTHING = -1
 

@@ -27,14 +27,14 @@ from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError, Value
 from render_scenes.dataset import sha256
-from render_scenes.desk import NamedMesh, check_meshes, desk, nearest_mm
+from render_scenes.desk.desk import NamedMesh, check_meshes, desk, nearest_mm
+from render_scenes.desk.room import NOTHING, Room, pinhole_rays
+from render_scenes.desk.things import Thing
 from render_scenes.llvm import use_variant
-from render_scenes.maps import exr_bytes, pixel_rays
 from render_scenes.meshes import sha256_of
 from render_scenes.photograph import photograph
-from render_scenes.room import NOTHING, Room, pinhole_rays
 from render_scenes.settings import SENSORS, SensorModel
-from render_scenes.things import Thing
+from render_scenes.truth.maps import exr_bytes, pixel_rays
 
 MANIFEST = "scene.json"
 MAPS = "truth/maps/frames/0000.exr"

@@ -14,7 +14,7 @@ from optics.targets import Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray
 from render_scenes.motion import poses_at
-from render_scenes.truth import VISIBLE_MARGIN_PX, Oracle
+from render_scenes.truth.oracle import VISIBLE_MARGIN_PX, Oracle
 
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
 

@@ -18,7 +18,9 @@ from optics.layout import Layout
 from optics.targets import Charuco
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
-from render_scenes.device import (
+from render_scenes.llvm import SCALAR
+from render_scenes.poses import plan_frames
+from render_scenes.reference.device import (
     PLASTIC_RGB,
     Body,
     Obstacles,
@@ -29,14 +31,12 @@ from render_scenes.device import (
     parts_of,
     read_bodies,
 )
-from render_scenes.llvm import SCALAR
-from render_scenes.maps import NO_MIRROR, board_maps, pixel_rays
-from render_scenes.poses import plan_frames
+from render_scenes.reference.scene import BoardScene
 from render_scenes.render_set import SetRequest, render_set
-from render_scenes.scene import BoardScene
 from render_scenes.settings import SENSORS, Finish, RenderSettings
 from render_scenes.sheet import print_on_paper
-from render_scenes.truth import Oracle
+from render_scenes.truth.maps import NO_MIRROR, board_maps, pixel_rays
+from render_scenes.truth.oracle import Oracle
 
 SETTINGS = RenderSettings()
 

@@ -11,9 +11,9 @@ import shapely
 
 from optics.layout import Layout
 from optics.values import InputError
-from render_scenes.device import Body
-from render_scenes.product import product_picture, views_of
-from tests.render_scenes.test_device import box, write_glb
+from render_scenes.reference.device import Body
+from render_scenes.reference.product import product_picture, views_of
+from tests.render_scenes.reference.test_device import box, write_glb
 
 
 def boxed(layout: Layout) -> dict[str, tuple[str, Body]]:

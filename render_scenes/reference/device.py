@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from optics.files import read_bytes
 from optics.layout import Layout
 from optics.values import FloatArray, InputError, Matrix4, Value
-from render_scenes.integrator import CLEARANCE_MM
 from render_scenes.meshes import read_mesh
-from render_scenes.mirrors import mesh
+from render_scenes.reference.integrator import CLEARANCE_MM
+from render_scenes.reference.mirrors import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"

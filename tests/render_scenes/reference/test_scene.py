@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.scene import BoardScene
+from render_scenes.reference.scene import BoardScene
 from render_scenes.settings import RenderSettings
 from render_scenes.sheet import print_on_paper
 

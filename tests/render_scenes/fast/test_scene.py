@@ -9,14 +9,14 @@ import pytest
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
-from render_scenes.fast import FastScene, map_to_print, pyramid_of
-from render_scenes.lanes import lanes_of, views_of
+from render_scenes.fast.lanes import lanes_of, views_of
+from render_scenes.fast.scene import FastScene, map_to_print, pyramid_of
 from render_scenes.llvm import SCALAR
-from render_scenes.maps import board_maps, pixel_rays
 from render_scenes.poses import plan_frames
-from render_scenes.scene import BoardScene
+from render_scenes.reference.scene import BoardScene
 from render_scenes.settings import RenderSettings
 from render_scenes.sheet import board_from_texels
+from render_scenes.truth.maps import board_maps, pixel_rays
 from tests.render_scenes.corners import MARGIN_PX, TARGET, errors_by_mirror, photographed, tilted_board, windows
 
 SETTINGS = RenderSettings(renderer="fast")
@@ -69,7 +69,7 @@ def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
 
 
 def test_sheets_are_followed_like_rays_surface_by_surface(sheets: Layout, small_board: Charuco) -> None:
-    """Where every pixel's light left the board, by formula and by `render_scenes.maps`, and only once through both."""
+    """Where every pixel's light left the board, by formula and by `render_scenes.truth.maps`."""
     camera = sheets.camera.replaced(width_px=480, height_px=270).with_intrinsics(
         sheets.camera.intrinsics * [0.25, 0.25, 0.25, 0.25, 1, 1, 1, 1, 1]
     )

@@ -19,8 +19,8 @@ from optics.light_field.decode import Decoder
 from optics.light_field.light_field import Views
 from optics.tolerances import Tolerances
 from optics.values import FloatArray, InputError
-from render_scenes.desk import NamedMesh, desk
-from render_scenes.desk_set import (
+from render_scenes.desk.desk import NamedMesh, desk
+from render_scenes.desk.desk_set import (
     MANIFEST,
     MAPS,
     MASK,
@@ -31,10 +31,10 @@ from render_scenes.desk_set import (
     read_map,
     render_desk,
 )
+from render_scenes.desk.room import Room
 from render_scenes.llvm import SCALAR, use_variant
-from render_scenes.maps import exr_bytes
-from render_scenes.room import Room
 from render_scenes.settings import SENSORS
+from render_scenes.truth.maps import exr_bytes
 
 KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}
 

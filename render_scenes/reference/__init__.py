@@ -1,0 +1,1 @@
+"""The reference renderer: light paths through exact geometry, by Mitsuba."""

@@ -1,0 +1,1 @@
+"""What pictures truly show: float64, and no renderer."""
