@@ -3,8 +3,8 @@
 Of every square that shows a mirror it is known once for all where its light seems to come from
 (`render_scenes.fast.lanes`). A frame takes, for each mirror, a projective map to the print that is made in float64, and
 for each square the mean of the print over its footprint: a box along the axes of the print, as wide as the footprint is
-in the mean square, exact for the two by two texels that it meets. No light bounces twice, and nothing but mirrors stands
-in its way.
+in the mean square, exact for the two by two texels that it meets. No light bounces twice, and nothing but mirrors
+stands in its way.
 """
 
 from __future__ import annotations
