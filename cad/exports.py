@@ -25,7 +25,7 @@ def write_step(path: Path, shape: Shape[Any]) -> None:
     with atomic(path) as temporary:
         # Curves in the parameters of flat faces say nothing that the faces do not, and double the file.
         if not export_step(shape, temporary, write_pcurves=False, timestamp=STEP_TIME):
-            raise OSError(f"{path}: the STEP writer failed")
+            raise OSError("the STEP writer failed")
 
 
 def write_stl(path: Path, shape: Shape[Any]) -> None:
@@ -37,7 +37,7 @@ def write_stl(path: Path, shape: Shape[Any]) -> None:
     writer.ASCIIMode = False
     with atomic(path) as temporary:
         if not writer.Write(shape.wrapped, str(temporary)):
-            raise OSError(f"{path}: the STL writer failed")
+            raise OSError("the STL writer failed")
 
 
 def mass_properties(solid: Shape[Any], density_g_per_cm3: float) -> MassProperties:

@@ -47,7 +47,7 @@ def atomic(path: Path) -> Iterator[Path]:
         # A disk that is full has no name; of another file we say nothing.
         if error.filename not in (None, name):
             raise
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
 

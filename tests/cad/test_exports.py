@@ -11,6 +11,7 @@ from build123d import Box, Cylinder, Location, import_step
 
 from cad.exports import STL_TOLERANCE_MM, mass_properties, write_step, write_stl
 from cad.part import BuiltPart, PartPlan
+from optics.values import InputError
 
 
 def test_a_box_weighs_what_the_formula_says(block: PartPlan, built_block: BuiltPart) -> None:
@@ -72,6 +73,6 @@ def test_writers_that_fail_say_so_and_leave_no_file(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("cad.exports.export_step", lambda *_, **__: False)
     monkeypatch.setattr("cad.exports.StlAPI_Writer", FullDisk)
     for write, name in ((write_step, "a.step"), (write_stl, "a.stl")):
-        with pytest.raises(OSError, match=rf"{name}: the ST\w+ writer failed"):
+        with pytest.raises(InputError, match=rf"{name}: cannot be written: the ST\w+ writer failed"):
             write(tmp_path / name, Box(1.0, 1.0, 1.0))
     assert list(tmp_path.iterdir()) == []
