@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from optics.targets import DICTIONARIES, Charuco, Checkerboard
 from optics.values import FloatArray
+from render_scenes.settings import RenderSettings
 
 MARGIN_SQUARES = 1  # of white paper around the printed squares
 _MOST_TEXELS_PER_SQUARE = 64
@@ -35,6 +36,11 @@ def _marker_raster(target: Charuco) -> tuple[int, float]:
         if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
     ]
     return min(choices, key=lambda choice: (round(abs(choice[1] - target.marker_mm), 9), choice[0]))
+
+
+def printed_radiance(target: Checkerboard | Charuco, settings: RenderSettings) -> FloatArray:
+    """How bright the sheet (rows, columns) is, texel by texel."""
+    return np.asarray(settings.ink + (settings.paper - settings.ink) * (print_on_paper(target) / 255.0))
 
 
 def board_from_texels(target: Checkerboard | Charuco) -> FloatArray:

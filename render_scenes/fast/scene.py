@@ -25,7 +25,7 @@ from render_scenes.fast.lanes import Lanes, View, lanes_of, views_of
 from render_scenes.finish import MirrorFinish, even
 from render_scenes.llvm import SCALAR, use_variant
 from render_scenes.settings import RenderSettings
-from render_scenes.sheet import board_from_texels, print_on_paper
+from render_scenes.sheet import board_from_texels, printed_radiance
 
 SAMPLED = 64  # lanes of a view at which footprints are looked at
 
@@ -107,7 +107,7 @@ class FastScene:
         self.variant = use_variant(variant)
         self._xp: Arithmetic = Plain() if self.variant == SCALAR else Compiled()
         self._shape = camera.height_px * settings.subpixels, camera.width_px * settings.subpixels
-        self._pyramid = pyramid_of(settings.ink + (settings.paper - settings.ink) * (print_on_paper(target) / 255.0))
+        self._pyramid = pyramid_of(printed_radiance(target, settings))
         self._texels = self._xp.held(self._pyramid.texels)
         self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
         self._views = views_of(mirrors)

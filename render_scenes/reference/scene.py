@@ -23,7 +23,7 @@ from render_scenes.reference.integrator import SHEET_BRANCHES, Light, integrator
 from render_scenes.reference.mirrors import mirror_shapes
 from render_scenes.reference.sensor import sensor
 from render_scenes.settings import RenderSettings
-from render_scenes.sheet import print_on_paper, world_from_sheet
+from render_scenes.sheet import printed_radiance, world_from_sheet
 
 
 class BoardScene:
@@ -50,8 +50,7 @@ class BoardScene:
         self.camera, self.target = camera, target
         finishes = finishes or even(settings, len(mirrors))
         # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
-        sheet = print_on_paper(target)[::-1]
-        radiance = settings.ink + (settings.paper - settings.ink) * (sheet / 255.0)
+        radiance = printed_radiance(target, settings)[::-1]
         self.scene = mi.load_dict(
             {
                 "type": "scene",
