@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from optics.calibration.calibrate import calibrate
-from optics.calibration.corners import Grey
-from optics.calibration.detect import direct_view
+from optics.calibration.detection.corners import Grey
+from optics.calibration.detection.detect import direct_view
 from optics.calibration.result import Calibration
 from optics.files import read_image, read_model
 from optics.layout import Layout

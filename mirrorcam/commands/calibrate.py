@@ -13,7 +13,7 @@ from mirrorcam.progress import Advance, figure_text, long_work, print_metrics, s
 from optics.values import InputError, Metric, Value
 
 if TYPE_CHECKING:
-    from optics.calibration.corners import Grey
+    from optics.calibration.detection.corners import Grey
     from optics.calibration.result import Calibration
 
 PICTURES = (".png", ".jpg", ".jpeg")

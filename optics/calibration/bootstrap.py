@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from optics.calibration.corners import Corners
+from optics.calibration.detection.corners import Corners
 from optics.camera import Camera
 from optics.mirror import Mirror, reflect
 from optics.transforms import transform

@@ -13,12 +13,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from optics.calibration import bootstrap
-from optics.calibration.corners import MIN_CORNERS, Corners, Grey
-from optics.calibration.detect import direct_view, sub_images
+from optics.calibration.detection.corners import MIN_CORNERS, Corners, Grey
+from optics.calibration.detection.detect import direct_view, sub_images
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.residuals import Board, Estimate, points_at_camera
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
-from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals, start_robustly
+from optics.calibration.solver.residuals import Board, Estimate, points_at_camera
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, free_globals, start_robustly
 from optics.camera import INTRINSIC_NAMES, Camera
 from optics.files import one_line
 from optics.layout import Layout

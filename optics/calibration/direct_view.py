@@ -14,9 +14,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from optics.calibration import bootstrap
-from optics.calibration.corners import Corners, Grey, confirm, find_checkerboards, orderings
+from optics.calibration.detection.corners import Corners, Grey, confirm, find_checkerboards, orderings
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.residuals import Board, Estimate
 from optics.calibration.result import (
     Calibration,
     angle_between_mirrors,
@@ -24,7 +23,8 @@ from optics.calibration.result import (
     mirror_covariance,
     uncertainty,
 )
-from optics.calibration.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
+from optics.calibration.solver.residuals import Board, Estimate
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror, cut, reflect

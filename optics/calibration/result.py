@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.solve import Solution
+from optics.calibration.solver.solve import Solution
 from optics.camera import INTRINSIC_NAMES
 from optics.layout import Layout, Uncertainty
 from optics.values import FloatArray, Metric

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from optics.calibration.observations import Observations
-from optics.calibration.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
+from optics.calibration.solver.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
 from optics.camera import INTRINSIC_NAMES
 from optics.values import FloatArray
 

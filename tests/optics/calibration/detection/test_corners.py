@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from optics.calibration.corners import (
+from optics.calibration.detection.corners import (
     Corners,
     cell_px,
     confirm,

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optics.calibration.calibrate import calibrate, calibrate_corners, moved_to
-from optics.calibration.corners import Grey
-from optics.calibration.detect import direct_view, sub_images
+from optics.calibration.detection.corners import Grey
+from optics.calibration.detection.detect import direct_view, sub_images
 from optics.calibration.observations import Observations
 from optics.calibration.result import Calibration, mirror_sigmas
 from optics.camera import Camera

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optics.calibration.bootstrap import behind, virtual_centre_between
-from optics.calibration.corners import Grey
+from optics.calibration.detection.corners import Grey
 from optics.calibration.direct_view import calibrate_with_direct_view
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration, angle_between_mirrors, mirror_sigmas

@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
-from optics.calibration.solve import UndeterminedError, fit, free_globals, minimise
+from optics.calibration.solver.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
+from optics.calibration.solver.solve import UndeterminedError, fit, free_globals, minimise
 from optics.camera import INTRINSIC_NAMES, Camera
 from optics.values import FloatArray
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from optics.calibration import bootstrap
-from optics.calibration.corners import (
+from optics.calibration.detection.corners import (
     Corners,
     Grey,
     cell_px,

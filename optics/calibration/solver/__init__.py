@@ -1,0 +1,1 @@
+"""From corners to a camera: the model, its derivatives, and the solver."""
