@@ -41,6 +41,9 @@ class Mirror(Value):
     surface: Literal["first", "second"] = "first"
     thickness_mm: float = Field(default=1.0, gt=0)
     refractive_index: float = Field(default=1.49, ge=1)
+    curvature_per_m: Vector3 = Field(
+        default_factory=lambda: np.zeros(3), validate_default=True, exclude_if=lambda curvature: not np.any(curvature)
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:

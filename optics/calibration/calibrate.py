@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
@@ -17,8 +18,9 @@ from optics.calibration.detection.corners import MIN_CORNERS, Corners, Grey
 from optics.calibration.detection.detect import direct_view, sub_images
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
+from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import Board, Estimate, points_at_camera
-from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, free_globals, start_robustly
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, start_robustly
 from optics.camera import INTRINSIC_NAMES, Camera
 from optics.files import one_line
 from optics.layout import Layout
@@ -162,7 +164,7 @@ def _start(observations: Observations, camera: Camera, layout: Layout, corners_i
             mirror = None if view == DIRECT else layout.mirrors[view]
             views.append((mirror, Corners(rows.corner[shown], rows.pixels[shown])))
         poses.append(bootstrap.best_pose(camera, views, corners_in_board_mm))
-    return Estimate(camera, layout.virtual_centres_in_rig_mm, np.array(poses))
+    return Estimate.of(camera, layout.mirrors, np.array(poses))
 
 
 def _two_stages(
@@ -170,16 +172,12 @@ def _two_stages(
 ) -> Solution:
     """Mirrors and poses with the camera held, as in the paper, as the start of everything jointly."""
     board = Board.rigid(corners_in_board_mm)
-    mirrors = len(start.virtual_centres_in_rig_mm)
     rows = observations.frame < mirrored_frames
-    held = Estimate(start.camera, start.virtual_centres_in_rig_mm, start.rig_from_board[:mirrored_frames])
-    paper, _ = start_robustly(held, observations.where(rows), board, free_globals(intrinsics=(), mirrors=mirrors))
-    joint = Estimate(
-        start.camera,
-        paper.virtual_centres_in_rig_mm,
-        np.concatenate([paper.rig_from_board, start.rig_from_board[mirrored_frames:]]),
-    )
-    return fit(joint, observations, board, free_globals(intrinsics=INTRINSIC_NAMES, mirrors=mirrors))
+    held = replace(start, rig_from_board=start.rig_from_board[:mirrored_frames])
+    paper, _ = start_robustly(held, observations.where(rows), Model((), sheet=False, bend=False, board=board))
+    poses = np.concatenate([paper.rig_from_board, start.rig_from_board[mirrored_frames:]])
+    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=board)
+    return fit(replace(paper, rig_from_board=poses), observations, model)
 
 
 def _held_out(
@@ -191,11 +189,11 @@ def _held_out(
     out = np.zeros(frames, dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
     kept, kept_poses = _frames(observations, estimate, ~out)
-    mirrors = len(estimate.virtual_centres_in_rig_mm)
-    fitted = fit(kept_poses, kept, board, free_globals(intrinsics=INTRINSIC_NAMES, mirrors=mirrors)).estimate
+    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=board)
+    fitted = fit(kept_poses, kept, model).estimate
     rest, rest_poses = _frames(observations, estimate, out)
-    start = Estimate(fitted.camera, fitted.virtual_centres_in_rig_mm, rest_poses.rig_from_board)
-    solution = fit(start, rest, board, free_globals(intrinsics=(), mirrors=0))
+    start = replace(fitted, rig_from_board=rest_poses.rig_from_board)
+    solution = fit(start, rest, Model((), sheet=False, bend=False, board=board, mirrors=False))
     rms = solution.rms_px
     return {
         "held_out_rms_x_px": Metric(value=rms[0], unit="px"),
@@ -212,8 +210,7 @@ def _frames(observations: Observations, estimate: Estimate, frames: BoolArray) -
     number = np.cumsum(frames) - 1
     rows = observations.where(frames[observations.frame])
     renumbered = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
-    poses = estimate.rig_from_board[frames]
-    return renumbered, Estimate(estimate.camera, estimate.virtual_centres_in_rig_mm, poses)
+    return renumbered, replace(estimate, rig_from_board=estimate.rig_from_board[frames])
 
 
 def spatial_rms_mm(

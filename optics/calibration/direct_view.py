@@ -23,8 +23,9 @@ from optics.calibration.result import (
     mirror_covariance,
     uncertainty,
 )
+from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import Board, Estimate
-from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, free_globals
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror, cut, reflect
@@ -90,13 +91,12 @@ def calibrate_with_direct_view(
     observations, frames, poses = _assign(boards, centres)
     drawn, free_board = Board.rigid(corners_mm), Board.free(corners_mm)
     try:
-        rigid = free_globals(intrinsics=INTRINSICS, mirrors=mirrors)
-        flat = fit(Estimate(camera, centres, poses), observations, drawn, rigid)
+        rigid = Model(INTRINSICS, sheet=False, bend=False, board=drawn)
+        flat = fit(Estimate(camera, centres, poses), observations, rigid)
         observations = _confirmed(pictures, frames, flat, corners_mm, target, mirrors)
-        flat = fit(flat.estimate, observations, drawn, rigid)
+        flat = fit(flat.estimate, observations, rigid)
         start = replace(flat.estimate, shape=np.zeros(len(free_board.modes)))
-        free = free_globals(intrinsics=INTRINSICS, mirrors=mirrors, modes=len(free_board.modes))
-        solution = fit(start, observations, free_board, free)
+        solution = fit(start, observations, Model(INTRINSICS, sheet=False, bend=False, board=free_board))
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     return _result(solution, flat, free_board, observations, frames, names)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.solver.solve import Solution
-from optics.camera import INTRINSIC_NAMES
 from optics.layout import Layout, Uncertainty
 from optics.values import FloatArray, Metric
 
@@ -31,22 +30,17 @@ class Calibration:
     notes: tuple[str, ...]
 
 
-def parameter_names(mirrors: int) -> list[str]:
-    """Names of the 9 intrinsics and 3 numbers per mirror, in the order of the solver's globals."""
-    return [*INTRINSIC_NAMES, *(f"mirror {m} {axis}_mm" for m in range(mirrors) for axis in "xyz")]
-
-
 def uncertainty(solution: Solution) -> Uncertainty:
     """The covariance of camera and mirrors under their names; the board's modes are marginalised out."""
-    names = parameter_names(len(solution.estimate.virtual_centres_in_rig_mm))
-    places = [place for place in solution.free if place < len(names)]
-    covariance = solution.covariance[: len(places), : len(places)]
-    return Uncertainty(parameters=tuple(names[place] for place in places), covariance=(covariance + covariance.T) / 2.0)
+    places = [place for place, name in enumerate(solution.parameters) if not name.startswith("board ")]
+    covariance = solution.covariance[np.ix_(places, places)]
+    names = tuple(solution.parameters[place] for place in places)
+    return Uncertainty(parameters=names, covariance=(covariance + covariance.T) / 2.0)
 
 
 def mirror_covariance(known: Uncertainty) -> FloatArray:
     """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
-    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ")]
+    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
     return known.covariance[np.ix_(rows, rows)]
 
 

@@ -6,17 +6,29 @@ directly it projects from X; by way of the mirror with virtual centre c from X' 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optics.calibration.observations import DIRECT, Observations
-from optics.camera import Camera
-from optics.mirror import reflect
+from optics.camera import INTRINSIC_NAMES, Camera
+from optics.mirror import Mirror, reflect
 from optics.values import FloatArray
 
 N_INTRINSICS = 9
+
+
+def global_names(mirrors: int, modes: int) -> tuple[str, ...]:
+    """Names of all that the frames of a calibration share, in the order of `Estimate.moved`."""
+    return (
+        *INTRINSIC_NAMES,
+        *(f"mirror {m} {axis}_mm" for m in range(mirrors) for axis in "xyz"),
+        *(f"mirror {m} curvature_{axes}_per_m" for m in range(mirrors) for axes in ("xx", "yy", "xy")),
+        "sheet_mm",
+        *(f"board mode {k}_mm" for k in range(modes)),
+    )
 
 
 @dataclass(frozen=True)
@@ -30,6 +42,14 @@ class Board:
     def rigid(cls, corners_in_board_mm: FloatArray) -> Board:
         """A board that is exactly as drawn."""
         return cls(corners_in_board_mm, np.zeros((0, *corners_in_board_mm.shape)))
+
+    @classmethod
+    def warped(cls, corners_in_board_mm: FloatArray) -> Board:
+        """A board that bows as two parabolas, along x and along y; a coefficient is the sag in mm at its edge."""
+        centred = corners_in_board_mm - (corners_in_board_mm.min(axis=0) + corners_in_board_mm.max(axis=0)) / 2.0
+        modes = np.zeros((2, *corners_in_board_mm.shape))
+        modes[:, :, 2] = np.square(centred[:, :2] / np.abs(centred[:, :2]).max(axis=0)).T
+        return cls(corners_in_board_mm, modes)
 
     @classmethod
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
@@ -54,30 +74,72 @@ class Board:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Everything that a calibration solves for.
+    """Everything that a calibration solves for, and what it takes as given about the mirrors.
 
-    Camera, virtual centres (m, 3) mm, board poses (f, 4, 4) and coefficients (k,) mm of the board's modes.
+    Camera, virtual centres (m, 3) mm, board poses (f, 4, 4) and coefficients (k,) mm of the board's modes. Of the
+    mirrors besides: thickness (m,) mm of the sheet before the reflecting surface, 0 for a first-surface mirror, and its
+    refractive index (m,); curvature (m, 3) 1/m as `Mirror.curvature_per_m`; and the point (m, 3) mm, the middle of the
+    outline as designed, whose foot on the plane is the origin of the mirror's own frame. Without them the mirrors are
+    flat and coated in front.
     """
 
     camera: Camera
     virtual_centres_in_rig_mm: FloatArray
     rig_from_board: FloatArray
     shape: FloatArray = field(default_factory=lambda: np.zeros(0))
+    thickness_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    refractive_index: FloatArray = field(default_factory=lambda: np.zeros(0))
+    curvature_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    middles_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self) -> None:
+        mirrors = len(self.virtual_centres_in_rig_mm)
+        plain = {
+            "thickness_mm": np.zeros(mirrors),
+            "refractive_index": np.ones(mirrors),
+            "curvature_per_m": np.zeros((mirrors, 3)),
+            "middles_in_rig_mm": self.virtual_centres_in_rig_mm / 2.0,
+        }
+        for name, default in plain.items():
+            if getattr(self, name).size == 0:
+                object.__setattr__(self, name, default)
+            elif getattr(self, name).shape != default.shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {default.shape}")
+
+    @classmethod
+    def of(cls, camera: Camera, mirrors: tuple[Mirror, ...], rig_from_board: FloatArray) -> Self:
+        """A camera, the mirrors of a layout as they are described there, and board poses (f, 4, 4)."""
+        return cls(
+            camera,
+            np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
+            rig_from_board,
+            thickness_mm=np.array([mirror.thickness_mm if mirror.surface == "second" else 0.0 for mirror in mirrors]),
+            refractive_index=np.array([mirror.refractive_index for mirror in mirrors]),
+            curvature_per_m=np.array([mirror.curvature_per_m for mirror in mirrors]),
+            middles_in_rig_mm=np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in mirrors]),
+        )
 
     def moved(self, step_global: FloatArray, step_poses: FloatArray) -> Estimate:
-        """Add a step (9 + 3 m + k,) of intrinsics, virtual centres and modes, and twists (f, 6): rotation, translation.
+        """Add a step of all globals, in the order of `global_names`, and twists (f, 6): rotation, translation.
 
-        A rotation vector w turns the board's axes in place, R <- exp(w) R; the translation is added.
+        A rotation vector w turns the board's axes in place, R <- exp(w) R; the translation is added. The correction of
+        thickness goes to every sheet alike.
         """
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
-        end = N_INTRINSICS + self.virtual_centres_in_rig_mm.size
-        return Estimate(
-            self.camera.with_intrinsics(self.camera.intrinsics + step_global[:N_INTRINSICS]),
-            self.virtual_centres_in_rig_mm + step_global[N_INTRINSICS:end].reshape(-1, 3),
-            poses,
-            self.shape + step_global[end:],
+        count = self.virtual_centres_in_rig_mm.size
+        intrinsics, centres, curvatures, sheet, shape = np.split(
+            step_global, np.cumsum([N_INTRINSICS, count, count, 1])
+        )
+        return replace(
+            self,
+            camera=self.camera.with_intrinsics(self.camera.intrinsics + intrinsics),
+            virtual_centres_in_rig_mm=self.virtual_centres_in_rig_mm + centres.reshape(-1, 3),
+            rig_from_board=poses,
+            shape=self.shape + shape,
+            thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + sheet, 0.0),
+            curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
         )
 
 
@@ -107,10 +169,13 @@ def residuals(estimate: Estimate, observations: Observations, board: Board) -> F
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), their derivatives by the globals (n, 2, 9 + 3 m + k) and by the frame's own twist (n, 2, 6)."""
+    """Residuals (n, 2), their derivatives by the globals (n, 2, g) and by the frame's own twist (n, 2, 6).
+
+    The globals are those of `global_names`.
+    """
     turned, in_rig, seen = points_at_camera(estimate, observations, board)
     pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
-    end = N_INTRINSICS + estimate.virtual_centres_in_rig_mm.size
+    end = N_INTRINSICS + 2 * estimate.virtual_centres_in_rig_mm.size + 1
     by_global = np.zeros((len(observations), 2, end + estimate.shape.size))
     by_global[:, :, :N_INTRINSICS] = by_intrinsics
 

@@ -9,8 +9,13 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from optics.calibration.observations import Observations
-from optics.calibration.solver.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
-from optics.camera import INTRINSIC_NAMES
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import (
+    Estimate,
+    global_names,
+    residuals,
+    residuals_with_jacobians,
+)
 from optics.values import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -28,8 +33,8 @@ class UndeterminedError(Exception):
 class Solution:
     """A minimum: estimate, residuals (n, 2), which rows took part (n,), pixel noise and covariance of the globals.
 
-    `covariance` is (g, g) over the free globals, whose places in the vector of 9 intrinsics, 3 numbers per mirror and
-    the board's modes are `free` (g,); it is sigma_px^2 times the inverse of the reduced normal matrix.
+    `covariance` (g, g) is that of the free globals, named in `parameters` (g,), with the board's poses marginalised:
+    sigma_px^2 times the inverse of the reduced normal matrix.
     """
 
     estimate: Estimate
@@ -37,7 +42,7 @@ class Solution:
     inliers: BoolArray
     iterations: int
     sigma_px: float
-    free: NDArray[np.int64]
+    parameters: tuple[str, ...]
     covariance: FloatArray
 
     @property
@@ -71,11 +76,11 @@ class _Normal:
 def _normal_equations(
     estimate: Estimate,
     observations: Observations,
-    board: Board,
-    free: NDArray[np.int64],
+    model: Model,
     root_weights: FloatArray,
 ) -> _Normal:
-    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, board)
+    free = model.free(len(estimate.virtual_centres_in_rig_mm))
+    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, model.board)
     r = r * root_weights[:, None]
     by_global = by_global[:, :, free] * root_weights[:, None, None]
     by_twist = by_twist * root_weights[:, None, None]
@@ -94,18 +99,10 @@ def _normal_equations(
     return _Normal(flat.T @ flat, v, w, flat.T @ r.ravel(), gradient_poses)
 
 
-def free_globals(*, intrinsics: tuple[str, ...], mirrors: int, modes: int = 0) -> NDArray[np.int64]:
-    """Places of the free parameters among the globals: named intrinsics, all mirrors, all modes of the board."""
-    places = [INTRINSIC_NAMES.index(name) for name in intrinsics]
-    places += range(N_INTRINSICS, N_INTRINSICS + 3 * mirrors + modes)
-    return np.array(sorted(places), dtype=np.int64)
-
-
 def minimise(
     start: Estimate,
     observations: Observations,
-    board: Board,
-    free: NDArray[np.int64],
+    model: Model,
     *,
     root_weights: FloatArray | None = None,
     max_iterations: int = 50,
@@ -116,15 +113,16 @@ def minimise(
     """
     root = np.ones(len(observations)) if root_weights is None else root_weights
     estimate, damping = start, 1e-6
-    cost = _cost(residuals(estimate, observations, board), root)
+    cost = _cost(residuals(estimate, observations, model.board), root)
     if not np.isfinite(cost):
         raise UndeterminedError("the start predicts a corner behind the camera")
-    size = N_INTRINSICS + start.virtual_centres_in_rig_mm.size + start.shape.size
+    mirrors = len(start.virtual_centres_in_rig_mm)
+    free, size = model.free(mirrors), len(global_names(mirrors, start.shape.size))
     for iteration in range(1, max_iterations + 1):
-        normal = _normal_equations(estimate, observations, board, free, root)
+        normal = _normal_equations(estimate, observations, model, root)
         while True:
             trial = _trial(estimate, normal, damping, free, size)
-            trial_cost = np.inf if trial is None else _cost(residuals(trial, observations, board), root)
+            trial_cost = np.inf if trial is None else _cost(residuals(trial, observations, model.board), root)
             if trial is not None and trial_cost <= cost:
                 break
             damping = max(10.0 * damping, 1e-9)
@@ -157,8 +155,7 @@ def _trial(estimate: Estimate, normal: _Normal, damping: float, free: NDArray[np
 def fit(
     start: Estimate,
     observations: Observations,
-    board: Board,
-    free: NDArray[np.int64],
+    model: Model,
 ) -> Solution:
     """Robust start (Huber), plain least-squares finish without outliers, covariance.
 
@@ -166,17 +163,18 @@ def fit(
     are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
     UndeterminedError where the corners leave a free parameter open.
     """
-    estimate, iterations = start_robustly(start, observations, board, free)
-    r = residuals(estimate, observations, board)
+    parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
+    estimate, iterations = start_robustly(start, observations, model)
+    r = residuals(estimate, observations, model.board)
     inliers = np.ones(len(observations), dtype=bool)
     sigma = _robust_sigma(r)
     while True:
         dropped = _outliers(r, observations.view, inliers, sigma)
         inliers &= ~dropped
-        estimate, steps = minimise(estimate, observations, board, free, root_weights=inliers.astype(np.float64))
+        estimate, steps = minimise(estimate, observations, model, root_weights=inliers.astype(np.float64))
         iterations += steps
-        r = residuals(estimate, observations, board)
-        unknowns = free.size + 6 * len(estimate.rig_from_board)
+        r = residuals(estimate, observations, model.board)
+        unknowns = len(parameters) + 6 * len(estimate.rig_from_board)
         spare = 2 * int(inliers.sum()) - unknowns
         if spare <= 0:
             raise UndeterminedError(f"{int(inliers.sum())} corners for {unknowns} unknowns, expected more")
@@ -184,11 +182,11 @@ def fit(
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
     try:
-        _, _, reduced = _normal_equations(estimate, observations, board, free, inliers.astype(np.float64)).step(0.0)
+        _, _, reduced = _normal_equations(estimate, observations, model, inliers.astype(np.float64)).step(0.0)
         covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise UndeterminedError(f"{int(inliers.sum())} corners leave a direction of the problem open") from None
-    return Solution(estimate, r, inliers, iterations, sigma, free, covariance)
+    return Solution(estimate, r, inliers, iterations, sigma, parameters, covariance)
 
 
 def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, sigma: float) -> BoolArray:
@@ -201,9 +199,7 @@ def _robust_sigma(r: FloatArray) -> float:
     return max(1.4826 * float(np.median(np.abs(r))), 1e-9)
 
 
-def start_robustly(
-    start: Estimate, observations: Observations, board: Board, free: NDArray[np.int64]
-) -> tuple[Estimate, int]:
+def start_robustly(start: Estimate, observations: Observations, model: Model) -> tuple[Estimate, int]:
     """An estimate near the minimum of Huber's loss, whatever a few wild corners say, and the iterations it took.
 
     The weights are renewed after every few steps, until the median residual no longer shrinks by a hundredth.
@@ -211,13 +207,13 @@ def start_robustly(
     estimate, iterations = start, 0
     previous = np.inf
     for _ in range(20):
-        r = residuals(estimate, observations, board)
+        r = residuals(estimate, observations, model.board)
         sigma = _robust_sigma(r)
         if sigma > 0.99 * previous:
             break
         previous = sigma
         norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
         root = np.sqrt(1.0 / np.maximum(norm, 1.0))
-        estimate, steps = minimise(estimate, observations, board, free, root_weights=root, max_iterations=3)
+        estimate, steps = minimise(estimate, observations, model, root_weights=root, max_iterations=3)
         iterations += steps
     return estimate, iterations

@@ -10,8 +10,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.solver.residuals import N_INTRINSICS, Board, Estimate, residuals, residuals_with_jacobians
-from optics.calibration.solver.solve import UndeterminedError, fit, free_globals, minimise
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import (
+    Board,
+    Estimate,
+    global_names,
+    residuals,
+    residuals_with_jacobians,
+)
+from optics.calibration.solver.solve import UndeterminedError, fit, minimise
 from optics.camera import INTRINSIC_NAMES, Camera
 from optics.values import FloatArray
 
@@ -24,6 +31,10 @@ class Scene:
     truth: Estimate
     board: Board
     clean: Observations
+
+    @property
+    def model(self) -> Model:
+        return Model(INTRINSIC_NAMES, sheet=False, bend=False, board=self.board)
 
     def noisy(self, seed: int, sigma_px: float = SIGMA_PX) -> Observations:
         noise = np.random.default_rng(seed).normal(0.0, sigma_px, self.clean.pixels.shape)
@@ -70,13 +81,10 @@ def _disturbed(truth: Estimate, seed: int, *, tilt_deg: float, offset_mm: float,
     for centre in truth.virtual_centres_in_rig_mm:
         turn = Rotation.from_rotvec(np.radians(tilt_deg) * random.normal(size=3) / np.sqrt(3)).as_matrix()
         centres.append(turn @ centre * (1.0 + offset_mm * random.normal() / (np.linalg.norm(centre) / 2)))
-    step = np.concatenate([[focal_px, focal_px, 3.0, -3.0, 0, 0, 0, 0, 0], np.zeros(3 * len(centres))])
+    step = np.concatenate([[focal_px, focal_px, 3.0, -3.0, 0, 0, 0, 0, 0], np.zeros(6 * len(centres) + 1)])
     twists = np.column_stack([random.normal(0, 0.03, (14, 3)), random.normal(0, 4.0, (14, 3))])
     moved = truth.moved(np.concatenate([step, np.zeros(truth.shape.size)]), twists)
     return replace(moved, virtual_centres_in_rig_mm=np.array(centres))
-
-
-ALL = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=MIRRORS)
 
 
 @pytest.mark.parametrize("modes", [0, 3])
@@ -87,7 +95,7 @@ def test_derivatives_agree_with_finite_differences(modes: int) -> None:
     np.testing.assert_allclose(r, residuals(scene.truth, seen, scene.board), atol=1e-9)
     frames = len(scene.truth.rig_from_board)
     size = by_global.shape[2]
-    assert size == N_INTRINSICS + 3 * MIRRORS + modes
+    assert size == len(global_names(MIRRORS, modes))
 
     def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
         ahead = residuals(scene.truth.moved(h * step, h * twists), seen, scene.board)
@@ -106,7 +114,7 @@ def test_derivatives_agree_with_finite_differences(modes: int) -> None:
 
 def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: Scene) -> None:
     start = _disturbed(scene.truth, 1, tilt_deg=2.0, offset_mm=2.0, focal_px=20.0)
-    found, iterations = minimise(start, scene.clean, scene.board, ALL)
+    found, iterations = minimise(start, scene.clean, scene.model)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-6)
     np.testing.assert_allclose(found.camera.intrinsics, scene.truth.camera.intrinsics, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(found.rig_from_board, scene.truth.rig_from_board, atol=1e-6)
@@ -117,18 +125,20 @@ def test_same_minimum_as_scipy(scene: Scene) -> None:
     every = scene.noisy(5)
     seen = every.where((every.frame < 3) | (every.frame > 11))
     seen = replace(seen, frame=np.unique(seen.frame, return_inverse=True)[1])
-    frames = 5
+    frames, free = 5, scene.model.free(MIRRORS)
     truth = replace(scene.truth, rig_from_board=scene.truth.rig_from_board[[0, 1, 2, 12, 13]])
-    ours, _ = minimise(truth, seen, scene.board, ALL)
+    ours, _ = minimise(truth, seen, scene.model)
 
     def at(x: FloatArray) -> Estimate:
-        return truth.moved(x[: ALL.size], x[ALL.size :].reshape(frames, 6))
+        step = np.zeros(len(global_names(MIRRORS, 0)))
+        step[free] = x[: free.size]
+        return truth.moved(step, x[free.size :].reshape(frames, 6))
 
     def cost(x: FloatArray) -> FloatArray:
         return residuals(at(x), seen, scene.board).ravel()
 
     scale = np.concatenate([[1, 1, 1, 1, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3], np.ones(3 * MIRRORS), np.ones(6 * frames)])
-    peer = least_squares(cost, np.zeros(ALL.size + 6 * frames), x_scale=scale, ftol=1e-15, xtol=1e-15, gtol=1e-15)
+    peer = least_squares(cost, np.zeros(free.size + 6 * frames), x_scale=scale, ftol=1e-15, xtol=1e-15, gtol=1e-15)
     ours_cost = float(np.sum(residuals(ours, seen, scene.board) ** 2))
     assert ours_cost == pytest.approx(2.0 * peer.cost, rel=1e-7)
     np.testing.assert_allclose(ours.virtual_centres_in_rig_mm, at(peer.x).virtual_centres_in_rig_mm, atol=1e-4)
@@ -139,7 +149,7 @@ def test_claimed_uncertainty_is_what_resampling_shows(scene: Scene) -> None:
     truth = np.concatenate([scene.truth.camera.intrinsics, scene.truth.virtual_centres_in_rig_mm.ravel()])
     nees, sigmas = [], []
     for seed in range(40):
-        solution = fit(scene.truth, scene.noisy(100 + seed), scene.board, ALL)
+        solution = fit(scene.truth, scene.noisy(100 + seed), scene.model)
         estimate = solution.estimate
         error = np.concatenate([estimate.camera.intrinsics, estimate.virtual_centres_in_rig_mm.ravel()]) - truth
         nees.append(error @ np.linalg.solve(solution.covariance, error) / error.size)
@@ -156,10 +166,10 @@ def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
     pixels = seen.pixels.copy()
     pixels[bad] += 20 * SIGMA_PX * np.sign(random.normal(size=(bad.sum(), 2)))
     start = _disturbed(scene.truth, 2, tilt_deg=0.5, offset_mm=0.5, focal_px=5.0)
-    solution = fit(start, replace(seen, pixels=pixels), scene.board, ALL)
+    solution = fit(start, replace(seen, pixels=pixels), scene.model)
     assert not solution.inliers[bad].any()
     assert solution.inliers[~bad].mean() > 0.999
-    clean = fit(scene.truth, seen.where(~bad), scene.board, ALL)
+    clean = fit(scene.truth, seen.where(~bad), scene.model)
     np.testing.assert_allclose(
         solution.estimate.virtual_centres_in_rig_mm, clean.estimate.virtual_centres_in_rig_mm, atol=0.005
     )
@@ -168,8 +178,7 @@ def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
 def test_a_bent_misprinted_board_is_found_with_its_modes() -> None:
     scene = _make_scene(modes=5)
     start = replace(scene.truth, shape=np.zeros(5))
-    free = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=MIRRORS, modes=5)
-    found, _ = minimise(start, scene.clean, scene.board, free)
+    found, _ = minimise(start, scene.clean, scene.model)
     np.testing.assert_allclose(found.shape, scene.truth.shape, atol=1e-6)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-5)
 
@@ -188,10 +197,9 @@ def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
 def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> None:
     rows = scene.clean.where((scene.clean.frame == 0) & (scene.clean.view == 0))
     alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
-    free = free_globals(intrinsics=INTRINSIC_NAMES, mirrors=1)
     noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
     with pytest.raises(UndeterminedError):
-        fit(alone, noisy, scene.board, free)
+        fit(alone, noisy, scene.model)
 
 
 def test_observations_refuse_what_does_not_fit() -> None:
