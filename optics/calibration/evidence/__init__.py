@@ -1,0 +1,1 @@
+"""How sure a calibration is, and whether its model is right."""

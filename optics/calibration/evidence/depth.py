@@ -1,0 +1,76 @@
+"""How sure the finished light field is of depth: matching noise and calibration apart, against the range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Point, Polygon
+
+from optics.calibration.evidence.projection import (
+    centre_derivatives,
+    known_of,
+    outline_px,
+    points_seen_at,
+    project,
+    virtual_centre,
+)
+from optics.layout import Layout
+from optics.values import FloatArray
+
+
+@dataclass(frozen=True)
+class DepthUncertainty:
+    """Standard deviations of the distance of a point from the reference view, by that distance `range_mm` (k,).
+
+    The point lies amid the reference view and is triangulated from all `views` (k,) that show it. `matching_mm` (k,)
+    comes from matching noise of `matching_px` per axis and view, `calibration_mm` (k,) from the calibration; NaN where
+    fewer than two views show the point.
+    """
+
+    range_mm: FloatArray
+    matching_mm: FloatArray
+    calibration_mm: FloatArray
+    views: NDArray[np.int64]
+    matching_px: float
+
+    @property
+    def total_mm(self) -> FloatArray:
+        """Both together (k,), as the two are independent."""
+        return np.hypot(self.matching_mm, self.calibration_mm)
+
+
+def depth_uncertainty(
+    layout: Layout, ranges_mm: FloatArray, *, reference: int, matching_px: float
+) -> DepthUncertainty:
+    """The standard deviations of distances (k,) mm of points amid the reference view of a calibrated layout.
+
+    Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
+    distance is from the virtual centre of the reference view, so that a turn or shift of the whole rig changes nothing.
+    """
+    which = sorted({reference, *range(len(layout.mirrors))})
+    outlines = [Polygon(outline_px(layout, view)) for view in which]
+    middle = np.array(outlines[which.index(reference)].centroid.coords)
+    matching, calibration, views = [], [], []
+    for range_mm in ranges_mm:
+        point = points_seen_at(layout, reference, middle, float(range_mm))
+        shown = [project(layout, view, point) for view in which]
+        seen = [s for s, outline in zip(shown, outlines, strict=True) if outline.contains(Point(s.pixels[0]))]
+        views.append(len(seen))
+        if len(seen) < 2:
+            matching.append(np.nan)
+            calibration.append(np.nan)
+            continue
+        by_point = np.concatenate([s.by_point[0] for s in seen])
+        by_parameter = np.concatenate([s.by_parameter[0] for s in seen])
+        solved = np.linalg.pinv(by_point)
+        along = point[0] - virtual_centre(layout, reference)
+        along = along / np.linalg.norm(along)
+        by_pixels = along @ solved
+        by_calibration = -by_pixels @ by_parameter - along @ centre_derivatives(layout, reference)
+        matching.append(matching_px * float(np.linalg.norm(by_pixels)))
+        calibration.append(float(np.sqrt(by_calibration @ known_of(layout).covariance @ by_calibration)))
+    return DepthUncertainty(
+        np.array(ranges_mm, dtype=np.float64), np.array(matching), np.array(calibration), np.array(views), matching_px
+    )

@@ -1,0 +1,96 @@
+"""How sure a calibration is of its mirrors: each alone, all together, and each against the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optics.calibration.evidence.projection import known_of, worst_sigmas
+from optics.calibration.result import mirror_covariance
+from optics.layout import Layout
+from optics.values import FloatArray
+
+
+@dataclass(frozen=True)
+class MirrorUncertainty:
+    """Standard deviations of the mirrors' planes.
+
+    Of each mirror (m,): `normal_deg`, of its normal along the worst direction, and `distance_mm`, from the pupil. Of
+    all mirrors together as one body: `common_turn_deg` (3,) about the rig's x, y and z through the middle of the
+    mirrors, and `common_shift_mm` (3,) along them. `relative_normal_deg` and `relative_distance_mm` (m,) are what is
+    left of each mirror without that common motion.
+    """
+
+    normal_deg: FloatArray
+    distance_mm: FloatArray
+    common_turn_deg: FloatArray
+    common_shift_mm: FloatArray
+    relative_normal_deg: FloatArray
+    relative_distance_mm: FloatArray
+
+
+def rigid_motions(layout: Layout) -> FloatArray:
+    """How virtual centres move (3 m, 6), mm per rad and mm per mm, when the mirrors turn and shift as one body.
+
+    The turn (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along them.
+    Points p of a plane n.p = -d go to p + w x (p - o) + s, so that dn = w x n and dd = w.(o x n) - n.s; c = -2 d n.
+    """
+    middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
+    motions = np.zeros((3 * len(layout.mirrors), 6))
+    for m, mirror in enumerate(layout.mirrors):
+        n, d = mirror.normal_in_rig, mirror.distance_mm
+        for k, axis in enumerate(np.eye(3)):
+            by_turn = axis @ np.cross(middle, n) * n + d * np.cross(axis, n)
+            motions[3 * m : 3 * m + 3, k] = -2.0 * by_turn
+            motions[3 * m : 3 * m + 3, 3 + k] = 2.0 * (n @ axis) * n
+    return motions
+
+
+def normal_and_distance(layout: Layout, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Worst-direction sigma of each normal (m,) rad and sigma of each distance (m,) mm, of centres' (3 m, 3 m) mm^2.
+
+    With c = -2 d n, a change of c across n tilts n by it over |c|, and one along n changes d by half of it.
+    """
+    tilts, distances = [], []
+    for m, mirror in enumerate(layout.mirrors):
+        block = covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3]
+        n = mirror.normal_in_rig
+        across = (np.eye(3) - np.outer(n, n)) / (2.0 * mirror.distance_mm)
+        tilts.append(worst_sigmas(across @ block @ across.T))
+        distances.append(np.sqrt(max(n @ block @ n, 0.0)) / 2.0)
+    return np.array(tilts), np.array(distances)
+
+
+def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
+    """The map (6, 3 m) from changes of all virtual centres to the motion of one body that explains them best.
+
+    Least squares over all mirrors, where a tilt counts by what it moves `lever_mm` away and a shift along the normal as
+    it is; of motions that explain alike, the least.
+    """
+    weights = np.zeros((3 * len(layout.mirrors),) * 2)
+    for m, mirror in enumerate(layout.mirrors):
+        along = np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
+        rows = slice(3 * m, 3 * m + 3)
+        weights[rows, rows] = lever_mm * (np.eye(3) - along) / (2.0 * mirror.distance_mm) + along / 2.0
+    # In units of mm at the lever the six columns are of one size, so that the cut-off of pinv means something.
+    scale = np.array([lever_mm] * 3 + [1.0] * 3)
+    return np.asarray(np.linalg.pinv(weights @ rigid_motions(layout) / scale, rcond=1e-6) @ weights / scale[:, None])
+
+
+def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
+    """The standard deviations of a calibrated layout's mirrors; tilts weigh by what they move `lever_mm` away."""
+    covariance = mirror_covariance(known_of(layout))
+    normal, distance = normal_and_distance(layout, covariance)
+    common = common_motion(layout, lever_mm=lever_mm)
+    of_common = np.sqrt(np.maximum(np.diag(common @ covariance @ common.T), 0.0))
+    rest = np.eye(len(covariance)) - rigid_motions(layout) @ common
+    relative_normal, relative_distance = normal_and_distance(layout, rest @ covariance @ rest.T)
+    return MirrorUncertainty(
+        normal_deg=np.degrees(normal),
+        distance_mm=distance,
+        common_turn_deg=np.degrees(of_common[:3]),
+        common_shift_mm=of_common[3:],
+        relative_normal_deg=np.degrees(relative_normal),
+        relative_distance_mm=relative_distance,
+    )
