@@ -1,0 +1,199 @@
+"""Every mirror as the camera that other tools know: a pinhole with a lens, at a rigid pose, with its own picture.
+
+What the base camera sees in a mirror is what a camera at the virtual centre c would see, but mirrored. With the
+mirror's unit normal n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, whose handedness is
+wrong: det S = -1. Flipping the *frame* mends it. Left and right exchanged, F = diag(-1, 1, 1), pixel column u becomes
+W - 1 - u, and since the lens model obeys
+
+    distort(-x, y; k, p1, -p2) = (-x_d, y_d)    where    (x_d, y_d) = distort(x, y; k, p1, p2)
+
+the flipped frame is that of a camera with cx' = W - 1 - cx and p2' = -p2 that projects F (S x + c). Top and bottom
+exchanged, F = diag(1, -1, 1), it is cy' = H - 1 - cy and p1' = -p1. Either way
+
+    camera_from_rig = [F S | F c],    det F S = +1,    centre = -(F S)^T F c = -S c = c.
+
+Of the two flips, a layout takes the one that leaves its views upright: top-bottom where mirrors above the camera fold
+its view, left-right where it looks past mirrors at its side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from optics.camera import Camera
+from optics.layout import Layout
+from optics.values import FloatArray, InputError
+
+Flip = Literal["left-right", "top-bottom"]
+
+POINTS_PER_EDGE = 16
+GRID = 12  # samples across and down a sub-image where the pinhole is compared with the mirror
+DISTANCES_MM = (300.0, 1000.0)  # from the virtual centre, of layouts without a spec
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """Pixels x .. x + width - 1 by y .. y + height - 1."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns of an image (h, w, ...)."""
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+
+@dataclass(frozen=True)
+class VirtualCamera:
+    """One mirror as a camera.
+
+    `camera` has the intrinsics of the whole flipped frame, `camera_from_rig` (4, 4) is rigid, in mm. `outline_px`
+    (n, 2) bounds what the mirror shows in the flipped frame, `sub_image` is its bounding rectangle. `pinhole_error_px`
+    is by how much this camera is wrong anywhere in the sub-image: 0 for a flat first-surface mirror; a sheet that is
+    coated behind is no pinhole.
+    """
+
+    name: str
+    row: int
+    column: int
+    flip: Flip
+    camera: Camera
+    camera_from_rig: FloatArray
+    outline_px: FloatArray
+    pinhole_error_px: float
+
+    @cached_property
+    def sub_image(self) -> Rectangle:
+        """The pixels of the flipped frame that the mirror's bounding rectangle holds."""
+        size = np.array([self.camera.width_px, self.camera.height_px])
+        first = np.maximum(np.ceil(self.outline_px.min(axis=0)), 0).astype(int)
+        last = np.minimum(np.floor(self.outline_px.max(axis=0)), size - 1).astype(int)
+        width, height = (int(side) for side in last - first + 1)
+        if width < 1 or height < 1:
+            raise InputError(f"{self.name} shows no pixel of the sensor, expected a mirror inside the image")
+        return Rectangle(int(first[0]), int(first[1]), width, height)
+
+    @cached_property
+    def cropped(self) -> Camera:
+        """The camera of the flipped frame cut to `sub_image`."""
+        cut = self.sub_image
+        return self.camera.replaced(
+            width_px=cut.width,
+            height_px=cut.height,
+            cx_px=self.camera.cx_px - cut.x,
+            cy_px=self.camera.cy_px - cut.y,
+        )
+
+    @cached_property
+    def mask(self) -> NDArray[np.uint8]:
+        """255 where the centre of a pixel of the flipped frame (h, w) lies in the mirror, else 0."""
+        mask = np.zeros((self.camera.height_px, self.camera.width_px), dtype=np.uint8)
+        rows, columns = self.sub_image.slices
+        x, y = np.meshgrid(np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop))
+        mask[rows, columns] = np.where(shapely.contains_xy(shapely.Polygon(self.outline_px), x, y), 255, 0)
+        return mask
+
+    def flipped(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The frame (h, w, ...) that `camera` belongs to."""
+        return np.flip(frame, axis=1 if self.flip == "left-right" else 0)
+
+    def project(self, points_in_rig: FloatArray) -> FloatArray:
+        """Pixels (..., 2) of the flipped frame at which points (..., 3) in mm appear."""
+        return self.camera.project(points_in_rig @ self.camera_from_rig[:3, :3].T + self.camera_from_rig[:3, 3])
+
+
+def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
+    """All mirrors of a layout as cameras, row by row; second-surface mirrors as the apparent first-surface ones.
+
+    Raises InputError where a mirror shows nothing, or more than the lens model describes.
+    """
+    flip = upright_flip(layout)
+    camera = flipped_camera(layout.camera, flip)
+    views = []
+    for number, mirror in enumerate(layout.mirrors):
+        row, column = divmod(number, layout.cols)
+        name = f"view_{row}_{column}"
+        corners = mirror.usable_normalized
+        if not len(corners):
+            raise InputError(f"{name} shows nothing: light that enters its sheet does not leave it")
+        along = np.linspace(0.0, 1.0, POINTS_PER_EDGE, endpoint=False)[:, None]
+        edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
+        outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
+        if np.isnan(outline).any():
+            raise InputError(f"{name} reaches beyond where the lens model is defined")
+        axes = flip_axes(flip)
+        apparent = mirror.apparent
+        pose = np.eye(4)
+        pose[:3, :3] = axes @ apparent.reflection
+        pose[:3, 3] = axes @ apparent.virtual_centre_in_rig_mm
+        views.append(
+            VirtualCamera(
+                name=name,
+                row=row,
+                column=column,
+                flip=flip,
+                camera=camera,
+                camera_from_rig=pose,
+                outline_px=flipped_pixels(outline, layout.camera, flip),
+                pinhole_error_px=_pinhole_error_px(layout, number, outline),
+            )
+        )
+    return tuple(views)
+
+
+def flip_axes(flip: Flip) -> FloatArray:
+    """F (3, 3): what exchanging left and right, or top and bottom, does to the camera's axes."""
+    return np.diag([-1.0, 1.0, 1.0] if flip == "left-right" else [1.0, -1.0, 1.0])
+
+
+def upright_flip(layout: Layout) -> Flip:
+    """The flip whose cameras turn the least from the layout's view axes, summed over the mirrors."""
+    reflections = np.sum([mirror.apparent.reflection for mirror in layout.mirrors], axis=0)
+    turned = reflections @ layout.view_from_rig.T
+    # trace(F S V^T) = 1 + 2 cos of the angle between the two rotations.
+    return (
+        "left-right"
+        if np.trace(flip_axes("left-right") @ turned) > np.trace(flip_axes("top-bottom") @ turned)
+        else "top-bottom"
+    )
+
+
+def flipped_camera(camera: Camera, flip: Flip) -> Camera:
+    """The camera whose frames are another's, flipped."""
+    k1, k2, p1, p2, k3 = (float(k) for k in camera.distortion)
+    if flip == "left-right":
+        return camera.replaced(cx_px=camera.width_px - 1 - camera.cx_px, distortion=[k1, k2, p1, -p2, k3])
+    return camera.replaced(cy_px=camera.height_px - 1 - camera.cy_px, distortion=[k1, k2, -p1, p2, k3])
+
+
+def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray:
+    """Pixels (..., 2) of the camera's frame as those of the flipped frame; its own inverse."""
+    if flip == "left-right":
+        return np.stack([camera.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)
+    return np.stack([pixels[..., 0], camera.height_px - 1 - pixels[..., 1]], axis=-1)
+
+
+def _pinhole_error_px(layout: Layout, number: int, outline_px: FloatArray) -> float:
+    """Largest distance between where a point appears and where the pinhole puts it, over the sub-image and depths."""
+    low, high = outline_px.min(axis=0), outline_px.max(axis=0)
+    grid = np.stack(np.meshgrid(*np.linspace(low, high, GRID).T), axis=-1).reshape(-1, 2)
+    inside = shapely.contains_xy(shapely.Polygon(outline_px), grid)
+    pixels = np.concatenate([outline_px, grid[inside]])
+    rays = layout.camera.unproject(pixels)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    mirror = layout.mirrors[number]
+    worst = 0.0
+    for distance_mm in layout.spec.depths_mm if layout.spec else DISTANCES_MM:
+        points_in_rig = mirror.apparent.reflect(rays * distance_mm)
+        seen = layout.camera.project(mirror.image_of(points_in_rig))
+        worst = max(worst, float(np.linalg.norm(seen - pixels, axis=-1).max()))
+    return worst
