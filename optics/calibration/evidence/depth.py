@@ -41,9 +41,7 @@ class DepthUncertainty:
         return np.hypot(self.matching_mm, self.calibration_mm)
 
 
-def depth_uncertainty(
-    layout: Layout, ranges_mm: FloatArray, *, reference: int, matching_px: float
-) -> DepthUncertainty:
+def depth_uncertainty(layout: Layout, ranges_mm: FloatArray, *, reference: int, matching_px: float) -> DepthUncertainty:
     """The standard deviations of distances (k,) mm of points amid the reference view of a calibrated layout.
 
     Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The

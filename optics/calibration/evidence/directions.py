@@ -76,9 +76,11 @@ def motions_of(layout: Layout) -> list[Motion]:
     for name, words in (("cx_px", "principal point in x"), ("cy_px", "principal point in y")):
         if name in place:
             found.append(Motion(words, "px", change({name: 1.0})))
-    for name in ("k1", "k2", "k3", "p1", "p2"):
-        if name in place:
-            found.append(Motion(f"lens distortion {name}", "", change({name: 1.0})))
+    found += [
+        Motion(f"lens distortion {name}", "", change({name: 1.0}))
+        for name in ("k1", "k2", "k3", "p1", "p2")
+        if name in place
+    ]
     if "sheet_mm" in place:
         found.append(Motion("thickness of the sheets", "mm", change({"sheet_mm": 1.0})))
     for m, mirror in enumerate(layout.mirrors if has_mirrors else ()):

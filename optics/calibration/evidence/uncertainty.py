@@ -58,7 +58,7 @@ def normal_and_distance(layout: Layout, covariance: FloatArray) -> tuple[FloatAr
         n = mirror.normal_in_rig
         across = (np.eye(3) - np.outer(n, n)) / (2.0 * mirror.distance_mm)
         tilts.append(worst_sigmas(across @ block @ across.T))
-        distances.append(np.sqrt(max(n @ block @ n, 0.0)) / 2.0)
+        distances.append(np.sqrt(max(float(n @ block @ n), 0.0)) / 2.0)
     return np.array(tilts), np.array(distances)
 
 

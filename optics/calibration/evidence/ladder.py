@@ -1,0 +1,313 @@
+"""The ladder of models: what may vary, from the paper's three numbers per mirror up, and what the data support.
+
+paper: virtual centres and board poses, with the camera held. joint: intrinsics, too. Above that, in any order:
+sheet: the thickness of second-surface mirrors. bend: the curvature of each mirror. warp: two bows of the board.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from optics.calibration.evidence.cross_validation import dealt, held_out_residuals
+from optics.calibration.evidence.free_views import FreeViews, free_views
+from optics.calibration.observations import Observations
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import Board, Estimate, residuals
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, minimise
+from optics.camera import INTRINSIC_NAMES
+from optics.slab import rise_mm
+from optics.values import FloatArray, InputError
+
+ADDITIONS = ("sheet", "bend", "warp")
+FOLDS = 3
+SUPPORTED_CHANCE = 1e-3
+BEYOND_NOISE = 2.0
+"""Standard errors by which held-out frames must be explained better."""
+GLASS_MM, GLASS_INDEX = 1.0, 1.49
+"""A sheet to start from where the layout has none; its index is that of acrylic."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model tried: what it frees, how well it fits, and whether the data support it over `against`.
+
+    `rms_px` per axis over the corners that took part and `sigma_px`, which counts the unknowns. Against the model
+    below it, on the same corners: `drop`, by how many sigma^2 the sum of squares falls; `chance` of that from noise
+    alone (F test of the likelihood ratio); `information_gain`, by how much the Bayesian information criterion falls.
+    `held_out_rms_px` of frames that a fit without them predicts, and `held_out_gain`, by how many standard errors these
+    are predicted better; NaN where the likelihood had decided.
+    """
+
+    name: str
+    against: str | None
+    parameters: int
+    rms_px: float
+    sigma_px: float
+    drop: float
+    chance: float
+    information_gain: float
+    held_out_rms_px: float
+    held_out_gain: float
+    supported: bool
+
+
+@dataclass(frozen=True)
+class Climb:
+    """The level reached, its model and solution, every rung tried, the check by free views, and alarms in words."""
+
+    level: str
+    model: Model
+    solution: Solution
+    rungs: tuple[Rung, ...]
+    free_views: FreeViews | None
+    alarms: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    name: str
+    model: Model
+    solution: Solution
+
+
+def levels_of(level: str) -> tuple[str, ...]:
+    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else."""
+    first, *additions = level.split("+")
+    known = first in {"paper", "joint"} and all(name in ADDITIONS for name in additions)
+    if not known or (first == "paper" and additions) or len(set(additions)) < len(additions):
+        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(ADDITIONS)} (joint+bend)")
+    return tuple(additions)
+
+
+def climb(
+    start: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    *,
+    intrinsics: tuple[str, ...] = INTRINSIC_NAMES,
+    level: str | None = None,
+) -> Climb:
+    """Fit at a `level`, or, without one, as far up the ladder as the data support.
+
+    The camera was found from the same corners as the rest, so that `joint` is the lowest level that tells the truth
+    about its uncertainty: `paper` is taken only when asked for, or where the corners leave the intrinsics open. Above
+    it the addition that gains most information is taken as long as one is supported: its likelihood ratio is no noise,
+    and frames held out are predicted better. Raises UndeterminedError where the corners do not suffice.
+    """
+    asked = None if level is None else levels_of(level)
+    paper = _fitted("paper", start, observations, _model((), (), corners_in_board_mm))
+    rungs = [_first(paper)]
+    if level == "paper":
+        return _result(paper, rungs, observations, ())
+    try:
+        current = _fitted("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
+    except UndeterminedError:
+        if asked is not None:
+            raise
+        note = "the corners leave the intrinsics open: they are held as they were"
+        return _result(paper, rungs, observations, (note,))
+    rungs.append(_judged(current, paper, observations))
+    if asked:
+        for name in asked:
+            taken = _added(current, name, observations, intrinsics, corners_in_board_mm)
+            rungs.append(_judged(taken, current, observations))
+            current = taken
+    left = [name for name in ADDITIONS if name not in current.name.split("+")]
+    alarms: tuple[str, ...] = ()
+    while left:
+        tried = _tried(current, left, observations, intrinsics, corners_in_board_mm)
+        judged = [(fitted, _judged(fitted, current, observations)) for fitted in tried]
+        rungs += [rung for _, rung in judged]
+        supported = [(rung.information_gain, k) for k, (_, rung) in enumerate(judged) if rung.supported]
+        if not supported:
+            break
+        best, _ = judged[max(supported)[1]]
+        addition = best.name.removeprefix(f"{current.name}+")
+        if addition == "glass" or level is not None:
+            alarms = (_alarm(best, addition),)
+            break
+        current = best
+        left.remove(addition)
+    return _result(current, rungs, observations, alarms)
+
+
+def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_board_mm: FloatArray) -> Model:
+    board = Board.warped(corners_in_board_mm) if "warp" in additions else Board.rigid(corners_in_board_mm)
+    return Model(intrinsics, sheet="sheet" in additions or "glass" in additions, bend="bend" in additions, board=board)
+
+
+def _fitted(name: str, start: Estimate, observations: Observations, model: Model) -> _Fitted:
+    return _Fitted(name, model, fit(start, observations, model))
+
+
+def _tried(
+    current: _Fitted,
+    left: Sequence[str],
+    observations: Observations,
+    intrinsics: tuple[str, ...],
+    corners_in_board_mm: FloatArray,
+) -> list[_Fitted]:
+    """The fits with one more addition each; one that the corners leave open is not among them.
+
+    Where the layout has no sheet to vary, "glass" stands in: sheets where it says there are none.
+    """
+    sheets = (current.solution.estimate.thickness_mm > 0.0).any()
+    found = []
+    for name in left:
+        try:
+            addition = "glass" if name == "sheet" and not sheets else name
+            found.append(_added(current, addition, observations, intrinsics, corners_in_board_mm))
+        except UndeterminedError:
+            continue
+    return found
+
+
+def _added(
+    current: _Fitted,
+    addition: str,
+    observations: Observations,
+    intrinsics: tuple[str, ...],
+    corners_in_board_mm: FloatArray,
+) -> _Fitted:
+    estimate = current.solution.estimate
+    if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
+        raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
+    if addition == "warp":
+        estimate = replace(estimate, shape=np.zeros(2))
+    if addition == "glass":
+        estimate = _behind_glass(estimate)
+    name = f"{current.name}+{addition}"
+    return _fitted(name, estimate, observations, _model(intrinsics, name.split("+"), corners_in_board_mm))
+
+
+def _behind_glass(estimate: Estimate) -> Estimate:
+    """The same mirrors, coated behind sheets, that look alike along the middle of each."""
+    centres = estimate.virtual_centres_in_rig_mm
+    distance = np.linalg.norm(centres, axis=1) / 2.0
+    foot = centres / 2.0
+    middles = estimate.middles_in_rig_mm
+    across = np.linalg.norm(middles - foot - _along(middles - foot, centres), axis=1)
+    rise = rise_mm(across / distance, GLASS_MM, GLASS_INDEX)
+    mirrors = len(centres)
+    return replace(
+        estimate,
+        virtual_centres_in_rig_mm=centres * (1.0 + rise / distance)[:, None],
+        thickness_mm=np.full(mirrors, GLASS_MM),
+        refractive_index=np.full(mirrors, GLASS_INDEX),
+    )
+
+
+def _along(vectors: FloatArray, axes: FloatArray) -> FloatArray:
+    return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
+
+
+def _alarm(best: _Fitted, addition: str) -> str:
+    if addition == "glass":
+        place = best.solution.parameters.index("sheet_mm")
+        thickness = float(best.solution.estimate.thickness_mm[0])
+        sigma = float(np.sqrt(best.solution.covariance[place, place]))
+        return (
+            f"the mirrors look like glass coated behind, {thickness:.2f} +- {sigma:.2g} mm thick if its index is "
+            f"{GLASS_INDEX}: the layout says they are coated in front"
+        )
+    return f"the data support a further level, {best.name}"
+
+
+def _first(fitted: _Fitted) -> Rung:
+    solution = fitted.solution
+    return Rung(
+        name=fitted.name,
+        against=None,
+        parameters=len(solution.parameters),
+        rms_px=_rms(solution),
+        sigma_px=solution.sigma_px,
+        drop=np.nan,
+        chance=np.nan,
+        information_gain=np.nan,
+        held_out_rms_px=np.nan,
+        held_out_gain=np.nan,
+        supported=True,
+    )
+
+
+def _rms(solution: Solution) -> float:
+    return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
+
+
+def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Rung:
+    """What speaks for the larger model, on the corners that it takes for no outliers."""
+    rows = larger.solution.inliers
+    seen = observations.where(rows)
+    squares = float(np.sum(larger.solution.residuals[rows] ** 2))
+    at_smaller = _at_minimum(smaller, observations, rows)
+    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2))
+    frames = len(at_smaller.rig_from_board)
+    added = len(larger.solution.parameters) - len(smaller.solution.parameters)
+    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * frames
+    drop = max(squares_smaller - squares, 0.0) / (squares / spare)
+    chance = float(f_distribution.sf(drop / added, added, spare))
+    gain = 2 * len(seen) * float(np.log(squares_smaller / squares)) - added * float(np.log(2 * len(seen)))
+    held_out_rms = held_out_gain = np.nan
+    if chance < SUPPORTED_CHANCE and gain > 0.0:
+        held_out_rms, held_out_gain = _held_out(larger, _restarted(smaller, at_smaller), seen)
+    return Rung(
+        name=larger.name,
+        against=smaller.name,
+        parameters=len(larger.solution.parameters),
+        rms_px=_rms(larger.solution),
+        sigma_px=larger.solution.sigma_px,
+        drop=drop,
+        chance=chance,
+        information_gain=gain,
+        held_out_rms_px=held_out_rms,
+        held_out_gain=held_out_gain,
+        supported=bool(chance < SUPPORTED_CHANCE and gain > 0.0 and held_out_gain > BEYOND_NOISE),
+    )
+
+
+def _restarted(fitted: _Fitted, estimate: Estimate) -> _Fitted:
+    return replace(fitted, solution=replace(fitted.solution, estimate=estimate))
+
+
+def _at_minimum(fitted: _Fitted, observations: Observations, rows: BoolArray) -> Estimate:
+    """The estimate of a model at the minimum over other rows than it chose itself."""
+    if np.array_equal(rows, fitted.solution.inliers):
+        return fitted.solution.estimate
+    return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
+
+
+def _held_out(larger: _Fitted, smaller: _Fitted, seen: Observations) -> tuple[float, float]:
+    """Rms px of held-out frames by the larger model, and by how many standard errors the smaller is worse.
+
+    The standard error is that of the mean over frames, which are independent where corners of one frame may not be.
+    """
+    fold = dealt(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
+    squares = []
+    for fitted in (larger, smaller):
+        try:
+            left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
+        except UndeterminedError:
+            return np.nan, -np.inf
+        squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
+    gains = squares[1] - squares[0]
+    error = float(np.std(gains, ddof=1)) * np.sqrt(len(gains))
+    gain = float(gains.sum()) / error if error > 0.0 else 0.0
+    return float(np.sqrt(squares[0].sum() / (2 * len(seen)))), gain
+
+
+def _result(current: _Fitted, rungs: Sequence[Rung], observations: Observations, alarms: tuple[str, ...]) -> Climb:
+    try:
+        free = free_views(current.solution, observations, current.model)
+    except UndeterminedError:
+        free = None
+    if free is not None and free.chance < SUPPORTED_CHANCE:
+        alarms = (
+            *alarms,
+            f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
+            "that free virtual cameras explain",
+        )
+    return Climb(current.name, current.model, current.solution, tuple(rungs), free, alarms)
