@@ -15,12 +15,12 @@ from scipy.spatial import ConvexHull
 
 from optics.calibration import bootstrap
 from optics.calibration.detection.corners import Corners, Grey, confirm, find_checkerboards, orderings
+from optics.calibration.evidence.uncertainty import mirror_covariance
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.result import (
     Calibration,
     angle_between_mirrors,
     fit_metrics,
-    mirror_covariance,
     uncertainty,
 )
 from optics.calibration.solver.model import Model

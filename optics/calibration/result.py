@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.calibration.evidence.gather import Evidence
+from optics.calibration.evidence.uncertainty import mirror_covariance, normal_and_distance_sigmas
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.solver.solve import Solution
 from optics.layout import Layout, Uncertainty
@@ -18,7 +20,8 @@ class Calibration:
     """A calibrated layout with its evidence.
 
     `rig_from_board` (f, 4, 4) are the board's poses, `observations` the corners (n rows) with `residuals_px` (n, 2) and
-    `inliers` (n,). `notes` say in words what was not found or not used.
+    `inliers` (n,). `notes` say in words what was not found or not used, `evidence` how sure it is and whether the model
+    is right.
     """
 
     layout: Layout
@@ -28,6 +31,7 @@ class Calibration:
     inliers: NDArray[np.bool_]
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
+    evidence: Evidence | None = None
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
@@ -38,34 +42,12 @@ def uncertainty(solution: Solution) -> Uncertainty:
     return Uncertainty(parameters=names, covariance=(covariance + covariance.T) / 2.0)
 
 
-def mirror_covariance(known: Uncertainty) -> FloatArray:
-    """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
-    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
-    return known.covariance[np.ix_(rows, rows)]
-
-
-def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations of each mirror's normal (m,) rad, rms over its two directions, and distance (m,) mm.
-
-    With c = -2 d n, a change of c along n changes d by half of it, and one across n tilts n by it over |c|.
-    """
-    across, along = [], []
-    for m, centre in enumerate(virtual_centres):
-        block = covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3]
-        length = np.linalg.norm(centre)
-        unit = centre / length
-        variance_along = float(unit @ block @ unit)
-        along.append(np.sqrt(max(variance_along, 0.0)) / 2.0)
-        across.append(np.sqrt(max(np.trace(block) - variance_along, 0.0) / 2.0) / length)
-    return np.array(across), np.array(along)
-
-
 def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
-    """Standard deviations of each mirror's normal (rad) and distance (mm), from the layout's own uncertainty."""
+    """Standard deviations of each mirror's normal (rad), along its worst direction, and distance (mm)."""
     if layout.uncertainty is None:
         raise ValueError("the layout carries no uncertainty, expected a calibrated one")
-    covariance = mirror_covariance(layout.uncertainty)
-    tilts, distances = normal_and_distance_sigmas(layout.virtual_centres_in_rig_mm, covariance)
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    tilts, distances = normal_and_distance_sigmas(centres, mirror_covariance(layout.uncertainty))
     return list(zip(tilts.tolist(), distances.tolist(), strict=True))
 
 

@@ -12,7 +12,7 @@ import pytest
 from mirrorcam.cli import main
 from mirrorcam.pipeline import SETTINGS
 from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors, validate
-from optics.calibration.result import mirror_covariance
+from optics.calibration.evidence.uncertainty import mirror_covariance
 from optics.layout import Layout
 from optics.targets import default_board
 from optics.tolerances import Tolerances

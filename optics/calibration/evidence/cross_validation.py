@@ -185,26 +185,29 @@ def near_and_far(estimate: Estimate, observations: Observations, board: Board) -
 
 def splits(
     solution: Solution, observations: Observations, model: Model, layout: Layout, *, reference: int, range_mm: float
-) -> tuple[Split, ...]:
+) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Both splits of a calibration: into halves alike, and into near and far boards, which a wrong model tells apart.
 
-    `layout` is the calibrated one. A split is left out where a half has under 3 mirrored frames or determines nothing.
+    `layout` is the calibrated one. A split is left out, and a note says so, where a half has under 3 mirrored frames or
+    determines no camera.
     """
     rows = observations.where(solution.inliers)
-    found = []
+    found, notes = [], []
     for how, part in (
         ("into halves alike", dealt(solution.estimate, rows, model.board, 2)),
         ("into near and far boards", near_and_far(solution.estimate, rows, model.board)),
     ):
         mirrored = is_mirrored(rows, len(part))
         if min(np.sum(mirrored & (part == half)) for half in (0, 1)) < MIN_HALF:
+            notes.append(f"not split {how}: a half would have under {MIN_HALF} mirrored frames")
             continue
         try:
             halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
-        except UndeterminedError:
+        except UndeterminedError as error:
+            notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
         found.append(_compared(how, halves, layout, reference, range_mm))
-    return tuple(found)
+    return tuple(found), tuple(notes)
 
 
 def _half(estimate: Estimate, observations: Observations, model: Model, frames: BoolArray) -> Solution:

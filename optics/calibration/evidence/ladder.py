@@ -57,7 +57,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Climb:
-    """The level reached, its model and solution, every rung tried, the check by free views, and alarms in words."""
+    """The level reached, its model and solution, every rung tried, the check by free views; alarms, notes in words."""
 
     level: str
     model: Model
@@ -65,6 +65,7 @@ class Climb:
     rungs: tuple[Rung, ...]
     free_views: FreeViews | None
     alarms: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -102,14 +103,14 @@ def climb(
     paper = _fitted("paper", start, observations, _model((), (), corners_in_board_mm))
     rungs = [_first(paper)]
     if level == "paper":
-        return _result(paper, rungs, observations, ())
+        return _result(paper, rungs, observations, [], [])
     try:
         current = _fitted("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
     except UndeterminedError:
         if asked is not None:
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
-        return _result(paper, rungs, observations, (note,))
+        return _result(paper, rungs, observations, [], [note])
     rungs.append(_judged(current, paper, observations))
     if asked:
         for name in asked:
@@ -117,9 +118,11 @@ def climb(
             rungs.append(_judged(taken, current, observations))
             current = taken
     left = [name for name in ADDITIONS if name not in current.name.split("+")]
-    alarms: tuple[str, ...] = ()
+    alarms: list[str] = []
+    notes: list[str] = []
     while left:
-        tried = _tried(current, left, observations, intrinsics, corners_in_board_mm)
+        tried, open_ones = _tried(current, left, observations, intrinsics, corners_in_board_mm)
+        notes += open_ones
         judged = [(fitted, _judged(fitted, current, observations)) for fitted in tried]
         rungs += [rung for _, rung in judged]
         supported = [(rung.information_gain, k) for k, (_, rung) in enumerate(judged) if rung.supported]
@@ -128,11 +131,11 @@ def climb(
         best, _ = judged[max(supported)[1]]
         addition = best.name.removeprefix(f"{current.name}+")
         if addition == "glass" or level is not None:
-            alarms = (_alarm(best, addition),)
+            alarms.append(_alarm(best, addition))
             break
         current = best
         left.remove(addition)
-    return _result(current, rungs, observations, alarms)
+    return _result(current, rungs, observations, alarms, notes)
 
 
 def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_board_mm: FloatArray) -> Model:
@@ -150,20 +153,20 @@ def _tried(
     observations: Observations,
     intrinsics: tuple[str, ...],
     corners_in_board_mm: FloatArray,
-) -> list[_Fitted]:
-    """The fits with one more addition each; one that the corners leave open is not among them.
+) -> tuple[list[_Fitted], list[str]]:
+    """The fits with one more addition each, and a note on each addition that the corners leave open.
 
     Where the layout has no sheet to vary, "glass" stands in: sheets where it says there are none.
     """
     sheets = (current.solution.estimate.thickness_mm > 0.0).any()
-    found = []
+    found, notes = [], []
     for name in left:
+        addition = "glass" if name == "sheet" and not sheets else name
         try:
-            addition = "glass" if name == "sheet" and not sheets else name
             found.append(_added(current, addition, observations, intrinsics, corners_in_board_mm))
-        except UndeterminedError:
-            continue
-    return found
+        except UndeterminedError as error:
+            notes.append(f"{current.name}+{addition} not tried: {error}")
+    return found, notes
 
 
 def _added(
@@ -299,15 +302,18 @@ def _held_out(larger: _Fitted, smaller: _Fitted, seen: Observations) -> tuple[fl
     return float(np.sqrt(squares[0].sum() / (2 * len(seen)))), gain
 
 
-def _result(current: _Fitted, rungs: Sequence[Rung], observations: Observations, alarms: tuple[str, ...]) -> Climb:
+def _result(
+    current: _Fitted, rungs: Sequence[Rung], observations: Observations, alarms: list[str], notes: list[str]
+) -> Climb:
+    free = None
     try:
         free = free_views(current.solution, observations, current.model)
-    except UndeterminedError:
-        free = None
+    except UndeterminedError as error:
+        notes = [*notes, f"no check by free virtual cameras: {error}"]
     if free is not None and free.chance < SUPPORTED_CHANCE:
-        alarms = (
+        alarms = [
             *alarms,
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
             "that free virtual cameras explain",
-        )
-    return Climb(current.name, current.model, current.solution, tuple(rungs), free, alarms)
+        ]
+    return Climb(current.name, current.model, current.solution, tuple(rungs), free, tuple(alarms), tuple(notes))

@@ -1,10 +1,10 @@
 """How far a calibration may be off in pixels: its covariance, carried to what each view shows.
 
 After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
-axis and pixel axes define it, and the board's poses, free in the fit, are marginalised out of the covariance. No pose of
-the rig is open, then, and a point in rig may be held while camera and mirrors vary. What is common to all views (an
-error of the principal point is nearly a turn of all mirrors) counts in full there; against the reference view, which is
-what depth rests on, it drops out.
+axis and pixel axes define it, and the board's poses, free in the fit, are marginalised out of the covariance. Nothing
+of the rig's own pose is open, then, and a point in rig may be held while camera and mirrors vary. What is common to
+all views (an error of the principal point is nearly a turn of all mirrors) counts in full there; against the reference
+view, which is what depth rests on, it drops out.
 """
 
 from __future__ import annotations

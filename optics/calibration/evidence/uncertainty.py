@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optics.calibration.evidence.projection import known_of, worst_sigmas
-from optics.calibration.result import mirror_covariance
-from optics.layout import Layout
+from optics.layout import Layout, Uncertainty
 from optics.values import FloatArray
 
 
@@ -47,18 +46,25 @@ def rigid_motions(layout: Layout) -> FloatArray:
     return motions
 
 
-def normal_and_distance(layout: Layout, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Worst-direction sigma of each normal (m,) rad and sigma of each distance (m,) mm, of centres' (3 m, 3 m) mm^2.
+def mirror_covariance(known: Uncertainty) -> FloatArray:
+    """Covariance (3 m, 3 m) of the virtual centres, mm^2."""
+    rows = [place for place, name in enumerate(known.parameters) if name.startswith("mirror ") and name.endswith("_mm")]
+    return known.covariance[np.ix_(rows, rows)]
+
+
+def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Worst sigmas of normals (m,) rad and sigmas of distances (m,) mm, from centres (m, 3) and covariance (3 m, 3 m).
 
     With c = -2 d n, a change of c across n tilts n by it over |c|, and one along n changes d by half of it.
     """
     tilts, distances = [], []
-    for m, mirror in enumerate(layout.mirrors):
+    for m, centre in enumerate(virtual_centres):
         block = covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3]
-        n = mirror.normal_in_rig
-        across = (np.eye(3) - np.outer(n, n)) / (2.0 * mirror.distance_mm)
+        length = float(np.linalg.norm(centre))
+        unit = centre / length
+        across = (np.eye(3) - np.outer(unit, unit)) / length
         tilts.append(worst_sigmas(across @ block @ across.T))
-        distances.append(np.sqrt(max(float(n @ block @ n), 0.0)) / 2.0)
+        distances.append(np.sqrt(max(float(unit @ block @ unit), 0.0)) / 2.0)
     return np.array(tilts), np.array(distances)
 
 
@@ -81,11 +87,12 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     """The standard deviations of a calibrated layout's mirrors; tilts weigh by what they move `lever_mm` away."""
     covariance = mirror_covariance(known_of(layout))
-    normal, distance = normal_and_distance(layout, covariance)
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)
     of_common = np.sqrt(np.maximum(np.diag(common @ covariance @ common.T), 0.0))
     rest = np.eye(len(covariance)) - rigid_motions(layout) @ common
-    relative_normal, relative_distance = normal_and_distance(layout, rest @ covariance @ rest.T)
+    relative_normal, relative_distance = normal_and_distance_sigmas(centres, rest @ covariance @ rest.T)
     return MirrorUncertainty(
         normal_deg=np.degrees(normal),
         distance_mm=distance,
