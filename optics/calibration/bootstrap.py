@@ -8,11 +8,16 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from optics.calibration.detection.corners import Corners
+from optics.calibration.detection.corners import MIN_CORNERS, Corners
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.solver.residuals import Estimate
 from optics.camera import Camera
+from optics.layout import Layout
 from optics.mirror import Mirror, reflect
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
+
+FOCAL_BELIEVED = 1.5  # times the nominal focal length or its inverse
 
 
 @contextmanager
@@ -149,3 +154,47 @@ def best_pose(
     if best is None:
         raise InputError(f"no board pose fits any of the {len(views)} views of a frame")
     return best
+
+
+def _corner_radius(camera: Camera) -> float:
+    """Normalized radius of the sensor's farthest corner."""
+    x = max(camera.cx_px, camera.width_px - 1 - camera.cx_px) / camera.fx_px
+    y = max(camera.cy_px, camera.height_px - 1 - camera.cy_px) / camera.fy_px
+    return float(np.hypot(x, y))
+
+
+def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: FloatArray) -> Camera:
+    """The camera to start from: that of frames without mirrors where they tell it, else the nominal one.
+
+    Boards that all face the camera leave its focal length open, whatever value the fit to them ends at: a focal length
+    far from the nominal one is not believed.
+    """
+    if not len(direct):
+        return nominal
+    views = [
+        Corners(direct.corner[rows], direct.pixels[rows])
+        for frame in np.unique(direct.frame)
+        if (rows := direct.frame == frame).sum() >= MIN_CORNERS
+    ]
+    camera = intrinsics(
+        views, corners_in_board_mm, width_px=nominal.width_px, height_px=nominal.height_px, full_distortion=True
+    )
+    ratio = camera.fx_px / nominal.fx_px
+    believed = 1.0 / FOCAL_BELIEVED < ratio < FOCAL_BELIEVED and camera.valid_radius > _corner_radius(camera)
+    return camera.replaced(name=nominal.name) if believed else nominal
+
+
+def first_estimate(
+    observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray
+) -> Estimate:
+    """Nominal mirrors, and every board where the view that explains its frame best puts it."""
+    poses = []
+    for frame in range(int(observations.frame[-1]) + 1):
+        rows = observations.where(observations.frame == frame)
+        views = []
+        for view in np.unique(rows.view):
+            shown = rows.view == view
+            mirror = None if view == DIRECT else layout.mirrors[view]
+            views.append((mirror, Corners(rows.corner[shown], rows.pixels[shown])))
+        poses.append(best_pose(camera, views, corners_in_board_mm))
+    return Estimate.of(camera, layout.mirrors, np.array(poses))

@@ -1,0 +1,122 @@
+"""Before a calibration is believed: corners, views and frames that contradict the others are taken out, or refused.
+
+The nominal layout is where to start, not what is believed: every test compares the pictures with each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optics.calibration import bootstrap, checks
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import Board, Estimate, residuals
+from optics.calibration.solver.solve import DROP_SIGMAS, minimise, start_robustly
+from optics.camera import INTRINSIC_NAMES
+from optics.layout import Layout
+from optics.values import FloatArray
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What may be calibrated from: corners by frame with and without mirrors, and notes on what may not.
+
+    The error bounds of a common fit are to be `widened` by this factor; it is 1 where both kinds of frames agree about
+    the camera.
+    """
+
+    seen: list[Observations]
+    base: list[Observations]
+    notes: tuple[str, ...]
+    widened: float
+
+
+def screen(
+    seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
+) -> Screened:
+    """Take out pictures given twice, corners off the board, and views that show the board elsewhere.
+
+    A list entry per frame with and per frame without mirrors, as it comes back. Raises InputError where so much
+    contradicts itself that none of it can be believed, and UndeterminedError where nothing can be solved.
+    """
+    checks.enough_mirrors(layout)
+    names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
+    frames = [*seen, *base]
+    notes = []
+    for again, first in checks.repeats(frames).items():
+        frames[again] = Observations.none()
+        notes.append(f"{names[again]}: the same picture as {names[first]}, not used")
+
+    rows = Observations.join([o.shifted(number) for number, o in enumerate(frames)])
+    odd = checks.odd_corners(rows, layout.camera, corners_in_board_mm)
+    notes += checks.board_fits(rows, odd, names)
+    rows = rows.where(~odd)
+
+    mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
+    checks.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
+    free = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners_in_board_mm))
+    camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
+    packed = _packed(mirrored)
+    start = bootstrap.first_estimate(packed, camera, layout, corners_in_board_mm)
+    paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
+    estimate, _ = start_robustly(paper, packed, free)
+    numbers = np.unique(mirrored.frame)
+    kept, elsewhere = checks.agreeing_views(
+        packed, residuals(estimate, packed, free.board), [names[n] for n in numbers]
+    )
+    notes += elsewhere
+    mirrored = mirrored.where(kept)
+    widened = 1.0
+    if len(direct):
+        still = np.isin(numbers, mirrored.frame)
+        estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
+        ratio = _camera_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
+        notes += checks.drift_note(ratio)
+        widened = ratio if ratio > checks.DRIFT_NOTED else 1.0
+    return Screened(
+        seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
+        base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
+        notes=tuple(notes),
+        widened=widened,
+    )
+
+
+def _packed(observations: Observations) -> Observations:
+    """The same rows with the frames numbered from 0 without a gap."""
+    _, frame = np.unique(observations.frame, return_inverse=True)
+    return Observations(frame, observations.view, observations.corner, observations.pixels)
+
+
+def _camera_disagreement(
+    with_mirrors: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
+) -> float:
+    """`checks.camera_disagreement` of fits to frames with mirrors, without, and to both.
+
+    The common fit is to all corners that fit either kind alone: what contradicts it must not go as an outlier.
+    """
+    mirrored, with_mirrors = _cleaned(mirrored, with_mirrors, model)
+    start = bootstrap.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
+    direct, without = _cleaned(direct, start, model)
+    both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
+    poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
+    common, _ = minimise(replace(with_mirrors, rig_from_board=poses), both, model)
+    return checks.camera_disagreement(
+        [residuals(with_mirrors, mirrored, model.board), residuals(without, direct, model.board)],
+        residuals(common, both, model.board),
+        unknowns=2 * len(INTRINSIC_NAMES) + 3 * len(layout.mirrors) + 6 * len(poses),
+        focal_px=[with_mirrors.camera.fx_px, without.camera.fx_px],
+    )
+
+
+def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
+    """The corners that a robust fit does not find wild, and the least-squares fit to them."""
+    if not (observations.view != DIRECT).any():
+        model = replace(model, mirrors=False)
+    estimate, _ = start_robustly(start, observations, model)
+    size = np.abs(residuals(estimate, observations, model.board)).max(axis=1)
+    calm = observations.where(size <= DROP_SIGMAS * 1.4826 * np.median(size))
+    estimate, _ = minimise(estimate, calm, model)
+    return calm, estimate

@@ -1,0 +1,292 @@
+"""Degenerate and wrong input: a clear refusal, or error bounds that are true. The truth is known, the corners exact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from optics.calibration import bootstrap, checks
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.screening import screen
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import Board
+from optics.calibration.solver.solve import Solution, fit
+from optics.camera import INTRINSIC_NAMES
+from optics.layout import Layout
+from optics.targets import Charuco
+from optics.values import FloatArray, InputError
+from tests.optics.calibration.synthetic_corners import Views, as_built, direct_poses, mirrored_poses, views_of
+
+BOARD = Charuco(cols=12, rows=8, square_mm=20.0, marker_mm=14.0)
+CORNERS = BOARD.corners_in_board_mm
+MIRRORED = mirrored_poses(BOARD, 6, tilt_deg=30.0, seed=1)
+BASE = direct_poses(BOARD, 5, tilt_deg=35.0, seed=2)
+PARALLEL = mirrored_poses(BOARD, 6, tilt_deg=0.0, seed=1)
+BASE_PARALLEL = direct_poses(BOARD, 5, tilt_deg=0.0, seed=2)
+
+
+@pytest.fixture(scope="module")
+def truth(default_layout: Layout) -> Layout:
+    return as_built(default_layout, seed=1)
+
+
+@pytest.fixture(scope="module")
+def good(truth: Layout) -> Views:
+    return views_of(truth, BOARD, MIRRORED, BASE, seed=1)
+
+
+def solved(
+    seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners: FloatArray = CORNERS
+) -> tuple[Solution, tuple[str, ...]]:
+    """What calibration makes of corners, and its notes."""
+    screened = screen(seen, base, layout, corners)
+    frames = [o for o in [*screened.seen, *screened.base] if len(o)]
+    observations = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
+    camera = bootstrap.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
+    start = bootstrap.first_estimate(observations, camera, layout, corners)
+    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners))
+    solution = fit(start, observations, model)
+    solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
+    used = sum(bool(len(o)) for o in screened.seen)
+    return solution, (*screened.notes, *checks.judge(solution, layout, mirrored_frames=used))
+
+
+def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
+    """Squared error of camera and mirrors in the metric of their covariance, and how many numbers that are."""
+    errors = {
+        **dict(zip(INTRINSIC_NAMES, solution.estimate.camera.intrinsics - truth.camera.intrinsics, strict=True)),
+        **{
+            f"mirror {m} {axis}_mm": float(error)
+            for m, row in enumerate(solution.estimate.virtual_centres_in_rig_mm - truth.virtual_centres_in_rig_mm)
+            for axis, error in zip("xyz", row, strict=True)
+        },
+    }
+    error = np.array([errors[name] for name in solution.parameters])
+    scale = np.sqrt(np.diag(solution.covariance))
+    correlation = solution.covariance / np.outer(scale, scale)
+    return float(error / scale @ np.linalg.solve(correlation, error / scale)), len(error)
+
+
+def exchanged(
+    seen: Sequence[Observations], other: Sequence[Observations], frames: Iterable[int], mirrors: Iterable[int]
+) -> list[Observations]:
+    """Frames in which some mirrors show another board, which stands elsewhere."""
+    mixed = list(seen)
+    for frame in frames:
+        a, b = seen[frame], other[frame]
+        mixed[frame] = Observations.join(
+            [a.where(~np.isin(a.view, list(mirrors))), b.where(np.isin(b.view, list(mirrors)))]
+        )
+    return mixed
+
+
+def with_focal(truth: Layout, factor: float) -> Layout:
+    camera = truth.camera
+    return truth.replaced(camera=camera.replaced(fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px))
+
+
+def test_good_input_passes_untouched(good: Views, default_layout: Layout) -> None:
+    screened = screen(good.seen, good.base, default_layout, CORNERS)
+    assert screened.notes == ()
+    assert screened.widened == 1.0
+    assert [len(o) for o in screened.seen] == [len(o) for o in good.seen]
+    assert [len(o) for o in screened.base] == [len(o) for o in good.base]
+    _, notes = solved(good.seen, good.base, default_layout)
+    assert notes == ()
+
+
+@pytest.mark.parametrize(
+    ("mirrored", "base", "note"),
+    [
+        pytest.param(MIRRORED[:1], BASE, "one picture through the mirrors", id="one pose"),
+        pytest.param(MIRRORED[:1], [], "one picture through the mirrors", id="one pose, no base frames"),
+        pytest.param(PARALLEL, BASE, "all boards are parallel", id="parallel before the mirrors"),
+        pytest.param(PARALLEL, BASE_PARALLEL, "all boards are parallel", id="all parallel"),
+        pytest.param(PARALLEL, [], "all boards are parallel", id="parallel, no base frames"),
+        pytest.param(MIRRORED, BASE_PARALLEL, "", id="base frames parallel"),
+        pytest.param(MIRRORED, [], "", id="no base frames"),
+    ],
+)
+def test_few_or_parallel_poses_give_looser_bounds_that_are_true(
+    mirrored: list[FloatArray], base: list[FloatArray], note: str, default_layout: Layout
+) -> None:
+    """The squared error over many devices and noises is what the covariance says, within four of its own sigmas."""
+    total, numbers = 0.0, 0
+    for seed in range(4):
+        truth = as_built(default_layout, seed=seed)
+        views = views_of(truth, BOARD, mirrored, base, seed=seed)
+        solution, notes = solved(views.seen, views.base, default_layout)
+        assert any(n.startswith(note) for n in notes) if note else notes == ()
+        squared, count = nees(solution, truth)
+        total, numbers = total + squared, numbers + count
+    assert total / numbers == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / numbers))
+
+
+def test_one_picture_given_several_times_counts_once(good: Views, default_layout: Layout) -> None:
+    once, _ = solved(good.seen[:1], good.base, default_layout)
+    often, notes = solved(good.seen[:1] * 4, good.base, default_layout)
+    assert notes[:3] == tuple(f"frame {n}: the same picture as frame 0, not used" for n in (1, 2, 3))
+    np.testing.assert_allclose(often.covariance, once.covariance, rtol=1e-9)
+
+
+def test_a_wrong_square_size_is_refused_and_the_right_one_named(good: Views, default_layout: Layout) -> None:
+    with pytest.raises(InputError, match=r"come out 1\.0[67]\d .*square_mm may have to be 0\.9[34]\d times"):
+        solved(good.seen, good.base, default_layout, 1.07 * CORNERS)
+    with pytest.raises(InputError, match=r"come out 0\.9[23]\d "):
+        solved(good.seen, good.base, default_layout, 0.93 * CORNERS)
+    _, notes = solved(good.seen, good.base, default_layout, 1.035 * CORNERS)
+    assert any("square_mm" in note for note in notes)
+
+
+def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(default_layout: Layout) -> None:
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        centres = default_layout.virtual_centres_in_rig_mm
+        moved = centres + 4.0 * random.standard_normal(centres.shape)  # mirrors tilted by 1.4 deg and 2 mm off
+        factor, sigma = checks.common_scale(default_layout, moved)
+        assert abs(factor - 1.0) < 4.0 * sigma
+        checks.scale_note(default_layout, moved)
+        bare, _ = checks.common_scale(default_layout, 1.2 * centres)
+        assert bare == pytest.approx(1.2, abs=0.02)
+
+
+def test_swapped_rows_and_columns_are_refused(good: Views, default_layout: Layout) -> None:
+    swapped = Charuco(cols=BOARD.rows, rows=BOARD.cols, square_mm=BOARD.square_mm, marker_mm=BOARD.marker_mm)
+    with pytest.raises(InputError, match="are rows, columns and markers those of"):
+        screen(good.seen, good.base, default_layout, swapped.corners_in_board_mm)
+
+
+def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+    for factor in (1.01, 1.3):
+        other = views_of(with_focal(truth, factor), BOARD, [], BASE, seed=5)
+        with pytest.raises(InputError, match=r"show a focal length of 136\d\.\d px, frames without 1[37]\d\d\.\d px"):
+            screen(good.seen, other.base, default_layout, CORNERS)
+
+
+def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
+    good: Views, truth: Layout, default_layout: Layout
+) -> None:
+    drifted = views_of(with_focal(truth, 1.001), BOARD, [], BASE, seed=5)
+    screened = screen(good.seen, drifted.base, default_layout, CORNERS)
+    assert screened.widened > checks.DRIFT_NOTED
+    solution, notes = solved(good.seen, drifted.base, default_layout)
+    assert any("disagree about the camera" in note for note in notes)
+    squared, count = nees(solution, truth)
+    narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.widened**2), truth)
+    assert narrow > 1.5 * count
+    assert squared < count
+
+
+def test_all_pictures_of_another_camera_calibrate_that_camera_and_say_so(truth: Layout, default_layout: Layout) -> None:
+    zoomed = with_focal(truth, 1.15)
+    for base in (BASE, []):
+        views = views_of(zoomed, BOARD, MIRRORED, base, seed=3)
+        solution, notes = solved(views.seen, views.base, default_layout)
+        assert any("+15% from the layout's" in note for note in notes)
+        squared, count = nees(solution, zoomed)
+        assert squared / count == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / count))
+
+
+def second_board(truth: Layout) -> list[Observations]:
+    return views_of(truth, BOARD, mirrored_poses(BOARD, 6, tilt_deg=30.0, seed=77), [], seed=9).seen
+
+
+def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, default_layout: Layout) -> None:
+    mixed = exchanged(good.seen, second_board(truth), [3], [2])
+    solution, notes = solved(mixed, good.base, default_layout)
+    assert len(notes) == 1
+    assert notes[0].startswith("frame 3, mirror 2: shows the board elsewhere")
+    squared, count = nees(solution, truth)
+    assert squared < 2.0 * count
+
+
+def test_a_frame_torn_between_two_boards_is_left_out(good: Views, truth: Layout, default_layout: Layout) -> None:
+    mixed = exchanged(good.seen, second_board(truth), [3], [4, 5, 6, 7, 8])
+    solution, notes = solved(mixed, good.base, default_layout)
+    assert any(note.startswith("frame 3") for note in notes)
+    squared, count = nees(solution, truth)
+    assert squared < 2.0 * count
+
+
+def test_two_boards_throughout_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+    other = second_board(truth)
+    with pytest.raises(InputError, match="views show the board elsewhere than the others of their frames"):
+        screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, default_layout, CORNERS)
+    with pytest.raises(InputError, match="mirror 4 shows the board elsewhere than the other views in 6 of 6 frames"):
+        screen(exchanged(good.seen, other, range(6), [4]), good.base, default_layout, CORNERS)
+
+
+def test_corners_of_two_boards_within_views_are_refused_or_left_out(
+    good: Views, truth: Layout, default_layout: Layout
+) -> None:
+    random = np.random.default_rng(0)
+
+    def mingled(a: Observations, b: Observations, share: float) -> Observations:
+        pixels = a.pixels.copy()
+        for row in np.flatnonzero(random.random(len(a)) < share):
+            same = np.flatnonzero((b.view == a.view[row]) & (b.corner == a.corner[row]))
+            pixels[row] = b.pixels[same[0]] if len(same) else pixels[row]
+        return Observations(a.frame, a.view, a.corner, pixels)
+
+    other = second_board(truth)
+    with pytest.raises(InputError, match="where no flat board of this drawing has them"):
+        screen([mingled(a, b, 0.4) for a, b in zip(good.seen, other, strict=True)], good.base, default_layout, CORNERS)
+    seen = [mingled(good.seen[0], other[0], 0.2), *good.seen[1:]]
+    solution, notes = solved(seen, good.base, default_layout)
+    assert all("frame 0, mirror" in note for note in notes)
+    assert notes
+    squared, count = nees(solution, truth)
+    assert squared < 2.0 * count
+
+
+def test_two_mirrors_without_a_direct_view_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+    """Turned about the line where their planes meet, they show the same: the claim, then the refusal."""
+    a, b = (mirror.virtual_centre_in_rig_mm for mirror in truth.mirrors[:2])
+    line = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
+    point = np.linalg.lstsq(np.array([a, b]), np.array([a @ a, b @ b]) / 2.0, rcond=None)[0]
+    turn = Rotation.from_rotvec(0.3 * line).as_matrix()
+    boards = np.random.default_rng(0).normal(0.0, 100.0, (20, 3))
+
+    def reflection(centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+        unit = centre / np.linalg.norm(centre)
+        return np.eye(3) - 2.0 * np.outer(unit, unit), centre
+
+    for centre in (a, b):
+        linear, shift = reflection(centre)
+        combined = linear @ turn  # about a point of the line, which both leave where it is
+        assert np.allclose(combined @ combined, np.eye(3))
+        assert np.linalg.det(combined) == pytest.approx(-1.0)
+        assert np.allclose(linear @ point + shift, point)
+        there = (boards - point) @ turn  # boards turned back
+        assert np.allclose(there @ combined.T + point, boards @ linear.T + shift)
+
+    pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
+    seen = [o.where(o.view < 2) for o in good.seen]
+    with pytest.raises(InputError, match="2 mirrors without a direct view of the board, expected 3 or more"):
+        screen(seen, good.base, pair, CORNERS)
+
+
+def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, default_layout: Layout) -> None:
+    unseen = [o.where(o.view != 8) for o in good.seen]
+    with pytest.raises(InputError, match="mirror 8 shows 0 corners in 6 frames, expected 20"):
+        screen(unseen, good.base, default_layout, CORNERS)
+    blank = [Observations.none()] * 3
+    with pytest.raises(InputError, match="no corner of the board found in any of 3 frames"):
+        screen(blank, good.base, default_layout, CORNERS)
+
+
+def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_not_believed(good: Views, default_layout: Layout) -> None:
+    solution, _ = solved(good.seen, good.base, default_layout)
+    checks.believable(solution)
+    open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 5 ")]
+    covariance = solution.covariance.copy()
+    covariance[np.ix_(open_rows, open_rows)] += np.diag([10.0, 10.0, 10.0]) ** 2
+    with pytest.raises(InputError, match="leave mirror 5 open by "):
+        checks.believable(replace(solution, covariance=covariance))
+    fitting = np.arange(len(solution.inliers)) % 5 > 0
+    with pytest.raises(InputError, match="20% of the corners fit neither mirrors nor camera"):
+        checks.believable(replace(solution, inliers=fitting))
