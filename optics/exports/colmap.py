@@ -32,26 +32,29 @@ def pose(camera_from: FloatArray) -> list[float]:
 
 
 def rig_config(views: tuple[VirtualCamera, ...], reference: int) -> str:
-    """`rig_config.json` for `colmap rig_configurator`: images by the folder of their view, posed from `reference`."""
-    cameras = []
-    for place, view in enumerate(views):
-        entry: dict[str, object] = {"image_prefix": f"{view.name}/"}
-        if place == reference:
-            entry["ref_sensor"] = True
-        else:
-            values = pose(view.camera_from_rig @ np.linalg.inv(views[reference].camera_from_rig))
-            entry |= {"cam_from_rig_rotation": values[:4], "cam_from_rig_translation": values[4:]}
-        cameras.append(entry | {"camera_model_name": MODEL, "camera_params": parameters(view)})
+    """`rig_config.json` for `colmap rig_configurator`: images by the folder of their view; `reference` comes first."""
+    reference_from_rig = views[reference].camera_from_rig
+    cameras: list[dict[str, object]] = []
+    for view in (views[reference], *views[:reference], *views[reference + 1 :]):
+        values = pose(view.camera_from_rig @ np.linalg.inv(reference_from_rig))
+        place: dict[str, object] = {"cam_from_rig_rotation": values[:4], "cam_from_rig_translation": values[4:]}
+        if view is views[reference]:
+            place = {"ref_sensor": True}
+        camera = {"camera_model_name": MODEL, "camera_params": parameters(view)}
+        cameras.append({"image_prefix": f"{view.name}/", **place, **camera})
     return json.dumps([{"cameras": cameras}], indent=1, allow_nan=False) + "\n"
 
 
 def sparse_model(views: tuple[VirtualCamera, ...], reference: int, picture: str) -> dict[str, str]:
     """`cameras.txt`, `rigs.txt`, `frames.txt`, `images.txt` and an empty `points3D.txt`; world is the rig frame.
 
-    Camera and image numbers are those of the mirrors from 1; `picture` is the file's name in the folder of each view.
+    `picture` is the file's name in the folder of each view. Cameras and images are numbered as COLMAP's database has
+    them, from 1 by name; it gives each camera a rig and each image a frame, so that the rig and the frame of all views,
+    which `rig_configurator` puts in their place, come next. `point_triangulator` asks for these very numbers.
     """
+    joint = len(views) + 1
     from_reference = np.linalg.inv(views[reference].camera_from_rig)
-    cameras, images, sensors = [], [], [f"1 {len(views)} CAMERA {reference + 1}"]
+    cameras, images, sensors = [], [], [f"{joint} {len(views)} CAMERA {reference + 1}"]
     for camera_id, view in enumerate(views, start=1):
         size = f"{view.camera.width_px} {view.camera.height_px}"
         cameras.append(f"{camera_id} {MODEL} {size} {numbers(parameters(view), ' ')}")
@@ -59,7 +62,7 @@ def sparse_model(views: tuple[VirtualCamera, ...], reference: int, picture: str)
         if camera_id - 1 != reference:
             sensors.append(f"CAMERA {camera_id} 1 {numbers(pose(view.camera_from_rig @ from_reference), ' ')}")
     data = " ".join(f"CAMERA {camera_id} {camera_id}" for camera_id in range(1, len(views) + 1))
-    frame = f"1 1 {numbers(pose(views[reference].camera_from_rig), ' ')} {len(views)} {data}"
+    frame = f"{joint} {joint} {numbers(pose(views[reference].camera_from_rig), ' ')} {len(views)} {data}"
     return {
         "cameras.txt": _lines("CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]", cameras),
         "rigs.txt": _lines(

@@ -98,6 +98,7 @@ ROS: the URDF hangs `mirrorcam_VIEW_optical_frame` on `mirrorcam_camera_optical_
 
 COLMAP, with the cameras as they are calibrated:
 
+    mkdir points
     colmap feature_extractor --database_path database.db --image_path images --ImageReader.mask_path masks \\
         --ImageReader.single_camera_per_folder 1
     colmap rig_configurator --database_path database.db --rig_config_path rig_config.json
