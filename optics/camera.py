@@ -97,7 +97,8 @@ class Camera(Value):
         xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
         yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
 
-        d_points = np.empty((x.size, 2, 3))
+        # Stored component first: each assignment below then runs through memory once.
+        d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
         cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
         xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
         yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
@@ -105,7 +106,7 @@ class Camera(Value):
         d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * cross / z, self.fy_px * yy / z
         d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
 
-        d_intrinsics = np.zeros((x.size, 2, 9))
+        d_intrinsics = np.zeros((2, 9, x.size)).transpose(2, 0, 1)
         d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = xd, yd
         d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
         for row, focal, coordinate in ((0, self.fx_px, x), (1, self.fy_px, y)):

@@ -111,16 +111,20 @@ class Layout(Value):
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
         """Pixels (..., 2) at which points (..., 3) appear by way of one mirror, whether or not the outline shows them.
 
-        First-surface model: the point, reflected at the apparent mirror, is projected by the base camera.
+        Exact, through a sheet and in a bent mirror too (`Mirror.image_of`).
         """
-        return self.camera.project(self.mirrors[mirror_index].apparent.reflect(points_in_rig))
+        return self.camera.project(self.mirrors[mirror_index].image_of(points_in_rig))
 
     def outline_px(self, mirror_index: int, points_per_edge: int = 16) -> FloatArray:
         """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them."""
-        corners = self.mirrors[mirror_index].apparent.outline_normalized
+        mirror = self.mirrors[mirror_index].apparent
+        corners = mirror.outline_normalized
         along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
-        edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
-        return self.camera.pixels_from_normalized(edges.reshape(-1, 2))
+        edges = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+        if not mirror.curvature_per_m.any():
+            return self.camera.pixels_from_normalized(edges)
+        on_plane = mirror.cut(edges)
+        return self.camera.project(on_plane + mirror.sag_mm(on_plane)[:, None] * mirror.normal_in_rig)
 
     def save(self, path: Path) -> None:
         """Write `layout.json` atomically."""

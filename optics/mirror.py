@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
+from optics.image import Surfaces, images, plane_axes
 from optics.slab import inner_tangent, outer_tangent, rise_mm
 from optics.values import FloatArray, Points3, Value, Vector3
 
@@ -29,11 +30,14 @@ def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
 
 
 class Mirror(Value):
-    """One flat mirror of a layout, in the rig frame (origin at the pupil of the base camera).
+    """One mirror of a layout, flat or nearly so, in the rig frame (origin at the pupil of the base camera).
 
     The plane is the *reflecting* surface: the front of a first-surface mirror, the coated back of a second-surface one.
     The outline is where that surface is cut, a convex polygon of at least three corners on the plane. The camera sees a
     second-surface mirror through its sheet, about as it would see the first-surface mirror `apparent`.
+
+    A bent mirror stands off its plane, towards the pupil, by (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y) of its own
+    frame: the plane touches it in the middle of the outline. `curvature_per_m` is (k_xx, k_yy, k_xy), in 1/m.
     """
 
     virtual_centre_in_rig_mm: Vector3
@@ -126,6 +130,7 @@ class Mirror(Value):
             virtual_centre_in_rig_mm=self.virtual_centre_in_rig_mm * (1.0 - rise / self.distance_mm),
             outline_in_rig_mm=self.outline_in_rig_mm + rise * self.normal_in_rig,
             thickness_mm=self.thickness_mm,
+            curvature_per_m=self.curvature_per_m,
         )
 
     @cached_property
@@ -169,21 +174,26 @@ class Mirror(Value):
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
 
     def image_of(self, points_in_rig: FloatArray) -> FloatArray:
-        """Where points (..., 3) before the mirror appear to the pupil, exactly in direction, also through a sheet.
+        """Where points (..., 3) before the mirror appear to the pupil, exactly in direction; see `optics.image`.
 
-        The light, unfolded at the coating, passes air, the sheet twice, and air again, `across` in all. NaN for points
-        that are not before the sheet.
+        NaN for points that are not before a sheet or a bent mirror.
         """
-        if self.surface == "first":
+        if self.surface == "first" and not self.curvature_per_m.any():
             return self.reflect(points_in_rig)
-        normal, front_mm = self.normal_in_rig, self.distance_mm - self.thickness_mm
-        height = points_in_rig @ normal
-        across = points_in_rig - height[..., None] * normal
-        across_mm = np.linalg.norm(across, axis=-1)
-        air_mm = np.where(height + front_mm > 0.0, height + 2.0 * front_mm, np.nan)
-        tangent = outer_tangent(across_mm, air_mm, 2.0 * self.thickness_mm, self.refractive_index)
-        stretch = np.divide(tangent * air_mm, across_mm, out=np.ones_like(across_mm), where=across_mm > 0.0)
-        return np.asarray(stretch[..., None] * across - air_mm[..., None] * normal)
+        surfaces = Surfaces(
+            centre=self.virtual_centre_in_rig_mm[:, None],
+            middle=self.outline_in_rig_mm.mean(axis=0)[:, None],
+            thickness=np.array([self.thickness_mm if self.surface == "second" else 0.0]),
+            index=np.array([self.refractive_index]),
+            curvature=self.curvature_per_m[:, None],
+        )
+        return images(points_in_rig.reshape(-1, 3).T, surfaces).image.T.reshape(points_in_rig.shape)
+
+    def sag_mm(self, points_in_rig: FloatArray) -> FloatArray:
+        """How far (...) the reflecting surface stands before the plane at points (..., 3) of the plane."""
+        x, y = np.moveaxis((points_in_rig - self.rig_from_plane[:3, 3]) @ self.rig_from_plane[:3, :2], -1, 0)
+        xx, yy, xy = self.curvature_per_m / 1e3
+        return np.asarray((xx * x**2 + yy * y**2) / 2.0 + xy * x * y)
 
     def cut(self, normalized: FloatArray) -> FloatArray:
         """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""
@@ -201,13 +211,9 @@ class Mirror(Value):
         Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows (for a mirror that
         faces along the rig's x: along the rig's z), z out of the reflecting side.
         """
-        x_axis = np.array([1.0, 0.0, 0.0])
-        x_axis = x_axis - (x_axis @ self.normal_in_rig) * self.normal_in_rig
-        if np.linalg.norm(x_axis) < 1e-6:
-            x_axis = np.cross([0.0, 1.0, 0.0], self.normal_in_rig)
-        x_axis /= np.linalg.norm(x_axis)
         matrix = np.eye(4)
-        matrix[:3, 0], matrix[:3, 1] = x_axis, np.cross(self.normal_in_rig, x_axis)
+        for column, axis in enumerate(plane_axes(self.normal_in_rig[:, None])):
+            matrix[:3, column] = axis[:, 0]
         matrix[:3, 2], matrix[:3, 3] = self.normal_in_rig, self.outline_in_rig_mm.mean(axis=0)
         return matrix
 
@@ -220,11 +226,17 @@ class Mirror(Value):
     def moved(self, rotation: FloatArray, translation_mm: FloatArray) -> Self:
         """The mirror as a rigid body: turned by a 3x3 rotation about its outline mean, then shifted by (3,) in rig."""
         centre = self.outline_in_rig_mm.mean(axis=0)
+        normal = rotation @ self.normal_in_rig
+        # The frame's x axis stays along the rig's, so the mirror turns within its frame.
+        turned = (rotation @ self.rig_from_plane[:3, :2]).T @ np.column_stack(plane_axes(normal[:, None]))
+        xx, yy, xy = self.curvature_per_m
+        bend = turned.T @ np.array([[xx, xy], [xy, yy]]) @ turned
         return type(self).from_plane(
             centre + translation_mm,
-            rotation @ self.normal_in_rig,
+            normal,
             outline_in_rig_mm=(self.outline_in_rig_mm - centre) @ rotation.T + centre + translation_mm,
             surface=self.surface,
             thickness_mm=self.thickness_mm,
             refractive_index=self.refractive_index,
+            curvature_per_m=[bend[0, 0], bend[1, 1], bend[0, 1]],
         )

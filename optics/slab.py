@@ -12,14 +12,17 @@ from optics.values import FloatArray
 NEWTON_STEPS = 50
 
 
-def inner_tangent(tangent: FloatArray, refractive_index: float) -> FloatArray:
+def inner_tangent(tangent: FloatArray, refractive_index: FloatArray | float) -> FloatArray:
     """Tangent inside the slab of rays (...) that meet it with `tangent` outside."""
     squared = np.square(tangent)
-    return tangent / np.sqrt(refractive_index**2 * (1.0 + squared) - squared)
+    return np.asarray(tangent / np.sqrt(refractive_index**2 * (1.0 + squared) - squared))
 
 
 def outer_tangent(
-    across_mm: FloatArray | float, air_mm: FloatArray | float, glass_mm: float, refractive_index: float
+    across_mm: FloatArray | float,
+    air_mm: FloatArray | float,
+    glass_mm: FloatArray | float,
+    refractive_index: FloatArray | float,
 ) -> FloatArray:
     """Tangents outside of rays (...) that go `across_mm` while they pass `air_mm` > 0 and then `glass_mm` of a slab.
 

@@ -1,7 +1,7 @@
 """Reprojection residuals of corners seen directly or by way of one mirror, and their exact derivatives.
 
 A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k) + t_f in rig in frame f. Seen
-directly it projects from X; by way of the mirror with virtual centre c from X' = X - 2 (X.c / |c|^2 - 1/2) c.
+directly it projects from X; by way of a mirror from its image (`optics.image`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.observations import DIRECT, IntArray, Observations
 from optics.camera import INTRINSIC_NAMES, Camera
-from optics.mirror import Mirror, reflect
+from optics.image import Derivatives, Surfaces, images
+from optics.mirror import Mirror
 from optics.values import FloatArray
 
 N_INTRINSICS = 9
@@ -148,22 +149,78 @@ def points_at_camera(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the base camera sees each observed corner.
 
-    Returns the corner turned into rig axes about the board's origin (n, 3), the corner in rig (n, 3), and the same
-    reflected by the mirror of its view (n, 3); all mm.
+    Returns the corner turned into rig axes about the board's origin (n, 3), the corner in rig (n, 3), and its image by
+    way of the mirror of its view (n, 3), exact in direction; all mm.
     """
     poses = estimate.rig_from_board[observations.frame]
     turned = np.einsum("nij,nj->ni", poses[:, :3, :3], board.shaped(estimate.shape)[observations.corner])
     in_rig = turned + poses[:, :3, 3]
-    mirrored = observations.view != DIRECT
     seen = in_rig.copy()
-    seen[mirrored] = reflect(in_rig[mirrored], estimate.virtual_centres_in_rig_mm[observations.view[mirrored]])
+    mirrored = observations.view != DIRECT
+    surfaces = surfaces_of(estimate, observations.view[mirrored])
+    seen[mirrored] = images(in_rig[mirrored].T, surfaces).image.T
     return turned, in_rig, seen
 
 
+def surfaces_of(estimate: Estimate, view: IntArray) -> Surfaces:
+    """The mirrors of views (n,)."""
+    return Surfaces(
+        centre=estimate.virtual_centres_in_rig_mm.T[:, view],
+        middle=estimate.middles_in_rig_mm.T[:, view],
+        thickness=estimate.thickness_mm[view],
+        index=estimate.refractive_index[view],
+        curvature=estimate.curvature_per_m.T[:, view],
+    )
+
+
 def residuals(estimate: Estimate, observations: Observations, board: Board) -> FloatArray:
-    """Predicted minus seen pixels (n, 2); NaN where a corner is predicted behind the camera."""
+    """Predicted minus seen pixels (n, 2); NaN where a corner is predicted behind the camera or a mirror."""
     _, _, seen = points_at_camera(estimate, observations, board)
     return estimate.camera.project(seen) - observations.pixels
+
+
+@dataclass(frozen=True)
+class Linearized:
+    """Predicted pixels (2, n) and their derivatives, component first.
+
+    By the intrinsics (2, 9, n), the virtual centre (2, 3, n), thickness (2, n) and curvature (2, 3 or 0, n) of the
+    mirror, the corner in rig axes (2, 3, n), and the turn of the board about its origin (2, 3, n).
+    """
+
+    pixels: FloatArray
+    intrinsics: FloatArray
+    centre: FloatArray
+    thickness: FloatArray
+    curvature: FloatArray
+    corner: FloatArray
+    turn: FloatArray
+
+
+def linearized(
+    camera: Camera, turned: FloatArray, in_rig: FloatArray, surfaces: Surfaces | None, *, bent: bool
+) -> Linearized:
+    """Corners (3, n) seen by way of mirrors, or directly where there are none (None).
+
+    `turned` are the corners about their board's origin, in rig axes. `bent`: also by curvature.
+    """
+    found = None if surfaces is None else images(in_rig, surfaces, bent=bent)
+    pixels, by_seen, by_intrinsics = camera.project_with_jacobians((in_rig if found is None else found.image).T)
+    rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
+    change = Derivatives(rows, none, none, none) if found is None else found.pulled_back(rows)
+    x, y, z = change.point[:, 0], change.point[:, 1], change.point[:, 2]
+    # J (w x p) = w . (p x J)
+    turn = np.stack(
+        [turned[1] * z - turned[2] * y, turned[2] * x - turned[0] * z, turned[0] * y - turned[1] * x], axis=1
+    )
+    return Linearized(
+        pixels.T,
+        by_intrinsics.transpose(1, 2, 0),
+        change.centre,
+        change.thickness,
+        change.curvature,
+        change.point,
+        turn,
+    )
 
 
 def residuals_with_jacobians(
@@ -171,37 +228,29 @@ def residuals_with_jacobians(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals (n, 2), their derivatives by the globals (n, 2, g) and by the frame's own twist (n, 2, 6).
 
-    The globals are those of `global_names`.
+    The globals are those of `global_names`. All at once and mostly zeros: the solver sums the same blocks by groups.
     """
-    turned, in_rig, seen = points_at_camera(estimate, observations, board)
-    pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
-    end = N_INTRINSICS + 2 * estimate.virtual_centres_in_rig_mm.size + 1
-    by_global = np.zeros((len(observations), 2, end + estimate.shape.size))
-    by_global[:, :, :N_INTRINSICS] = by_intrinsics
-
-    by_point = by_seen.copy()
-    rows = np.flatnonzero(observations.view != DIRECT)
-    view = observations.view[rows]
-    c = estimate.virtual_centres_in_rig_mm[view]
-    x = in_rig[rows]
-    squared = np.sum(c * c, axis=1)
-    along = np.sum(x * c, axis=1) / squared
-    # J dX'/dX with dX'/dX = I - 2 c c^T / |c|^2, and J dX'/dc with
-    # dX'/dc = (1 - 2 x.c/|c|^2) I - (2/|c|^2) c x^T + (4 x.c/|c|^4) c c^T, without forming the 3x3 matrices.
-    j = by_seen[rows]
-    j_c = np.einsum("nij,nj->ni", j, c) / squared[:, None]
-    by_point[rows] = j - 2.0 * j_c[:, :, None] * c[:, None, :]
-    by_centre = (1.0 - 2.0 * along)[:, None, None] * j
-    by_centre -= 2.0 * j_c[:, :, None] * (x - 2.0 * along[:, None] * c)[:, None, :]
-    columns = N_INTRINSICS + 3 * view
-    for k in range(3):
-        by_global[rows, :, columns + k] = by_centre[:, :, k]
-
-    if estimate.shape.size:
-        by_corner = np.einsum("nij,njk->nik", by_point, estimate.rig_from_board[observations.frame, :3, :3])
-        by_global[:, :, end:] = np.einsum("nij,knj->nik", by_corner, board.modes[:, observations.corner])
-
+    turned, in_rig, _ = points_at_camera(estimate, observations, board)
+    mirrors = len(estimate.virtual_centres_in_rig_mm)
+    sheet = N_INTRINSICS + 6 * mirrors
+    r = np.empty((len(observations), 2))
+    by_global = np.zeros((len(observations), 2, sheet + 1 + estimate.shape.size))
     by_twist = np.empty((len(observations), 2, 6))
-    by_twist[:, :, 3:] = by_point
-    by_twist[:, :, :3] = np.cross(turned[:, None, :], by_point)  # J (w x p) = w . (p x J)
-    return pixels - observations.pixels, by_global, by_twist
+    for is_direct in (True, False):
+        rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
+        view = observations.view[rows]
+        surfaces = None if is_direct else surfaces_of(estimate, view)
+        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, surfaces, bent=True)
+        r[rows] = at.pixels.T - observations.pixels[rows]
+        by_global[rows, :, :N_INTRINSICS] = at.intrinsics.transpose(2, 0, 1)
+        by_twist[rows] = np.concatenate([at.turn, at.corner], axis=1).transpose(2, 0, 1)
+        by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[observations.frame[rows], :3, :3])
+        by_global[rows, :, sheet + 1 :] = np.einsum(
+            "nij,knj->nik", by_corner, board.modes[:, observations.corner[rows]]
+        )
+        if surfaces is not None:
+            for k in range(3):
+                by_global[rows, :, N_INTRINSICS + 3 * view + k] = at.centre[:, k].T
+                by_global[rows, :, N_INTRINSICS + 3 * (mirrors + view) + k] = at.curvature[:, k].T
+            by_global[rows, :, sheet] = np.where(surfaces.thickness > 0.0, at.thickness, 0.0).T
+    return r, by_global, by_twist

@@ -1,28 +1,31 @@
-"""Levenberg-Marquardt for cameras, mirrors and board poses, with the poses eliminated by the Schur complement."""
+"""Levenberg-Marquardt for cameras, mirrors and board poses: a robust start, a least-squares finish without outliers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from optics.calibration.observations import Observations
 from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import (
-    Estimate,
-    global_names,
-    residuals,
-    residuals_with_jacobians,
-)
+from optics.calibration.solver.normal import Grouped, Normal, normal_equations, residuals_of
+from optics.calibration.solver.residuals import Estimate, global_names, residuals
 from optics.values import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-
 HUBER_SCALE = 1.345
+SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
+MAX_ITERATIONS = 50
+ENOUGH = 1e-10
+"""Of the cost: a step that promises less is the last one. For 60,000 residuals that is a step of 0.002 sigma."""
+NOTHING_PX = 1e-10
+"""Rounding of a residual: a cost of this size is zero."""
+OPEN = 1e-12
+"""Part of its information that a direction must keep when all else is free; rounding leaves about 1e-15 of it."""
 
 
 class UndeterminedError(Exception):
@@ -51,142 +54,50 @@ class Solution:
         return np.sqrt(np.mean(self.residuals[self.inliers] ** 2, axis=0))
 
 
-@dataclass(frozen=True)
-class _Normal:
-    """Normal equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
-
-    u: FloatArray
-    v: FloatArray
-    w: FloatArray
-    gradient_global: FloatArray
-    gradient_poses: FloatArray
-
-    def step(self, damping: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The damped step of globals (g,) and poses (f, 6), and the reduced matrix (g, g)."""
-        u = self.u + damping * np.diag(np.diag(self.u))
-        v = self.v + damping * self.v * np.eye(6)
-        solved = np.linalg.solve(v, np.concatenate([self.w, self.gradient_poses[:, :, None]], axis=2))
-        reduced = u - np.einsum("fij,fik->jk", self.w, solved[:, :, :-1])
-        right = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
-        step_global = -cho_solve(cho_factor(reduced), right) if right.size else right
-        step_poses = -solved[:, :, -1] - solved[:, :, :-1] @ step_global
-        return step_global, step_poses, reduced
-
-
-def _normal_equations(
-    estimate: Estimate,
-    observations: Observations,
-    model: Model,
-    root_weights: FloatArray,
-) -> _Normal:
-    free = model.free(len(estimate.virtual_centres_in_rig_mm))
-    r, by_global, by_twist = residuals_with_jacobians(estimate, observations, model.board)
-    r = r * root_weights[:, None]
-    by_global = by_global[:, :, free] * root_weights[:, None, None]
-    by_twist = by_twist * root_weights[:, None, None]
-    frames = len(estimate.rig_from_board)
-    bounds = np.searchsorted(observations.frame, np.arange(frames + 1))
-    v = np.empty((frames, 6, 6))
-    w = np.empty((frames, 6, free.size))
-    gradient_poses = np.empty((frames, 6))
-    for frame in range(frames):
-        rows = slice(bounds[frame], bounds[frame + 1])
-        twist = by_twist[rows].reshape(-1, 6)
-        v[frame] = twist.T @ twist
-        w[frame] = twist.T @ by_global[rows].reshape(len(twist), free.size)
-        gradient_poses[frame] = twist.T @ r[rows].ravel()
-    flat = by_global.reshape(r.size, free.size)
-    return _Normal(flat.T @ flat, v, w, flat.T @ r.ravel(), gradient_poses)
-
-
-def minimise(
-    start: Estimate,
-    observations: Observations,
-    model: Model,
-    *,
-    root_weights: FloatArray | None = None,
-    max_iterations: int = 50,
-) -> tuple[Estimate, int]:
-    """Weighted least squares from `start` to where a step no longer lowers the cost by 1e-12 of it.
-
-    Raises UndeterminedError where the start makes no sense.
-    """
-    root = np.ones(len(observations)) if root_weights is None else root_weights
-    estimate, damping = start, 1e-6
-    cost = _cost(residuals(estimate, observations, model.board), root)
-    if not np.isfinite(cost):
-        raise UndeterminedError("the start predicts a corner behind the camera")
-    mirrors = len(start.virtual_centres_in_rig_mm)
-    free, size = model.free(mirrors), len(global_names(mirrors, start.shape.size))
-    for iteration in range(1, max_iterations + 1):
-        normal = _normal_equations(estimate, observations, model, root)
-        while True:
-            trial = _trial(estimate, normal, damping, free, size)
-            trial_cost = np.inf if trial is None else _cost(residuals(trial, observations, model.board), root)
-            if trial is not None and trial_cost <= cost:
-                break
-            damping = max(10.0 * damping, 1e-9)
-            if damping > 1e9:
-                return estimate, iteration
-        gain = cost - trial_cost
-        estimate, cost, damping = trial, trial_cost, max(damping / 10.0, 1e-15)
-        if gain <= 1e-12 * cost or cost == 0.0:
-            break
-    return estimate, iteration
-
-
-def _cost(r: FloatArray, root_weights: FloatArray) -> float:
-    total = float(np.sum((r * root_weights[:, None]) ** 2))
-    return total if np.isfinite(total) else np.inf
-
-
-def _trial(estimate: Estimate, normal: _Normal, damping: float, free: NDArray[np.int64], size: int) -> Estimate | None:
-    """The estimate after a damped step; None where the matrix is not definite or the step makes no camera."""
-    try:
-        step_free, step_poses, _ = normal.step(damping)
-    except np.linalg.LinAlgError:
-        return None
-    step = np.zeros(size)
-    step[free] = step_free
-    possible = np.isfinite(step).all() and (estimate.camera.intrinsics[:2] + step[:2] > 0).all()
-    return estimate.moved(step, step_poses) if possible else None
-
-
-def fit(
-    start: Estimate,
-    observations: Observations,
-    model: Model,
-) -> Solution:
+def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     """Robust start (Huber), plain least-squares finish without outliers, covariance.
 
     Outliers by the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma
     are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
     UndeterminedError where the corners leave a free parameter open.
     """
+    if model.sheet and not (start.thickness_mm > 0.0).any():
+        raise UndeterminedError("no mirror is second-surface, so nothing tells how thick sheets are")
     parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
+    unknowns = len(parameters) + 6 * len(start.rig_from_board)
     estimate, iterations = start_robustly(start, observations, model)
     r = residuals(estimate, observations, model.board)
     inliers = np.ones(len(observations), dtype=bool)
     sigma = _robust_sigma(r)
     while True:
-        dropped = _outliers(r, observations.view, inliers, sigma)
-        inliers &= ~dropped
-        estimate, steps = minimise(estimate, observations, model, root_weights=inliers.astype(np.float64))
+        inliers &= ~_outliers(r, observations.view, inliers, sigma)
+        kept = observations.where(inliers)
+        spare = 2 * len(kept) - unknowns
+        if spare <= 0:
+            raise UndeterminedError(f"{len(kept)} corners for {unknowns} unknowns, expected more")
+        estimate, steps = minimise(estimate, kept, model)
         iterations += steps
         r = residuals(estimate, observations, model.board)
-        unknowns = len(parameters) + 6 * len(estimate.rig_from_board)
-        spare = 2 * int(inliers.sum()) - unknowns
-        if spare <= 0:
-            raise UndeterminedError(f"{int(inliers.sum())} corners for {unknowns} unknowns, expected more")
         sigma = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
         if not _outliers(r, observations.view, inliers, sigma).any():
             break
-    try:
-        _, _, reduced = _normal_equations(estimate, observations, model, inliers.astype(np.float64)).step(0.0)
-        covariance = np.asarray(sigma**2 * np.linalg.inv(reduced), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        raise UndeterminedError(f"{int(inliers.sum())} corners leave a direction of the problem open") from None
+    covariance = sigma**2 * _inverse_information(estimate, kept, model)
     return Solution(estimate, r, inliers, iterations, sigma, parameters, covariance)
+
+
+def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
+    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError where a direction stays OPEN."""
+    normal = normal_equations(estimate, Grouped.of(observations), model)
+    try:
+        matrix, _ = normal.reduced(0.0)
+        scale = 1.0 / np.sqrt(np.diag(normal.u))
+        values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    except np.linalg.LinAlgError:
+        values, vectors = np.zeros(1), np.zeros((1, 1))
+    if values.size and not values[0] > OPEN:
+        raise UndeterminedError(f"{len(observations)} corners leave a direction of the problem open")
+    vectors = vectors * scale[:, None]
+    return np.asarray((vectors / values) @ vectors.T)
 
 
 def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, sigma: float) -> BoolArray:
@@ -199,21 +110,137 @@ def _robust_sigma(r: FloatArray) -> float:
     return max(1.4826 * float(np.median(np.abs(r))), 1e-9)
 
 
+def minimise(
+    start: Estimate, observations: Observations, model: Model, *, max_iterations: int = MAX_ITERATIONS
+) -> tuple[Estimate, int]:
+    """Least squares from `start` until a step promises to lower the cost by no more than ENOUGH of it.
+
+    Raises UndeterminedError where the start makes no sense.
+    """
+    grouped = Grouped.of(observations)
+    estimate, damping = start, _Damping()
+    r = _residuals_at_start(estimate, grouped, model)
+    iterations = 0
+    while iterations < max_iterations:
+        iterations += 1
+        cost = _squares(r)
+        normal = normal_equations(estimate, grouped, model)
+        found = _descend(estimate, grouped, model, normal, damping, _squares, cost)
+        if found is None:
+            break
+        estimate, r, promised = found
+        if promised <= ENOUGH * cost:
+            break
+    return estimate, iterations
+
+
 def start_robustly(start: Estimate, observations: Observations, model: Model) -> tuple[Estimate, int]:
     """An estimate near the minimum of Huber's loss, whatever a few wild corners say, and the iterations it took.
 
-    The weights are renewed after every few steps, until the median residual no longer shrinks by a hundredth.
+    Scale and weights are renewed after every step, until the median residual no longer shrinks by a hundredth. Raises
+    UndeterminedError where the start makes no sense.
     """
-    estimate, iterations = start, 0
-    previous = np.inf
-    for _ in range(20):
-        r = residuals(estimate, observations, model.board)
+    grouped = Grouped.of(observations)
+    estimate, damping = start, _Damping()
+    r = _residuals_at_start(estimate, grouped, model)
+    previous, iterations = np.inf, 0
+    while iterations < MAX_ITERATIONS:
         sigma = _robust_sigma(r)
-        if sigma > 0.99 * previous:
+        if sigma > SETTLED * previous:
             break
         previous = sigma
-        norm = np.linalg.norm(r, axis=1) / (HUBER_SCALE * sigma)
-        root = np.sqrt(1.0 / np.maximum(norm, 1.0))
-        estimate, steps = minimise(estimate, observations, model, root_weights=root, max_iterations=3)
-        iterations += steps
+        iterations += 1
+        loss = _Huber(HUBER_SCALE * sigma)
+        normal = normal_equations(estimate, grouped, model, loss.root_weights(r))
+        found = _descend(estimate, grouped, model, normal, damping, loss, loss(r))
+        if found is None:
+            break
+        estimate, r, _ = found
     return estimate, iterations
+
+
+def _residuals_at_start(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
+    r = residuals_of(estimate, grouped, model)
+    if not np.isfinite(r).all():
+        raise UndeterminedError("the start predicts a corner behind the camera or behind a mirror")
+    return r
+
+
+def _squares(r: FloatArray) -> float:
+    return float(np.vdot(r, r))
+
+
+@dataclass(frozen=True)
+class _Huber:
+    """Huber's loss of corners whose residual is longer than `reach_px`, which is the square below that."""
+
+    reach_px: float
+
+    def __call__(self, r: FloatArray) -> float:
+        norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
+        return float(np.sum(np.where(norm <= self.reach_px, norm**2, self.reach_px * (2.0 * norm - self.reach_px))))
+
+    def root_weights(self, r: FloatArray) -> FloatArray:
+        """Roots (n,) of the weights with which the squares of r (2, n) have the gradient of the loss."""
+        norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
+        return np.sqrt(self.reach_px / np.maximum(norm, self.reach_px))
+
+
+@dataclass
+class _Damping:
+    """Marquardt's damping by Nielsen's rule, which follows the ratio of the gain to what the step promised.
+
+    H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05 (1999).
+    """
+
+    value: float = 1e-6
+    growth: float = 2.0
+
+    def accepted(self, ratio: float) -> None:
+        self.value = max(self.value * max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-15)
+        self.growth = 2.0
+
+    def rejected(self) -> None:
+        self.value *= self.growth
+        self.growth *= 2.0
+
+
+def _descend(
+    estimate: Estimate,
+    grouped: Grouped,
+    model: Model,
+    normal: Normal,
+    damping: _Damping,
+    loss: Callable[[FloatArray], float],
+    cost: float,
+) -> tuple[Estimate, FloatArray, float] | None:
+    """The first step that lowers the loss: estimate, residuals, and the gain it promised; None where none does."""
+    while damping.value < 1e9:
+        try:
+            step_global, step_poses, promised = normal.step(damping.value)
+        except np.linalg.LinAlgError:
+            damping.rejected()
+            continue
+        if promised <= grouped.pixels.size * NOTHING_PX**2:
+            return None
+        trial = _trial(estimate, model, step_global, step_poses)
+        if trial is not None:
+            r = residuals_of(trial, grouped, model)
+            gain = cost - loss(r)
+            if gain >= 0.0:
+                damping.accepted(gain / promised)
+                return trial, r, promised
+        damping.rejected()
+    return None
+
+
+def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_poses: FloatArray) -> Estimate | None:
+    """The estimate after a step; None where that makes no camera or no sheet."""
+    mirrors = len(estimate.virtual_centres_in_rig_mm)
+    step = np.zeros(len(global_names(mirrors, estimate.shape.size)))
+    step[model.free(mirrors)] = step_free
+    focal = estimate.camera.intrinsics[:2] + step[:2]
+    if not np.isfinite(step).all() or not np.isfinite(step_poses).all() or (focal <= 0.0).any():
+        return None
+    moved = estimate.moved(step, step_poses)
+    return moved if np.array_equal(moved.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None

@@ -87,28 +87,46 @@ def _disturbed(truth: Estimate, seed: int, *, tilt_deg: float, offset_mm: float,
     return replace(moved, virtual_centres_in_rig_mm=np.array(centres))
 
 
+MIRROR_KINDS = {
+    "plain": ((0.0, 0.0, 0.0, 0.0), 0.0),
+    "sheets": ((2.0, 3.0, 0.0, 2.0), 0.0),
+    "bent": ((0.0, 0.0, 0.0, 0.0), 0.4),
+    "bent sheets": ((2.0, 3.0, 0.0, 2.0), 0.4),
+}
+
+
+@pytest.mark.parametrize("kind", MIRROR_KINDS)
 @pytest.mark.parametrize("modes", [0, 3])
-def test_derivatives_agree_with_finite_differences(modes: int) -> None:
+def test_derivatives_agree_with_finite_differences(modes: int, kind: str) -> None:
     scene = _make_scene(modes)
     seen = scene.clean
-    r, by_global, by_twist = residuals_with_jacobians(scene.truth, seen, scene.board)
-    np.testing.assert_allclose(r, residuals(scene.truth, seen, scene.board), atol=1e-9)
-    frames = len(scene.truth.rig_from_board)
-    size = by_global.shape[2]
-    assert size == len(global_names(MIRRORS, modes))
+    thickness, bend = MIRROR_KINDS[kind]
+    at = replace(
+        scene.truth,
+        thickness_mm=np.array(thickness),
+        refractive_index=np.array([1.49, 1.52, 1.6, 1.49]),
+        curvature_per_m=bend * np.random.default_rng(1).normal(size=(MIRRORS, 3)),
+        middles_in_rig_mm=scene.truth.virtual_centres_in_rig_mm / 2.0 + [3.0, -4.0, 5.0],
+    )
+    r, by_global, by_twist = residuals_with_jacobians(at, seen, scene.board)
+    np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
+    frames = len(at.rig_from_board)
+    names = global_names(MIRRORS, modes)
+    assert by_global.shape[2] == len(names)
 
     def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
-        ahead = residuals(scene.truth.moved(h * step, h * twists), seen, scene.board)
-        back = residuals(scene.truth.moved(-h * step, -h * twists), seen, scene.board)
+        ahead = residuals(at.moved(h * step, h * twists), seen, scene.board)
+        back = residuals(at.moved(-h * step, -h * twists), seen, scene.board)
         return (ahead - back) / (2 * h)
 
-    for k in range(size):
+    for k, name in enumerate(names):
         h = 1e-6 if 4 <= k < 9 else 1e-4
-        found = difference(np.eye(size)[k], np.zeros((frames, 6)), h)
+        found = difference(np.eye(len(names))[k], np.zeros((frames, 6)), h)
+        assert (np.abs(found).max() > 1e-3) == (name != "sheet_mm" or "sheets" in kind), name
         scale = max(1.0, float(np.abs(found).max()))
-        np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7)
+        np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
     for k in range(6):
-        found = difference(np.zeros(size), np.tile(np.eye(6)[k], (frames, 1)), 1e-5)
+        found = difference(np.zeros(len(names)), np.tile(np.eye(6)[k], (frames, 1)), 1e-5)
         np.testing.assert_allclose(by_twist[:, :, k], found, atol=1e-6 * np.abs(found).max())
 
 
