@@ -74,7 +74,9 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
     rows = ""
     for view in views:
         cut = view.sub_image
-        errors = f"{view.pinhole_error_px:.2g} | {radtan(view)[1]:.2g}"
+        errors = " | ".join(
+            f"{error:.2g}" if error > 1e-6 else "0" for error in (view.pinhole_error_px, radtan(view)[1])
+        )
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
     return f"""# A mirror camera for other tools
 
