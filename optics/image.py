@@ -8,10 +8,10 @@ l across: A tan + 2 t tan' = l, tan' = g tan. With s = tan / l this is s (A + 2 
 
 **Bend.** The surface is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame, whose
 origin is the foot of the outline's middle on the plane. Light is reflected as by the tangent plane where it meets the
-coating, (u, v) = E(u, v): solved by Newton's method, differentiated implicitly, (I - E') d(u, v) = dE. Both faces of a
-sheet are bent alike, and its front counts as parallel to the coating where the light meets that: the entering and the
-leaving ray meet the front at normals that lean as far towards as away, so that this costs no direction, and less than
-0.1 t^2 k of position.
+coating, (u, v) = E(u, v): solved by Newton's method, differentiated implicitly, (I - E') d(u, v) = dE. The front of a
+bent sheet is everywhere as far from its coating; where light enters and leaves it counts as parallel to the coating
+where light meets that. It leans there by as much one way as the other, which costs no direction, only a shift: 0.004 px
+of a C920 at most for 2 mm of acrylic with 0.3 / m (0.1 mm over a mirror of 50 mm), growing with t^2 k.
 """
 
 from __future__ import annotations
