@@ -57,34 +57,36 @@ class Split:
         )
 
     @property
-    def alarms(self) -> tuple[str, ...]:
-        """What is more than twice what was predicted, and hardly by chance, in words."""
-        found = []
+    def alarm(self) -> str | None:
+        """The most that is over twice what was predicted, and hardly by chance, in words; None where nothing is."""
         enough = ALARM_CHANCE / len(self.chance)
-        for what, ratios, chances, differences in (
+        beyond = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
+        for where, ratios, chances, differences in (
             ("", self.ratio, self.chance, self.difference_px),
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
-            beyond = np.flatnonzero((np.nan_to_num(ratios) > ALARM_RATIO) & (chances < enough))
-            if len(beyond):
-                worst = int(beyond[np.argmax(ratios[beyond])])
-                found.append(
-                    f"split {self.how}: mirror {worst} differs by {differences[worst]:.3g} px{what}, "
-                    f"{ratios[worst]:.1f} times what was predicted"
-                )
-        if self.overall_ratio > ALARM_RATIO and self.overall_chance < ALARM_CHANCE:
-            found.append(f"split {self.how}: the halves differ by {self.overall_ratio:.1f} times their sigmas overall")
-        return tuple(found)
+            worst = int(np.argmax(np.nan_to_num(ratios)))
+            said = f"mirror {worst} differs by {differences[worst]:.2g} px{where}"
+            beyond.append((float(np.nan_to_num(ratios[worst])), bool(chances[worst] < enough), said))
+        alarming = [(ratio, said) for ratio, is_unlikely, said in beyond if ratio > ALARM_RATIO and is_unlikely]
+        if not alarming:
+            return None
+        ratio, said = max(alarming)
+        return f"split {self.how}, {said}: {ratio:.1f} times what the halves' uncertainties predict"
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What a fit without some frames says of them, their board poses aside: estimate and residuals (n, 2) px."""
+    """What a fit without some frames says of them, their board poses aside: estimate and residuals (n, 2) px.
+
+    `board` is the shape of the board, held at what the fit without them found.
+    """
 
     estimate: Estimate
     observations: Observations
     residuals: FloatArray
     inliers: BoolArray
+    board: Board
 
     @property
     def rms_px(self) -> FloatArray:
@@ -113,7 +115,7 @@ def held_out(start: Estimate, observations: Observations, model: Model, out: Boo
     rest, rest_start = frames_of(observations, start, out)
     alone, poses = _poses_alone(replace(fitted, rig_from_board=rest_start.rig_from_board), model.board)
     solution = fit(alone, rest, poses)
-    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers)
+    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers, poses.board)
 
 
 def held_out_residuals(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:

@@ -95,6 +95,6 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
         depth=depth_uncertainty(layout, RANGES_MM, reference=reference, matching_px=MATCHING_PX),
         reference=reference,
         range_mm=range_mm,
-        alarms=(*climb.alarms, *(alarm for split in halves for alarm in split.alarms)),
+        alarms=(*climb.alarms, *(split.alarm for split in halves if split.alarm is not None)),
         notes=(*climb.notes, *notes),
     )
