@@ -1,8 +1,9 @@
 """Calibration of a mirror camera: frames through the mirrors, frames of the bare camera, and the nominal layout.
 
-1. The base camera from the frames without mirrors.
-2. The mirrors, 3 numbers each, from the nominal layout, with the camera held.
-3. Everything jointly, frames with and without mirrors: what the paper left as future work.
+1. Corners, views and frames that contradict the others are taken out (`screening`).
+2. The base camera from the frames without mirrors, and the boards by the nominal layout (`bootstrap`).
+3. The mirrors, 3 numbers each, then everything jointly, then whatever more the data support (`evidence.ladder`).
+4. How sure that is, and whether it can be right (`evidence`).
 """
 
 from __future__ import annotations
@@ -13,22 +14,23 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
-from optics.calibration import bootstrap
-from optics.calibration.detection.corners import MIN_CORNERS, Corners, Grey
+from optics.calibration import bootstrap, checks
+from optics.calibration.detection.corners import Grey
 from optics.calibration.detection.detect import direct_view, sub_images
-from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.evidence.cross_validation import held_out
+from optics.calibration.evidence.gather import gather
+from optics.calibration.evidence.ladder import Climb, climb
+from optics.calibration.observations import Observations
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
-from optics.calibration.solver.model import Model
+from optics.calibration.screening import screen
 from optics.calibration.solver.residuals import Board, Estimate, points_at_camera
-from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit, start_robustly
-from optics.camera import INTRINSIC_NAMES, Camera
+from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError
 from optics.files import one_line
 from optics.layout import Layout
 from optics.mirror import Mirror
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray, InputError, Metric
 
-MIN_CORNERS_PER_MIRROR = 20
 HOLD_OUT_EVERY = 5
 
 
@@ -38,57 +40,71 @@ def calibrate(
     layout: Layout,
     target: Checkerboard | Charuco,
     *,
+    level: str | None = None,
     on_frame: Callable[[int], None] | None = None,
 ) -> Calibration:
     """The calibrated layout from grey frames (h, w) with and without mirrors, taken one at a time.
 
     `layout` is the nominal one: it says where to look and where to start. Without base frames the camera starts from
-    the nominal one too. Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done.
+    the nominal one too. `level` is one of the ladder's (`evidence.ladder`), else what the evidence supports is taken.
+    Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done.
     """
-    if any(mirror.surface == "second" for mirror in layout.mirrors):
-        raise InputError(
-            "the layout has second-surface mirrors, expected first-surface ones: their slab is not modelled"
-        )
     seen = _look(frames, lambda frame: sub_images(frame, layout, target), layout, on_frame, 0)
     base = _look(base_frames, lambda frame: direct_view(frame, target), layout, on_frame, len(seen))
-    return calibrate_corners(seen, base, layout, target.corners_in_board_mm)
+    return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level)
 
 
 def calibrate_corners(
-    seen: list[Observations], base: list[Observations], layout: Layout, corners_in_board_mm: FloatArray
+    seen: list[Observations],
+    base: list[Observations],
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    *,
+    level: str | None = None,
 ) -> Calibration:
     """The same from corners that were found already, a list entry per frame with and per frame without mirrors."""
     notes = _notes(seen, base, layout)
+    try:
+        screened = screen(seen, base, layout, corners_in_board_mm)
+    except UndeterminedError as error:
+        raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
+    seen, base, notes = screened.seen, screened.base, notes + screened.notes
     used = [frame for frame, o in enumerate(seen) if len(o)]
     used_base = [frame for frame, o in enumerate(base) if len(o)]
     mirrored = Observations.join([seen[frame].shifted(place) for place, frame in enumerate(used)])
     direct = Observations.join([base[frame].shifted(len(used) + place) for place, frame in enumerate(used_base)])
     observations = Observations.join([mirrored, direct])
-    _check(mirrored, len(seen), layout)
 
     try:
-        camera = _base_camera(direct, layout, corners_in_board_mm)
-        start = _start(observations, camera, layout, corners_in_board_mm)
-        solution = _two_stages(start, observations, len(used), corners_in_board_mm)
+        camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
+        start = bootstrap.first_estimate(observations, camera, layout, corners_in_board_mm)
+        reached = climb(start, observations, corners_in_board_mm, level=level)
+        covariance = screened.widened**2 * reached.solution.covariance
+        reached = replace(reached, solution=replace(reached.solution, covariance=covariance))
+        solution, board = reached.solution, reached.model.board
+        notes += checks.judge(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
         metrics["spatial_rms_mm"] = Metric(
-            value=spatial_rms_mm(solution.estimate, observations, solution.inliers, corners_in_board_mm), unit="mm"
+            value=spatial_rms_mm(solution.estimate, observations, solution.inliers, board), unit="mm"
         )
         if len(used) > HOLD_OUT_EVERY:
-            metrics |= _held_out(solution.estimate, observations, len(used), corners_in_board_mm)
+            metrics |= _held_out(reached, observations, len(used))
         calibrated = _calibrated(solution, layout, metrics)
+        evidence = gather(reached, observations, calibrated)
     except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
         raise InputError(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
+    metrics |= evidence.metrics
     return Calibration(
-        layout=calibrated,
+        layout=calibrated.replaced(metrics=metrics, provenance={**calibrated.provenance, "level": reached.level}),
         rig_from_board=solution.estimate.rig_from_board,
         observations=observations,
         residuals_px=solution.residuals,
         inliers=solution.inliers,
         metrics=metrics,
         notes=notes,
+        evidence=evidence,
     )
 
 
@@ -123,118 +139,49 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
     return tuple(notes)
 
 
-def _check(mirrored: Observations, frames: int, layout: Layout) -> None:
-    if not len(mirrored):
-        raise InputError(f"no corner of the board found in any of {frames} frames")
-    counts = np.bincount(mirrored.view, minlength=len(layout.mirrors))
-    worst = int(counts.argmin())
-    if counts[worst] < MIN_CORNERS_PER_MIRROR:
-        raise InputError(
-            f"mirror {worst} shows {counts[worst]} corners in {frames} frames, expected {MIN_CORNERS_PER_MIRROR}"
-        )
-
-
-def _base_camera(direct: Observations, layout: Layout, corners_in_board_mm: FloatArray) -> Camera:
-    """The camera from frames without mirrors, or the nominal one where there are none."""
-    if not len(direct):
-        return layout.camera
-    views = [
-        Corners(direct.corner[rows], direct.pixels[rows])
-        for frame in np.unique(direct.frame)
-        if (rows := direct.frame == frame).sum() >= MIN_CORNERS
-    ]
-    camera = bootstrap.intrinsics(
-        views,
-        corners_in_board_mm,
-        width_px=layout.camera.width_px,
-        height_px=layout.camera.height_px,
-        full_distortion=True,
-    )
-    return camera.replaced(name=layout.camera.name)
-
-
-def _start(observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray) -> Estimate:
-    """Nominal mirrors, and every board where the view that explains its frame best puts it."""
-    poses = []
-    for frame in range(int(observations.frame[-1]) + 1):
-        rows = observations.where(observations.frame == frame)
-        views = []
-        for view in np.unique(rows.view):
-            shown = rows.view == view
-            mirror = None if view == DIRECT else layout.mirrors[view]
-            views.append((mirror, Corners(rows.corner[shown], rows.pixels[shown])))
-        poses.append(bootstrap.best_pose(camera, views, corners_in_board_mm))
-    return Estimate.of(camera, layout.mirrors, np.array(poses))
-
-
-def _two_stages(
-    start: Estimate, observations: Observations, mirrored_frames: int, corners_in_board_mm: FloatArray
-) -> Solution:
-    """Mirrors and poses with the camera held, as in the paper, as the start of everything jointly."""
-    board = Board.rigid(corners_in_board_mm)
-    rows = observations.frame < mirrored_frames
-    held = replace(start, rig_from_board=start.rig_from_board[:mirrored_frames])
-    paper, _ = start_robustly(held, observations.where(rows), Model((), sheet=False, bend=False, board=board))
-    poses = np.concatenate([paper.rig_from_board, start.rig_from_board[mirrored_frames:]])
-    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=board)
-    return fit(replace(paper, rig_from_board=poses), observations, model)
-
-
-def _held_out(
-    estimate: Estimate, observations: Observations, mirrored_frames: int, corners_in_board_mm: FloatArray
-) -> dict[str, Metric]:
+def _held_out(reached: Climb, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
     """How well a calibration without every fifth mirrored frame predicts those frames, their board poses aside."""
-    board = Board.rigid(corners_in_board_mm)
-    frames = len(estimate.rig_from_board)
-    out = np.zeros(frames, dtype=bool)
+    out = np.zeros(len(reached.solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    kept, kept_poses = _frames(observations, estimate, ~out)
-    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=board)
-    fitted = fit(kept_poses, kept, model).estimate
-    rest, rest_poses = _frames(observations, estimate, out)
-    start = replace(fitted, rig_from_board=rest_poses.rig_from_board)
-    solution = fit(start, rest, Model((), sheet=False, bend=False, board=board, mirrors=False))
-    rms = solution.rms_px
+    left = held_out(reached.solution.estimate, observations, reached.model, out)
+    spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
     return {
-        "held_out_rms_x_px": Metric(value=rms[0], unit="px"),
-        "held_out_rms_y_px": Metric(value=rms[1], unit="px"),
-        "held_out_outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
-        "held_out_spatial_rms_mm": Metric(
-            value=spatial_rms_mm(solution.estimate, rest, solution.inliers, corners_in_board_mm), unit="mm"
-        ),
+        "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
+        "held_out_rms_y_px": Metric(value=left.rms_px[1], unit="px"),
+        "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
+        "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
     }
 
 
-def _frames(observations: Observations, estimate: Estimate, frames: BoolArray) -> tuple[Observations, Estimate]:
-    """The rows and poses of some frames (f,), renumbered from 0."""
-    number = np.cumsum(frames) - 1
-    rows = observations.where(frames[observations.frame])
-    renumbered = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
-    return renumbered, replace(estimate, rig_from_board=estimate.rig_from_board[frames])
-
-
-def spatial_rms_mm(
-    estimate: Estimate, observations: Observations, inliers: BoolArray, corners_in_board_mm: FloatArray
-) -> float:
+def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
     """The paper's spatial reprojection error: rms distance of each corner from the ray traced from its pixel.
 
     The mirrors keep distances, so it is taken where the base camera sees the corner, before reflection.
     """
     rows = observations.where(inliers)
-    _, _, seen = points_at_camera(estimate, rows, Board.rigid(corners_in_board_mm))
+    _, _, seen = points_at_camera(estimate, rows, board)
     rays = estimate.camera.unproject(rows.pixels)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
 
 
 def _calibrated(solution: Solution, layout: Layout, metrics: dict[str, Metric]) -> Layout:
+    estimate = solution.estimate
     mirrors = tuple(
-        moved_to(mirror, centre)
-        for mirror, centre in zip(layout.mirrors, solution.estimate.virtual_centres_in_rig_mm, strict=True)
+        moved_to(mirror, centre).replaced(
+            thickness_mm=thickness if mirror.surface == "second" else mirror.thickness_mm, curvature_per_m=curvature
+        )
+        for mirror, centre, thickness, curvature in zip(
+            layout.mirrors,
+            estimate.virtual_centres_in_rig_mm,
+            estimate.thickness_mm.tolist(),
+            estimate.curvature_per_m,
+            strict=True,
+        )
     )
     return layout.replaced(
         kind="calibrated",
-        camera=solution.estimate.camera,
+        camera=estimate.camera,
         mirrors=mirrors,
         metrics=metrics,
         verdict={},
