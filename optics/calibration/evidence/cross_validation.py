@@ -143,7 +143,8 @@ def is_mirrored(observations: Observations, frames: int) -> BoolArray:
 def dealt(estimate: Estimate, observations: Observations, board: Board, parts: int) -> IntArray:
     """Which of so many parts each frame (f,) goes to, so that all parts hold like boards.
 
-    Frames with and without mirrors are dealt out apart, each along a path from a board to the next most like it.
+    Frames with and without mirrors are dealt out apart, each along a path from a board to the next most like it, to and
+    fro, so that what changes along the path is even.
     """
     part = np.empty(len(estimate.rig_from_board), dtype=np.int64)
     mirrored = is_mirrored(observations, len(part))
@@ -153,11 +154,10 @@ def dealt(estimate: Estimate, observations: Observations, board: Board, parts: i
     middles = poses[:, :3, :3] @ corners.mean(axis=0) + poses[:, :3, 3]
     # A board turned by a radian is as unlike as one shifted by its own size.
     likeness = np.concatenate([middles, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
-    turn = 0
-    for kind in (mirrored, ~mirrored):
-        for frame in _path(likeness, np.flatnonzero(kind)):
-            part[frame] = turn % parts
-            turn += 1
+    to_and_fro = [*range(parts), *reversed(range(parts))]
+    walk = [frame for kind in (mirrored, ~mirrored) for frame in _path(likeness, np.flatnonzero(kind))]
+    for turn, frame in enumerate(walk):
+        part[frame] = to_and_fro[turn % len(to_and_fro)]
     return part
 
 

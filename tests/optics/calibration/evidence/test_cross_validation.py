@@ -42,7 +42,7 @@ def test_halves_differ_as_their_covariances_predict(scene: Scene) -> None:
         overall += [split.overall_ratio**2 for split in found]
         in_views += [np.mean(split.ratio**2) for split in found]
         against += [np.nanmean(split.relative_ratio**2) for split in found]
-    # 10 sets of 21 parameters, and two splits of each that are not independent: a standard error of sqrt(2 / 210) = 0.1.
+    # 10 sets of 21 parameters, two splits of each that are not independent: a standard error of sqrt(2 / 210) = 0.1.
     assert np.mean(overall) == pytest.approx(1.0, abs=0.25)
     # A view's difference is mostly two or three weak directions: sqrt(2 / 2 / 10) = 0.3.
     assert np.mean(in_views) == pytest.approx(1.0, abs=0.8)
