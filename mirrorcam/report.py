@@ -23,6 +23,7 @@ _WORDS = {
 }
 _LABELS = {
     "normal_error_max_deg": "Direction of the worst mirror, from the truth",
+    "normal_error_between_mirrors_max_deg": "Direction of the worst mirror, a turn of all mirrors together aside",
     "distance_error_max_mm": "Distance of the worst mirror, from the truth",
     "held_out_rms_x_px": "Corners in frames left out of the fit, RMS in x",
     "held_out_rms_y_px": "Corners in frames left out of the fit, RMS in y",

@@ -26,11 +26,12 @@ from optics.values import FloatArray, InputError, Matrix4, Metric, Value
 from render_scenes.dataset import Dataset
 
 LIMITS = {
-    "normal_error_max_deg": 0.02,
-    "distance_error_max_mm": 0.1,
-    "held_out_rms_x_px": 0.1,
-    "held_out_rms_y_px": 0.1,
-    "held_out_spatial_rms_mm": 0.1,
+    "normal_error_max_deg": 0.01,
+    "normal_error_between_mirrors_max_deg": 0.005,
+    "distance_error_max_mm": 0.05,
+    "held_out_rms_x_px": 0.06,
+    "held_out_rms_y_px": 0.06,
+    "held_out_spatial_rms_mm": 0.05,
     "decoded_corner_rms_px": 0.25,
 }
 """What a 1920 x 1080 set of 20 frames must reach; figures in pixels do not depend on the size of the sensor much."""
@@ -116,7 +117,7 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
     angles = np.degrees(np.arcsin(np.linalg.norm(tilts, axis=1)))
     relative = np.degrees(np.linalg.norm(tilts - tilts.mean(axis=0), axis=1))
     distances = np.array([m.distance_mm for m in layout.mirrors]) - np.array([m.distance_mm for m in truth.mirrors])
-    return {
+    figures = {
         "normal_error_max_deg": Metric(value=angles.max(), unit="deg"),
         "normal_error_rms_deg": Metric(value=np.sqrt(np.mean(angles**2)), unit="deg"),
         "normal_error_between_mirrors_max_deg": Metric(value=relative.max(), unit="deg"),
@@ -124,6 +125,11 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
         "distance_error_rms_mm": Metric(value=np.sqrt(np.mean(distances**2)), unit="mm"),
         "focal_error_px": Metric(value=abs(layout.camera.fx_px - truth.camera.fx_px), unit="px"),
     }
+    sheets = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.surface == "second"]
+    if sheets:
+        thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in sheets]
+        figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")
+    return figures
 
 
 def decoded_errors(
