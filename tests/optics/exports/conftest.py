@@ -44,7 +44,7 @@ def sideways_layout() -> Layout:
         fy_px=498.0,
         cx_px=322.2,
         cy_px=236.1,
-        distortion=[-0.05, 0.02, 0, 0, 0],
+        distortion=[-0.05, 0.02, 8e-4, -1.5e-3, 0.0],
     )
     corners = np.array([[0.3, -0.3], [0.55, -0.3], [0.55, 0.3], [0.3, 0.3]])
     mirrors = []
