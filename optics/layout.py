@@ -115,10 +115,13 @@ class Layout(Value):
         """
         return self.camera.project(self.mirrors[mirror_index].image_of(points_in_rig))
 
-    def outline_px(self, mirror_index: int, points_per_edge: int = 16) -> FloatArray:
-        """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them."""
+    def outline_px(self, mirror_index: int, points_per_edge: int = 16, *, usable: bool = False) -> FloatArray:
+        """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them.
+
+        `usable`: the part of it that shows the scene, see `Mirror.usable_normalized`.
+        """
         mirror = self.mirrors[mirror_index].apparent
-        corners = mirror.outline_normalized
+        corners = self.mirrors[mirror_index].usable_normalized if usable else mirror.outline_normalized
         along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
         edges = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
         if not mirror.curvature_per_m.any():

@@ -30,16 +30,18 @@ class Decoder:
     """Turns frames of one layout into light fields; the lookup table is built once, here.
 
     Args:
-        layout: nominal, as-built or calibrated; first-surface mirrors.
+        layout: nominal, as-built or calibrated.
         reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
             depths the layout was designed for, or 400 mm.
         field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
         margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
 
     Raises:
-        InputError: second-surface mirrors; views that share no field; a reference plane nearer than a mirror.
+        InputError: a mirror that shows nothing; views that share no field; a reference plane nearer than a mirror.
 
     Views keep their true positions: sub-images are turned, not shifted (as in the paper), so nothing depends on depth.
+    What mirrors behind sheets and bent ones show of the reference plane is exact; nearer and farther than that, each
+    view is that of the mirror's `apparent` plane through the middle of its outline.
     """
 
     def __init__(
@@ -50,9 +52,6 @@ class Decoder:
         field: Field = "common",
         margin_px: float = OUTLINE_MARGIN_PX,
     ) -> None:
-        for index, mirror in enumerate(layout.mirrors):
-            if mirror.surface != "first":
-                raise InputError(f"mirror {index} is second-surface, expected first-surface mirrors for decoding")
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
         self.views = choose_views(layout, depth, field)
@@ -95,14 +94,17 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
 
     The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
     """
-    mirror, camera = layout.mirrors[mirror_index], layout.camera
+    mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
+    shown = layout.mirrors[mirror_index].usable_normalized
+    if len(shown) < 3:
+        raise InputError(f"mirror {mirror_index} shows nothing: its sheet is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
     along = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
     border = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
     border = camera.normalized_from_pixels(border)
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
-    seen = shapely.get_coordinates(sensor.intersection(Polygon(mirror.outline_normalized)))[:-1]
+    seen = shapely.get_coordinates(sensor.intersection(Polygon(shown)))[:-1]
     if len(seen) < 3:
         raise InputError(f"mirror {mirror_index} lies outside the image, expected each mirror to be seen")
     window = mirror.cut(seen) @ layout.view_from_rig.T
@@ -166,7 +168,7 @@ def sources(layout: Layout, views: Views, margin_px: float) -> tuple[FloatArray,
     limits = np.array([layout.camera.width_px - 1.0, layout.camera.height_px - 1.0])
     for index in range(len(layout.mirrors)):
         pixels[index] = layout.project(plane, index)
-        outline = layout.outline_px(index, points_per_edge=64)
+        outline = layout.outline_px(index, points_per_edge=64, usable=True)
         inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
         if inside.is_empty:
             continue
