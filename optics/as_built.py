@@ -172,8 +172,11 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
     """A layout of kind "as-built", drawn around `layout`; drawn again (up to 20 times) when it could not exist.
 
     Its rig frame is that of the camera as it sits in the holder; its view axes stay those of the holder.
-    Raises InputError that names the tolerance when no draw can exist.
+    Raises InputError that names the tolerance when no draw can exist, and for mirrors that are bent.
     """
+    bent = [number for number, mirror in enumerate(layout.mirrors) if mirror.curvature_per_m.any()]
+    if bent:
+        raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected flat mirrors to draw a device around")
     for _ in range(DRAWS):
         strays = draw_strays(tolerances, len(layout.mirrors), 1, random)
         try:

@@ -76,6 +76,14 @@ def test_what_cannot_be_built_is_refused_in_one_line(
     assert "\n" not in str(error.value)
 
 
+def test_no_device_is_drawn_around_bent_mirrors(default_layout: Layout) -> None:
+    mirrors = list(default_layout.mirrors)
+    mirrors[3] = mirrors[3].replaced(curvature_per_m=[0.0, 0.1, 0.0])
+    bent = default_layout.replaced(mirrors=tuple(mirrors))
+    with pytest.raises(InputError, match=r"^mirror 3 has a curvature_per_m, expected flat mirrors"):
+        draw_as_built(bent, Tolerances.none(), np.random.default_rng(0))
+
+
 def test_numbers_are_drawn_in_the_order_of_the_sets_that_exist() -> None:
     """Camera (focal length, centre, lens), then tilts and shift mirror by mirror; the rest has a stream of its own."""
     tolerances = Tolerances(sheet_thickness_mm=0.1, camera_offset_mm=0.4, camera_turn_deg=0.6)
