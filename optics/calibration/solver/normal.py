@@ -7,7 +7,6 @@ themselves and added in their places. The poses are then eliminated by the Schur
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,47 +24,68 @@ ROWS_AT_ONCE = 4096
 
 
 @dataclass(frozen=True)
-class Grouped:
-    """Corners (n,) in groups (k,) of one frame and one view each, the direct ones first.
+class Chunk:
+    """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with the pixels (2, n) where they are.
 
-    `order` (n,) are their rows among the observations; group i is rows `bounds[i]` to `bounds[i + 1]`. Pixels (2, n).
+    `edges` (k + 1) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
     """
 
-    order: IntArray
+    rows: slice
     corner: IntArray
     view: IntArray
     pixels: FloatArray
-    bounds: IntArray
+    edges: list[int]
+    runs: list[tuple[int, int, int]]
     group_frame: IntArray
     group_view: IntArray
 
     @classmethod
-    def of(cls, observations: Observations) -> Grouped:
-        frame, view = observations.frame, observations.view
-        order = np.lexsort((view, frame, view != DIRECT))
-        frame, view = frame[order], view[order]
-        starts = np.flatnonzero((np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0))
+    def of(cls, observations: Observations, order: IntArray, bounds: IntArray) -> Chunk:
+        """The groups that start at `bounds` (k + 1,), the last of which is where they end, in an order of the rows."""
+        rows = slice(int(bounds[0]), int(bounds[-1]))
+        taken = order[rows]
+        frame, view = observations.frame[taken], observations.view[taken]
+        firsts = np.flatnonzero(np.diff(frame, prepend=-1))
+        lasts = np.append(firsts[1:], len(taken))
+        starts = bounds[:-1] - bounds[0]
         return cls(
-            order,
-            observations.corner[order],
+            rows,
+            observations.corner[taken],
             view,
-            np.ascontiguousarray(observations.pixels[order].T),
-            np.append(starts, len(order)),
+            np.ascontiguousarray(observations.pixels[taken].T),
+            [*starts.tolist(), len(taken)],
+            list(zip(frame[firsts].tolist(), firsts.tolist(), lasts.tolist(), strict=True)),
             frame[starts],
             view[starts],
         )
 
-    def chunks(self, rows: int) -> Iterator[slice]:
-        """Runs of whole groups, direct or mirrored, of about so many rows."""
-        first = 0
-        for group in range(1, len(self.group_view) + 1):
-            if (
-                group == len(self.group_view)
-                or self.bounds[group + 1] - self.bounds[first] > rows
-                or (self.group_view[group] == DIRECT) != (self.group_view[first] == DIRECT)
-            ):
-                yield slice(first, group)
+    @property
+    def direct(self) -> bool:
+        return bool(self.group_view[0] == DIRECT)
+
+
+@dataclass(frozen=True)
+class Grouped:
+    """Observations in groups of one frame and one view each, the direct ones first; `order` (n,) are their rows."""
+
+    order: IntArray
+    chunks: list[Chunk]
+
+    @classmethod
+    def of(cls, observations: Observations, model: Model) -> Grouped:
+        order = np.lexsort((observations.view, observations.frame, observations.view != DIRECT))
+        frame, view = observations.frame[order], observations.view[order]
+        new = (np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0)
+        bounds = np.append(np.flatnonzero(new), len(order))
+        direct = view[bounds[:-1]] == DIRECT
+        at_once = ROWS_AT_ONCE // (1 + len(model.board.modes) // 16)
+        chunks, first = [], 0
+        for group in range(1, len(bounds)):
+            end = group == len(direct) or direct[group] != direct[first]
+            if end or bounds[group + 1] - bounds[first] > at_once:
+                chunks.append(Chunk.of(observations, order, bounds[first : group + 1]))
                 first = group
+        return cls(order, chunks)
 
 
 @dataclass(frozen=True)
@@ -107,23 +127,21 @@ class Normal:
 def normal_equations(
     estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
 ) -> Normal:
-    """Normal equations at an estimate, rows (n,) of `grouped` weighted by the squares of `root_weights` (n,)."""
+    """Normal equations at an estimate, rows (n,) in `grouped.order` weighted by the squares of `root_weights` (n,)."""
     places = _Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
     u, v, w = np.zeros((size, size)), np.zeros((frames, 6, 6)), np.zeros((frames, 6, size))
     gradient_global, gradient_poses = np.zeros(size), np.zeros((frames, 6))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
-    for groups in grouped.chunks(ROWS_AT_ONCE // (1 + len(model.board.modes) // 16)):
-        columns = _columns(estimate, grouped, groups, model, corners)
+    for chunk in grouped.chunks:
+        columns = _columns(estimate, chunk, model, corners)
         if root_weights is not None:
-            columns *= root_weights[grouped.bounds[groups.start] : grouped.bounds[groups.stop]]
-        edges = (grouped.bounds[groups.start : groups.stop + 1] - grouped.bounds[groups.start]).tolist()
-        sums = np.empty((len(edges) - 1, len(columns), len(columns)))
-        for total, start, stop in zip(sums, edges[:-1], edges[1:], strict=True):
+            columns *= root_weights[chunk.rows]
+        sums = np.empty((len(chunk.group_view), len(columns), len(columns)))
+        for total, start, stop in zip(sums, chunk.edges[:-1], chunk.edges[1:], strict=True):
             x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
             np.add(x @ x.T, y @ y.T, out=total)
-        at = places.of_groups(grouped.group_view[groups])
-        frame = grouped.group_frame[groups]
+        at, frame = places.of_groups(chunk.group_view), chunk.group_frame
         np.add.at(v, frame, sums[:, :6, :6])
         np.add.at(gradient_poses, frame, sums[:, :6, 6])
         np.add.at(w, (frame[:, None, None], np.arange(6)[None, :, None], at[:, None, :]), sums[:, :6, 7:])
@@ -165,18 +183,15 @@ class _Places:
         return np.concatenate([first, own.reshape(len(view), -1), last], axis=1)
 
 
-def _columns(estimate: Estimate, grouped: Grouped, groups: slice, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of the groups' pixels: by the pose (6), the residual itself (1), by the free globals.
+def _columns(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
+    """Derivatives (c, 2, n) of a chunk's pixels: by the pose (6), the residual itself (1), by the free globals.
 
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the sheet, the modes.
     """
-    bounds = grouped.bounds
-    rows = slice(bounds[groups.start], bounds[groups.stop])
-    view, corner = grouped.view[rows], grouped.corner[rows]
-    turned, in_rig = in_rig_of(estimate, grouped, groups, corners)
-    surfaces = None if view[0] == DIRECT else surfaces_of(estimate, view)
+    turned, in_rig = _in_rig(estimate, chunk, corners)
+    surfaces = None if chunk.direct else surfaces_of(estimate, chunk.view)
     at = linearized(estimate.camera, turned, in_rig, surfaces, bent=model.bend)
-    parts = [at.turn, at.corner, (at.pixels - grouped.pixels[:, rows])[:, None]]
+    parts = [at.turn, at.corner, (at.pixels - chunk.pixels)[:, None]]
     parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
     if surfaces is not None:
         parts += [at.centre] * model.mirrors + [at.curvature] * model.bend
@@ -184,8 +199,8 @@ def _columns(estimate: Estimate, grouped: Grouped, groups: slice, model: Model, 
         sheet = np.zeros_like(at.pixels) if surfaces is None else np.where(surfaces.thickness > 0, at.thickness, 0.0)
         parts.append(sheet[:, None])
     if len(model.board.modes):
-        parts.append(_by_modes(at, estimate, grouped, groups, model.board.modes[:, corner]))
-    columns = np.empty((sum(part.shape[1] for part in parts), 2, len(view)))
+        parts.append(_by_modes(at, estimate, chunk, model.board.modes[:, chunk.corner]))
+    columns = np.empty((sum(part.shape[1] for part in parts), 2, len(chunk.view)))
     start = 0
     for part in parts:
         columns[start : start + part.shape[1]] = part.transpose(1, 0, 2)
@@ -193,38 +208,32 @@ def _columns(estimate: Estimate, grouped: Grouped, groups: slice, model: Model, 
     return columns
 
 
-def in_rig_of(
-    estimate: Estimate, grouped: Grouped, groups: slice, corners: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Corners (3, n) of groups, of a board's (3, c): in rig axes about the board's origin, and in rig."""
-    start = grouped.bounds[groups.start]
-    in_board = corners[:, grouped.corner[start : grouped.bounds[groups.stop]]]
+def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The chunk's corners (3, n) of a board's (3, c): in rig axes about the board's origin, and in rig."""
+    in_board = corners[:, chunk.corner]
     turned, in_rig = np.empty_like(in_board), np.empty_like(in_board)
-    edges = (grouped.bounds[groups.start : groups.stop + 1] - start).tolist()
-    poses = estimate.rig_from_board[grouped.group_frame[groups]]
-    for pose, first, last in zip(poses, edges[:-1], edges[1:], strict=True):
-        turned[:, first:last] = pose[:3, :3] @ in_board[:, first:last]
-        in_rig[:, first:last] = turned[:, first:last] + pose[:3, 3:]
+    for frame, first, last in chunk.runs:
+        pose = estimate.rig_from_board[frame]
+        np.matmul(pose[:3, :3], in_board[:, first:last], out=turned[:, first:last])
+        np.add(turned[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
     return turned, in_rig
 
 
-def _by_modes(at: Linearized, estimate: Estimate, grouped: Grouped, groups: slice, modes: FloatArray) -> FloatArray:
+def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
     """Derivatives (2, k, n) by the modes (k, n, 3) of the corners."""
     by_board = np.empty_like(at.corner)
-    edges = (grouped.bounds[groups.start : groups.stop + 1] - grouped.bounds[groups.start]).tolist()
-    for frame, first, last in zip(grouped.group_frame[groups], edges[:-1], edges[1:], strict=True):
+    for frame, first, last in chunk.runs:
         by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ at.corner[:, :, first:last]
     return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
-    """Predicted minus seen pixels (2, n) of the rows of `grouped`; NaN where a corner cannot be seen."""
-    found = np.empty_like(grouped.pixels)
+    """Predicted minus seen pixels (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen."""
+    found = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
-    for groups in grouped.chunks(ROWS_AT_ONCE):
-        rows = slice(grouped.bounds[groups.start], grouped.bounds[groups.stop])
-        _, seen = in_rig_of(estimate, grouped, groups, corners)
-        if grouped.view[rows][0] != DIRECT:
-            seen = images(seen, surfaces_of(estimate, grouped.view[rows])).image
-        found[:, rows] = estimate.camera.project(seen.T).T
-    return found - grouped.pixels
+    for chunk in grouped.chunks:
+        _, seen = _in_rig(estimate, chunk, corners)
+        if not chunk.direct:
+            seen = images(seen, surfaces_of(estimate, chunk.view)).image
+        found[:, chunk.rows] = estimate.camera.project(seen.T).T - chunk.pixels
+    return found
