@@ -143,7 +143,7 @@ def _limit_rows(metrics: Mapping[str, Metric]) -> str:
     return "\n".join(rows)
 
 
-def _limit_table(metrics: Mapping[str, Metric]) -> str:
+def limit_table(metrics: Mapping[str, Metric]) -> str:
     """Figures against their limits, worst first, and the figures that have none folded away below."""
     limited = {name: metric for name, metric in metrics.items() if metric.limit is not None}
     limited = dict(sorted(limited.items(), key=lambda item: (item[1].passed, -share_of_limit(item[1]))))
@@ -173,7 +173,7 @@ def _folded_checks(metrics: Mapping[str, Metric]) -> str:
     failed = sum(not metric.passed for metric in limited)
     checks = count_text(len(limited), "check")
     line = f"{failed} of {checks} failed" if failed else f"{checks} passed"
-    return f"<details{' open' if failed else ''}><summary>{line}</summary>{_limit_table(metrics)}</details>"
+    return f"<details{' open' if failed else ''}><summary>{line}</summary>{limit_table(metrics)}</details>"
 
 
 def _design_table(parabola: Layout, optimised: Layout) -> str:
@@ -243,7 +243,7 @@ def index_html(report: Report) -> str:
     mirrors = number_word(len(report.layout.mirrors))
     camera = report.layout.camera
     return Template(_PAGE).substitute(
-        css=_CSS,
+        css=CSS,
         mirrors=escape(mirrors),
         kind="A first look" if report.small else "The full run",
         command=escape(report.command),
@@ -261,7 +261,7 @@ def index_html(report: Report) -> str:
         camera=escape(f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px"),
         as_built=escape(report.as_built),
         views=_picture(report.views),
-        truth=_limit_table(report.truth),
+        truth=limit_table(report.truth),
         residuals=_picture(report.residuals, "What the calibrated model leaves unexplained over the sensor."),
         files=_files(report.files),
     )
@@ -330,7 +330,7 @@ $residuals
 </html>
 """
 
-_CSS = """
+CSS = """
 :root{color-scheme:light dark;--paper:#fbfaf8;--card:#fff;--ink:#1b1d22;--soft:#5d626d;--line:#e3e0da;
 --accent:#0a6a72;--good:#1d7a4a;--bad:#b3261e;--goodwash:#e3f2e9;--badwash:#fbe7e5}
 @media (prefers-color-scheme:dark){:root{--paper:#14161a;--card:#1c1f25;--ink:#eceae6;--soft:#a2a7b1;--line:#2f333b;

@@ -1,0 +1,223 @@
+"""Drawings of a calibration: residuals, coverage, the board's places, and how sure every view is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.stats import norm
+
+from mirrorcam.calibration_views import ViewFigures, board_turns_deg, cell_means
+from mirrorcam.figures.svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text
+from optics.calibration.evidence.depth import DepthUncertainty
+from optics.calibration.evidence.projection import ProjectionMap
+from optics.calibration.observations import DIRECT
+from optics.calibration.result import Calibration
+from optics.layout import Layout
+from optics.values import FloatArray
+
+WIDTH = 1030.0
+HALF = 505.0
+NEEDLE_CELLS = 0.9
+"""Length at which a needle's rms is drawn, in cells of the sensor."""
+
+
+def _sensor(layout: Layout, width: float) -> tuple[float, float]:
+    """Scale of the sensor to a width, and the height that follows."""
+    scale = width / layout.camera.width_px
+    return scale, layout.camera.height_px * scale
+
+
+def _outlines(views: Sequence[ViewFigures], scale: float, *, label: Callable[[ViewFigures], str]) -> str:
+    parts = []
+    for view in views:
+        outline = (view.outline_px + 0.5) * scale
+        parts.append(f'<polygon points="{points(outline)}" class="outline"/>')
+        if view.view != DIRECT:
+            x, y = outline.min(axis=0)
+            parts.append(text(x + 7, y + 16, label(view), anchor="start", style="tag"))
+    return "".join(parts)
+
+
+def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sigma_px: float) -> str:
+    """Mean residuals of places on the sensor as needles, red where noise does not explain them."""
+    direct = len(views) == 1 and views[0].view == DIRECT
+    width = HALF if direct else WIDTH
+    scale, height = _sensor(calibration.layout, width)
+    cell = width / 60.0
+    all_means = [cell_means(calibration, view.view, sigma_px) for view in views]
+    lengths = np.concatenate([means.mean_px for means in all_means])
+    rms = float(np.sqrt(np.mean(np.sum(lengths**2, axis=1)))) if len(lengths) else 1.0
+    gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
+    parts = [_outlines(views, scale, label=lambda view: view.name)]
+    for means in all_means:
+        for at, mean, systematic in zip(means.at_px, means.mean_px, means.systematic, strict=True):
+            start, along = (at + 0.5) * scale, mean * gain
+            length = float(np.linalg.norm(along))
+            across = np.array([-along[1], along[0]]) / max(length, 1e-9) * 1.3
+            needle = points([start - across, start + across, start + along])
+            parts.append(f'<polygon points="{needle}" class="{"needle bad" if systematic else "needle"}"/>')
+    step = float(f"{40.0 / gain:.0e}")
+    y = height + 22
+    parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
+    parts.append(
+        text(10 + step * gain, y, f"{step:g} px, {gain / scale:.0f} times enlarged", anchor="start", style="tick")
+    )
+    return drawing(width, height + 30, "".join(parts), "Mean residuals over the sensor")
+
+
+def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
+    """Residuals in standard deviations, x and y, against the normal distribution, in counts that grow by tens."""
+    used = calibration.residuals_px[calibration.inliers] / sigma_px
+    edges = np.linspace(-5.0, 5.0, 51)
+    counts = [np.histogram(values, edges)[0] for values in used.T]
+    expected = len(used) * 0.2 * norm.pdf(np.linspace(-5.0, 5.0, 201))
+    top = float(np.ceil(np.log10(max(int(np.max(counts)), 10)) * 2.0) / 2.0)
+    x, y = Scale(-5.0, 5.0, 60, HALF - 10), Scale(-0.3, top, 260, 14)
+    parts = []
+    for power in range(int(top) + 1):
+        parts.append(line(x.start, y(power), x.end, y(power), "grid"))
+        parts.append(text(x.start - 8, y(power) + 4, f"{10**power:,}", anchor="end", style="tick"))
+    shown = expected > 10.0**y.low
+    grid = np.linspace(-5.0, 5.0, 201)
+    for axis, values in zip("xy", counts, strict=True):
+        heights = np.log10(np.maximum(values, 10.0**y.low))
+        steps = [(x(edges[0]), y(y.low))]
+        for left, right, high in zip(edges[:-1], edges[1:], heights, strict=True):
+            steps += [(x(left), y(high)), (x(right), y(high))]
+        parts.append(f'<polyline points="{points([*steps, (x(edges[-1]), y(y.low))])}" class="steps {axis}"/>')
+    curve = [(x(at), y(np.log10(value))) for at, value in zip(grid[shown], expected[shown], strict=True)]
+    parts.append(f'<polyline points="{points(curve)}" class="normal"/>')
+    for value in x.ticks(10):
+        parts.append(line(x(value), y.start, x(value), y.start + 5, "axis"))
+        parts.append(text(x(value), y.start + 20, f"{value:g}".replace("-", "\N{MINUS SIGN}"), style="tick"))
+    parts.append(line(x.start, y.start, x.end, y.start, "axis"))
+    parts.append(text((x.start + x.end) / 2, y.start + 40, f"residual in {SIGMA} ({sigma_px:.3g} px)", style="name"))
+    keys = (("steps x", "x"), ("steps y", "y"), ("normal", "normal"))
+    for place, (style, name) in enumerate(keys):
+        parts.append(line(x.end - 92, 26 + 18 * place, x.end - 68, 26 + 18 * place, style))
+        parts.append(text(x.end - 62, 30 + 18 * place, name, anchor="start", style="tick"))
+    return drawing(HALF, 308, "".join(parts), "Distribution of residuals against the normal distribution")
+
+
+def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
+    """Corners seen in cells of every view: the fuller the darker, red where none."""
+    mirrors = [view for view in views if view.view != DIRECT]
+    scale, height = _sensor(layout, HALF)
+    most = max(int(view.cell_counts.max()) for view in mirrors)
+    parts = []
+    for view in mirrors:
+        for (left, top, right, bottom), count in zip((view.cells_px + 0.5) * scale, view.cell_counts, strict=True):
+            place = f'x="{coordinate(left)}" y="{coordinate(top)}"'
+            size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
+            shade = f'class="cell" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else 'class="cell none"'
+            parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
+    parts.append(_outlines(mirrors, scale, label=lambda view: f"{view.view}: {view.coverage:.0%}"))
+    return drawing(HALF, height, "".join(parts), "Coverage of every view by corners")
+
+
+def board_turns(calibration: Calibration) -> str:
+    """How every board was turned about the views' vertical and horizontal."""
+    turns, mirrored = board_turns_deg(calibration)
+    reach = max(45.0, 15.0 * float(np.ceil(np.abs(turns).max() / 15.0)))
+    middle, radius = HALF / 2.0, 150.0
+    x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, 10 + 2 * radius, 10)
+    parts = []
+    for ring in np.arange(15.0, reach + 1.0, 15.0):
+        r = coordinate(radius * ring / reach)
+        parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(10 + radius)}" r="{r}" class="ring"/>')
+        parts.append(text(middle + 4, y(ring) + 14, f"{ring:g}°", anchor="start", style="tick"))
+    parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(middle, y.start, middle, y.end, "grid"))
+    for (about_vertical, about_horizontal), through in zip(turns, mirrored, strict=True):
+        at = f'cx="{coordinate(x(about_vertical))}" cy="{coordinate(y(-about_horizontal))}"'
+        parts.append(f'<circle {at} r="5" class="{"dot" if through else "dot open"}"/>')
+    parts.append(text(middle, y.start + 26, "board's normal: left or right, up or down", style="name"))
+    return drawing(HALF, y.start + 40, "".join(parts), "Turns of the board in every frame")
+
+
+def board_distances(views: Sequence[ViewFigures]) -> str:
+    """Distances of the board from where each view looks from, a row for each view."""
+    far = max(float(view.distances_mm.max(initial=0.0)) for view in views)
+    near = min(float(view.distances_mm.min(initial=far)) for view in views)
+    margin = 0.08 * (far - near) + 1.0
+    row = min(34.0, 300.0 / len(views))
+    bottom = 10 + row * len(views)
+    x = Scale(near - margin, far + margin, 84, HALF - 10)
+    parts = []
+    for value in x.ticks(5):
+        parts.append(line(x(value), 10, x(value), bottom, "grid"))
+        parts.append(text(x(value), bottom + 20, f"{value:g}", style="tick"))
+    for place, view in enumerate(views):
+        y = 10 + row * (place + 0.5)
+        parts.append(text(76, y + 4, view.name, anchor="end", style="tick"))
+        for distance, tilt in zip(view.distances_mm, view.tilts_deg, strict=True):
+            at = f'cx="{coordinate(x(distance))}" cy="{coordinate(y)}" r="{min(5.0, row / 3):.1f}"'
+            parts.append(
+                f'<circle {at} class="dot faint"><title>{distance:.0f} mm, tilted {tilt:.0f}°</title></circle>'
+            )
+    parts.append(line(x.start, bottom, x.end, bottom, "axis"))
+    parts.append(text((x.start + x.end) / 2, bottom + 42, "distance from the virtual camera, mm", style="name"))
+    return drawing(HALF, bottom + 54, "".join(parts), "Distances of the board in every view")
+
+
+def projection_sigmas(
+    layout: Layout,
+    views: Sequence[ViewFigures],
+    maps: Sequence[ProjectionMap],
+    values: Sequence[FloatArray],
+    most: float,
+    *,
+    name: str,
+) -> str:
+    """Standard deviations (n,) px of every map at its pixels, the surer the paler, up to `most`.
+
+    `name` is one that no other drawing of the page has.
+    """
+    scale, height = _sensor(layout, HALF)
+    parts = []
+    outlines = {view.view: view for view in views}
+    shown = [outlines[one.view] for one in maps if one.view in outlines and one.view != DIRECT]
+    for one, sigmas in zip(maps, values, strict=True):
+        if one.view == DIRECT:
+            continue
+        clip = f"{name}-{one.view}"
+        outline = (outlines[one.view].outline_px + 0.5) * scale
+        parts.append(
+            f'<clipPath id="{clip}"><polygon points="{points(outline)}"/></clipPath><g clip-path="url(#{clip})">'
+        )
+        at = (one.pixels + 0.5) * scale
+        step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) + 0.4 for axis in (0, 1)]
+        for (x, y), sigma in zip(at, sigmas, strict=True):
+            place = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
+            size = f'width="{coordinate(step[0])}" height="{coordinate(step[1])}"'
+            shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
+            parts.append(f'<rect {place} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
+        parts.append("</g>")
+    middles = {one.view: float(np.median(sigmas)) for one, sigmas in zip(maps, values, strict=True)}
+    parts.append(_outlines(shown, scale, label=lambda view: f"{view.view}: {middles[view.view]:.2g}"))
+    return drawing(HALF, height, "".join(parts), "Standard deviations of projected points in every view")
+
+
+def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:
+    """Standard deviation of depth against the range: by matching, by calibration, and both."""
+    known = np.isfinite(depth.total_mm)
+    ranges, total = depth.range_mm[known], depth.total_mm[known]
+    x = Scale(float(ranges[0]), float(ranges[-1]), 64, WIDTH - 150)
+    y = Scale(0.0, 1.05 * float(total.max()), 270, 12)
+    parts = [axes(x, y, "distance from the reference view, mm", f"{SIGMA} of depth, mm", x_ticks=9)]
+    named = (("both", total), ("matching", depth.matching_mm[known]), ("calibration", depth.calibration_mm[known]))
+    ends = sorted(((y(float(values[-1])), name) for name, values in named), reverse=True)
+    places: dict[str, float] = {}
+    for at, name in ends:  # from the bottom up, each label clear of the one below
+        places[name] = min([at, *(place - 16 for place in places.values())])
+    for name, values in named:
+        curve = [(x(float(r)), y(float(value))) for r, value in zip(ranges, values, strict=True)]
+        parts.append(f'<polyline points="{points(curve)}" class="curve {name}"/>')
+        label = f"{name}, {depth.matching_px:g} px" if name == "matching" else name
+        parts.append(text(x.end + 8, places[name] + 4, label, anchor="start", style="tick"))
+    if x.low <= range_mm <= x.high:
+        parts.append(line(x(range_mm), y.start, x(range_mm), y.end, "here"))
+        parts.append(
+            text(x(range_mm) + 6, y.end + 12, f"boards were here: {range_mm:.0f} mm", anchor="start", style="tick")
+        )
+    return drawing(WIDTH, 318, "".join(parts), "Standard deviation of depth against range")
