@@ -36,13 +36,13 @@ class FreeViews:
     chance: float
 
 
-def free_views(solution: Solution, observations: Observations, model: Model) -> FreeViews | None:
+def free_views(solution: Solution, observations: Observations, model: Model) -> FreeViews:
     """Compare a solution with free virtual cameras, on the corners that took part in it.
 
-    A view shows the image X' of a point by its mirror at exp(w) (X' - o) + o + t, o amid the view's corners. The images
-    of all mirrors together may be moved as one body with the boards, unless some frame shows its board directly, too:
-    then the first mirror's w and t are held. None where that leaves no more unknowns than the planes had. Raises
-    UndeterminedError where the corners leave a virtual camera open.
+    A view shows the image X' of a point by its mirror at exp(w) (X' - o) + o + t, o amid the view's corners. Unless
+    some frame shows its board directly, too, the images of all mirrors may be moved as one body with the boards: w and
+    t of the first are held. Raises UndeterminedError where that leaves no more unknowns than the planes had, or where
+    the corners leave a virtual camera open.
     """
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
@@ -51,7 +51,7 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     held = 0 if tied.any() else 1
     added = 6 * (mirrors - held) - 3 * mirrors
     if added <= 0:
-        return None
+        raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
     planes = float(np.sum(solution.residuals[solution.inliers] ** 2))
     left = _minimum(solution.estimate, rows, model, held)
     spare = 2 * len(rows) - len(solution.parameters) - added - 6 * len(frames)

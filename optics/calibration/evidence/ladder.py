@@ -39,7 +39,7 @@ class Rung:
     below it, on the same corners: `drop`, by how many sigma^2 the sum of squares falls; `chance` of that from noise
     alone (F test of the likelihood ratio); `information_gain`, by how much the Bayesian information criterion falls.
     `held_out_rms_px` of frames that a fit without them predicts, and `held_out_gain`, by how many standard errors these
-    are predicted better; NaN where the likelihood had decided.
+    are predicted better; NaN where these were not asked: the likelihood speaks against it, or another rung gains more.
     """
 
     name: str
@@ -111,11 +111,11 @@ def climb(
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
         return _result(paper, rungs, observations, [], [note])
-    rungs.append(_judged(current, paper, observations))
+    rungs.append(_held_out(_judged(current, paper, observations), current, paper, observations))
     if asked:
         for name in asked:
             taken = _added(current, name, observations, intrinsics, corners_in_board_mm)
-            rungs.append(_judged(taken, current, observations))
+            rungs.append(_held_out(_judged(taken, current, observations), taken, current, observations))
             current = taken
     left = [name for name in ADDITIONS if name not in current.name.split("+")]
     alarms: list[str] = []
@@ -123,12 +123,15 @@ def climb(
     while left:
         tried, open_ones = _tried(current, left, observations, intrinsics, corners_in_board_mm)
         notes += open_ones
+        best = None
         judged = [(fitted, _judged(fitted, current, observations)) for fitted in tried]
-        rungs += [rung for _, rung in judged]
-        supported = [(rung.information_gain, k) for k, (_, rung) in enumerate(judged) if rung.supported]
-        if not supported:
+        # Held-out frames are the dearer witness: asked about the most informative first, no further once one agrees.
+        for fitted, rung in sorted(judged, key=lambda pair: -pair[1].information_gain):
+            rungs.append(rung if best is not None else _held_out(rung, fitted, current, observations))
+            if rungs[-1].supported:
+                best = fitted
+        if best is None:
             break
-        best, _ = judged[max(supported)[1]]
         addition = best.name.removeprefix(f"{current.name}+")
         if addition == "glass" or level is not None:
             alarms.append(_alarm(best, addition))
@@ -242,21 +245,15 @@ def _rms(solution: Solution) -> float:
 
 
 def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Rung:
-    """What speaks for the larger model, on the corners that it takes for no outliers."""
+    """What the likelihood says of the larger model, on the corners that it takes for no outliers."""
     rows = larger.solution.inliers
     seen = observations.where(rows)
     squares = float(np.sum(larger.solution.residuals[rows] ** 2))
     at_smaller = _at_minimum(smaller, observations, rows)
     squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2))
-    frames = len(at_smaller.rig_from_board)
     added = len(larger.solution.parameters) - len(smaller.solution.parameters)
-    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * frames
+    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
-    chance = float(f_distribution.sf(drop / added, added, spare))
-    gain = 2 * len(seen) * float(np.log(squares_smaller / squares)) - added * float(np.log(2 * len(seen)))
-    held_out_rms = held_out_gain = np.nan
-    if chance < SUPPORTED_CHANCE and gain > 0.0:
-        held_out_rms, held_out_gain = _held_out(larger, _restarted(smaller, at_smaller), seen)
     return Rung(
         name=larger.name,
         against=smaller.name,
@@ -264,16 +261,13 @@ def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Ru
         rms_px=_rms(larger.solution),
         sigma_px=larger.solution.sigma_px,
         drop=drop,
-        chance=chance,
-        information_gain=gain,
-        held_out_rms_px=held_out_rms,
-        held_out_gain=held_out_gain,
-        supported=bool(chance < SUPPORTED_CHANCE and gain > 0.0 and held_out_gain > BEYOND_NOISE),
+        chance=float(f_distribution.sf(drop / added, added, spare)),
+        information_gain=2 * len(seen) * float(np.log(squares_smaller / squares))
+        - added * float(np.log(2 * len(seen))),
+        held_out_rms_px=np.nan,
+        held_out_gain=np.nan,
+        supported=False,
     )
-
-
-def _restarted(fitted: _Fitted, estimate: Estimate) -> _Fitted:
-    return replace(fitted, solution=replace(fitted.solution, estimate=estimate))
 
 
 def _at_minimum(fitted: _Fitted, observations: Observations, rows: BoolArray) -> Estimate:
@@ -283,23 +277,33 @@ def _at_minimum(fitted: _Fitted, observations: Observations, rows: BoolArray) ->
     return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
 
 
-def _held_out(larger: _Fitted, smaller: _Fitted, seen: Observations) -> tuple[float, float]:
-    """Rms px of held-out frames by the larger model, and by how many standard errors the smaller is worse.
+def _held_out(rung: Rung, larger: _Fitted, smaller: _Fitted, observations: Observations) -> Rung:
+    """The rung with what frames held out say, where the likelihood speaks for it; supported where they agree.
 
-    The standard error is that of the mean over frames, which are independent where corners of one frame may not be.
+    The gain is the mean over frames in standard errors of that mean: frames are independent where corners of one frame
+    may not be. Too few frames to hold any out support nothing.
     """
+    seen = observations.where(larger.solution.inliers)
+    enough = len(np.unique(seen.frame)) >= FOLDS
+    if not (rung.chance < SUPPORTED_CHANCE and rung.information_gain > 0.0 and enough):
+        return rung
     fold = dealt(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
     squares = []
     for fitted in (larger, smaller):
         try:
             left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
         except UndeterminedError:
-            return np.nan, -np.inf
+            return rung
         squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
     gains = squares[1] - squares[0]
-    error = float(np.std(gains, ddof=1)) * np.sqrt(len(gains))
+    error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     gain = float(gains.sum()) / error if error > 0.0 else 0.0
-    return float(np.sqrt(squares[0].sum() / (2 * len(seen)))), gain
+    return replace(
+        rung,
+        held_out_rms_px=float(np.sqrt(squares[0].sum() / (2 * len(seen)))),
+        held_out_gain=gain,
+        supported=gain > BEYOND_NOISE,
+    )
 
 
 def _result(
