@@ -128,13 +128,13 @@ def normal_equations(
     estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
 ) -> Normal:
     """Normal equations at an estimate, rows (n,) in `grouped.order` weighted by the squares of `root_weights` (n,)."""
-    places = _Places.of(model, len(estimate.virtual_centres_in_rig_mm))
+    places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
     u, v, w = np.zeros((size, size)), np.zeros((frames, 6, 6)), np.zeros((frames, 6, size))
     gradient_global, gradient_poses = np.zeros(size), np.zeros((frames, 6))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
-        columns = _columns(estimate, chunk, model, corners)
+        columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:
             columns *= root_weights[chunk.rows]
         sums = np.empty((len(chunk.group_view), len(columns), len(columns)))
@@ -151,7 +151,7 @@ def normal_equations(
 
 
 @dataclass(frozen=True)
-class _Places:
+class Places:
     """Where the columns of a group stand among the free globals."""
 
     intrinsics: int
@@ -160,7 +160,7 @@ class _Places:
     rest: int
 
     @classmethod
-    def of(cls, model: Model, mirrors: int) -> _Places:
+    def of(cls, model: Model, mirrors: int) -> Places:
         return cls(
             len(model.intrinsics),
             mirrors,
@@ -183,7 +183,7 @@ class _Places:
         return np.concatenate([first, own.reshape(len(view), -1), last], axis=1)
 
 
-def _columns(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
+def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
     """Derivatives (c, 2, n) of a chunk's pixels: by the pose (6), the residual itself (1), by the free globals.
 
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the sheet, the modes.
