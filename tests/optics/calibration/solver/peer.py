@@ -18,7 +18,7 @@ class Peer:
     """Residuals (2 n,) and their derivatives as functions of x: steps of the free globals and twists from `start`."""
 
     def __init__(self, start: Estimate, observations: Observations, model: Model) -> None:
-        self.start, self.model = start, model
+        self.start, self.observations, self.model = start, observations, model
         self.grouped = Grouped.of(observations, model)
         mirrors = len(start.virtual_centres_in_rig_mm)
         self.free = model.free(mirrors)
