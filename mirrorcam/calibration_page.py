@@ -24,11 +24,12 @@ from mirrorcam.figures.svg import SIGMA
 from mirrorcam.progress import count_text, figure_text
 from mirrorcam.report import CSS, TIMES, limit_table
 from optics.calibration.evidence.gather import Evidence
+from optics.calibration.evidence.ladder import SUPPORTED_CHANCE, Rung
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.camera import INTRINSIC_NAMES
 from optics.files import write_text
-from optics.values import FloatArray, Metric
+from optics.values import FloatArray
 
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
 UNITS = {"fx_px": "px", "fy_px": "px", "cx_px": "px", "cy_px": "px"}
@@ -130,8 +131,8 @@ def _highlights(calibration: Calibration) -> str:
 def _advice(verdict: Verdict, evidence: Evidence | None) -> str:
     items = list(verdict.advice)
     if evidence is not None and evidence.weak:
-        items.append(f"What the pictures tell least is {evidence.weak[0].words}")
-    title = "What to do next" if verdict.advice else "To make it surer still"
+        items.append(f"What these pictures tell least: {evidence.weak[0].words}")
+    title = "What to do next" if verdict.advice else "Where it is least sure"
     return f"<h3>{title}</h3>{_list(items, 'advice')}" if items else ""
 
 
@@ -175,19 +176,14 @@ def _residuals(calibration: Calibration, views: Sequence[ViewFigures], sigma: fl
 
 
 def _pictures(calibration: Calibration, views: Sequence[ViewFigures]) -> str:
+    turned = "How the boards were turned, a dot for each frame"
+    if any(view.view == DIRECT for view in views):
+        turned += ": filled, before the mirrors; open, before the bare camera"
     return (
-        '<div class="pair">'
-        + _card(
-            coverage_map(calibration.layout, views),
-            "Corners by place in every view, and how much of it they fill.",
-            half=True,
-        )
+        _card(coverage_map(calibration.layout, views), "Corners by place, and the part of every view that they fill.")
+        + '<div class="pair">'
         + _card(board_distances(views), "Distance of the board, a dot for each frame.", half=True)
-        + _card(
-            board_turns(calibration),
-            "How the boards were turned: filled, before the mirrors; open, before the bare camera.",
-            half=True,
-        )
+        + _card(board_turns(calibration), f"{turned}.", half=True)
         + "</div>"
     )
 
@@ -216,15 +212,13 @@ def _mirrors(calibration: Calibration) -> str:
             ["shift, mm", *(figure_text(float(value), 2) for value in known.common_shift_mm)],
         ]
         parts.append(f"<h3>All mirrors together, {SIGMA} about and along the rig's axes</h3>")
-        parts.append(_table(["", "x, right", "y, to the scene", "z, out of the lens"], together, "plain figures"))
+        parts.append(_table(["", "x, image right", "y, image down", "z, optical axis"], together, "plain figures"))
         if evidence.weak:
             parts.append("<h3>What the pictures tell least</h3>")
             weak = [
                 [
                     escape(_sentence(direction.words)),
-                    escape(
-                        "; ".join(f"{name} {figure_text(value, 2)} {unit}" for name, value, unit in direction.sigmas)
-                    ),
+                    escape("; ".join(_amount(*sigma) for sigma in direction.sigmas)),
                 ]
                 for direction in evidence.weak
             ]
@@ -232,6 +226,10 @@ def _mirrors(calibration: Calibration) -> str:
     parts.append("<h3>The camera</h3>")
     parts.append(_table(["Number", "Value", SIGMA], _camera_rows(calibration), "plain figures"))
     return "".join(parts)
+
+
+def _amount(name: str, value: float, unit: str) -> str:
+    return f"{name} {figure_text(value, 2)}{'°' if unit == 'deg' else f' {unit}'}".rstrip()
 
 
 def _camera_rows(calibration: Calibration) -> list[list[str]]:
@@ -260,7 +258,7 @@ def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[Vi
         most = float(np.max(np.concatenate(values)))
         cards += _card(
             projection_sigmas(calibration.layout, views, maps, values, most, name=f"sigma-{name}"),
-            f"{SIGMA} px {words}, {evidence.range_mm:.0f} mm away: median of each view; darkest is {most:.2g} px.",
+            f"{SIGMA} px {words}, {evidence.range_mm:.0f} mm away: median of each view; the strongest colour is {most:.2g} px.",
             half=True,
         )
     return f'<div class="pair">{cards}</div>'
@@ -269,27 +267,22 @@ def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[Vi
 def _model(evidence: Evidence) -> str:
     rows = []
     for rung in evidence.rungs:
-        chosen = rung.name == evidence.level
-        name = f"<b>{escape(rung.name)}</b>" if chosen else escape(rung.name)
-        held_out = figure_text(rung.held_out_rms_px, 4) if np.isfinite(rung.held_out_rms_px) else "not needed"
-        gain = f"{rung.held_out_gain:.1f} {SIGMA}" if np.isfinite(rung.held_out_gain) else ""
         first = rung.against is None
         rows.append(
             [
-                name,
+                f"<b>{escape(rung.name)}</b>" if rung.name == evidence.level else escape(rung.name),
                 str(rung.parameters),
                 f"{rung.rms_px:.4f}",
                 "" if first else escape(rung.against or ""),
                 "" if first else figure_text(rung.drop, 3),
                 "" if first else _chance(rung.chance),
-                "" if first else held_out,
-                gain,
-                '<b class="pass">taken</b>' if chosen else "below" if rung.supported else "no",
+                "" if first else _held_out(rung),
+                f"{rung.held_out_gain:.1f} {SIGMA}" if np.isfinite(rung.held_out_gain) else "",
+                _taken(rung, evidence.level),
             ]
         )
     heads = ["Model", "Numbers", "RMS px", "Against", f"Drop, {SIGMA}²", "By chance", "Held out px", "Better by", ""]
     parts = [_table(heads, rows, "plain figures")]
-    checks: dict[str, Metric] = {}
     if evidence.free_views is not None:
         free = evidence.free_views
         parts.append(
@@ -313,9 +306,21 @@ def _model(evidence: Evidence) -> str:
         heads = ["Halves", "Frames", "Most they differ px", "Most predicted px", "Ratio over all", "By chance"]
         parts.append(_table(heads, rows, "plain figures"))
     parts.append(_list(evidence.alarms, "reasons"))
-    if checks:
-        parts.append(limit_table(checks))
     return "".join(parts)
+
+
+def _held_out(rung: Rung) -> str:
+    if np.isfinite(rung.held_out_rms_px):
+        return figure_text(rung.held_out_rms_px, 4)
+    return "open" if rung.chance < SUPPORTED_CHANCE and rung.information_gain > 0.0 else "not needed"
+
+
+def _taken(rung: Rung, level: str) -> str:
+    if rung.name == level:
+        return '<b class="pass">taken</b>'
+    if rung.name == "paper" or level.startswith(f"{rung.name}+"):
+        return "on the way"
+    return '<b class="fail">supported</b>' if rung.supported else "no"
 
 
 def _chance(value: float) -> str:
@@ -376,23 +381,25 @@ ul.reasons,ul.advice,ul.notes{padding-left:1.2em;max-width:52em}
 .card{background:var(--card);border:1px solid var(--line);border-radius:12px;padding:16px}
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:0 24px;align-items:start}
 .pair>.half:last-child:nth-child(odd){grid-column:1}
-svg{display:block;width:100%;height:auto;margin:0 auto;font:13px/1 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
+svg{display:block;overflow:visible;width:100%;height:auto;margin:0 auto;
+font:13px/1 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif}
 svg text{fill:var(--ink)}svg .tick,svg .name{fill:var(--soft);font-variant-numeric:tabular-nums}
-svg .tag{font-size:12px;font-weight:600;paint-order:stroke;stroke:var(--card);stroke-width:3px}
+svg .on{paint-order:stroke;stroke:var(--card);stroke-width:4px}
+svg .tag{font-size:12px;font-weight:600;paint-order:stroke;stroke:var(--card);stroke-width:5px}
 svg .outline{fill:none;stroke:var(--soft);stroke-width:1}
 svg .grid,svg .ring{stroke:var(--line);fill:none}svg .axis{stroke:var(--soft)}
 svg .needle{fill:var(--accent)}svg .needle.bad{fill:var(--bad)}
 svg .ruler{stroke:var(--ink);stroke-width:2}
 svg .steps{fill:none;stroke:var(--accent);stroke-width:1.6}svg .steps.y{stroke:var(--second)}
 svg .normal{fill:none;stroke:var(--ink);stroke-width:1.6;stroke-dasharray:5 4}
-svg .cell,svg .shade{fill:var(--accent)}
+svg .cell,svg .shade{fill:var(--accent);shape-rendering:crispEdges}
 svg .cell.none{fill:var(--bad);fill-opacity:.16;stroke:var(--bad);stroke-opacity:.4}
 svg .dot{fill:var(--accent);fill-opacity:.75}svg .dot.faint{fill-opacity:.4}
 svg .dot.open{fill:none;stroke:var(--accent);stroke-width:1.6}
 svg .curve{fill:none;stroke:var(--ink);stroke-width:2}svg .curve.matching{stroke:var(--accent)}
 svg .curve.calibration{stroke:var(--second)}svg .here{stroke:var(--soft);stroke-dasharray:3 4}
 .wide{overflow-x:auto;margin:8px 0 0}
-.figures td{text-align:right}.figures thead th:not(:first-child){text-align:right}
+.figures td{text-align:right}.figures tbody th{white-space:nowrap}.figures thead th:not(:first-child){text-align:right}
 .words td,.words th{white-space:normal;vertical-align:top}
 section>p{margin-top:14px}
 @media (max-width:820px){.pair{grid-template-columns:1fr}}

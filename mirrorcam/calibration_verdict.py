@@ -12,6 +12,7 @@ from scipy.stats import binom
 from mirrorcam.calibration_views import SYSTEMATIC_CHANCE, ViewFigures, board_turns_deg, cell_means
 from mirrorcam.figures.svg import SIGMA
 from optics.calibration.evidence.cross_validation import ALARM_RATIO
+from optics.calibration.evidence.gather import Evidence
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.values import FloatArray, Metric
@@ -63,16 +64,27 @@ def judge(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
     evidence = calibration.evidence
     alarms = evidence.alarms if evidence else ()
     reasons = [*alarms, *(check.reason for check in failed)]
-    advice = [check.advice for check in failed]
-    if alarms:
-        advice.insert(
-            0, "The model is wrong or a picture does not belong: do what the alarms say, then calibrate again."
-        )
+    advice = [*_cures(evidence), *(check.advice for check in failed)]
     if evidence is None:
         reasons.append("nothing checked whether the model is right")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")
     state: State = "stop" if alarms else "look" if reasons else "good"
-    return Verdict(state, tuple(reasons), tuple(dict.fromkeys(advice)), checks)
+    return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
+
+
+def _cures(evidence: Evidence | None) -> list[str]:
+    """What to do about alarms: the model that the data ask for where one was tried, else to look for what moved."""
+    if evidence is None or not evidence.alarms:
+        return []
+    wanted = [rung for rung in evidence.rungs if rung.supported and rung.against == evidence.level]
+    if not wanted:
+        return ["Look for what moved or bent while the pictures were taken, and take them again."]
+    best = max(wanted, key=lambda rung: rung.information_gain)
+    if best.name.endswith("+glass"):
+        return [
+            "State in the layout that the mirrors are coated behind, with thickness and index, and calibrate again."
+        ]
+    return [f"Calibrate again as {best.name}, which the pictures support."]
 
 
 def _noise_checks(calibration: Calibration) -> list[Check]:
@@ -123,9 +135,9 @@ def _evidence_checks(calibration: Calibration) -> list[Check]:
         return checks
     checks += [
         Check(
-            f"Two calibrations of {split.how}: difference against what they predict",
+            f"Frames split {split.how}: difference against what is predicted",
             Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
-            f"two calibrations of {split.how} differ {split.overall_ratio:.1f} times as much as they predict",
+            split.alarm or f"split {split.how}, calibrations differ {split.overall_ratio:.1f} times as they predict",
             "Trust no stated uncertainty until halves agree: look at the model's evidence below.",
         )
         for split in evidence.splits
@@ -193,10 +205,10 @@ def _widest_deg(turns: FloatArray) -> float:
 def _untried(turns: FloatArray) -> str:
     """In words, the way that boards were turned least."""
     ways = {
-        "left edge towards the camera": -turns[:, 0].min(),
-        "right edge towards the camera": turns[:, 0].max(),
-        "top edge towards the camera": -turns[:, 1].min(),
-        "bottom edge towards the camera": turns[:, 1].max(),
+        "left edge nearer": -turns[:, 0].min(),
+        "right edge nearer": turns[:, 0].max(),
+        "top edge nearer": -turns[:, 1].min(),
+        "bottom edge nearer": turns[:, 1].max(),
     }
     return f"{min(ways, key=lambda way: ways[way])}, by 30° or so"
 

@@ -28,14 +28,17 @@ def _sensor(layout: Layout, width: float) -> tuple[float, float]:
     return scale, layout.camera.height_px * scale
 
 
-def _outlines(views: Sequence[ViewFigures], scale: float, *, label: Callable[[ViewFigures], str]) -> str:
+def _outlines(views: Sequence[ViewFigures], scale: float) -> str:
+    return "".join(f'<polygon points="{points((view.outline_px + 0.5) * scale)}" class="outline"/>' for view in views)
+
+
+def _tags(views: Sequence[ViewFigures], scale: float, *, words: Callable[[ViewFigures], str]) -> str:
+    """Words in the top left of every mirror's sub-image, to be drawn last."""
     parts = []
     for view in views:
-        outline = (view.outline_px + 0.5) * scale
-        parts.append(f'<polygon points="{points(outline)}" class="outline"/>')
         if view.view != DIRECT:
-            x, y = outline.min(axis=0)
-            parts.append(text(x + 7, y + 16, label(view), anchor="start", style="tag"))
+            x, y = (view.outline_px.min(axis=0) + 0.5) * scale
+            parts.append(text(x + 7, y + 16, words(view), anchor="start", style="tag"))
     return "".join(parts)
 
 
@@ -49,7 +52,7 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
     lengths = np.concatenate([means.mean_px for means in all_means])
     rms = float(np.sqrt(np.mean(np.sum(lengths**2, axis=1)))) if len(lengths) else 1.0
     gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
-    parts = [_outlines(views, scale, label=lambda view: view.name)]
+    parts = [_outlines(views, scale)]
     for means in all_means:
         for at, mean, systematic in zip(means.at_px, means.mean_px, means.systematic, strict=True):
             start, along = (at + 0.5) * scale, mean * gain
@@ -57,6 +60,7 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
             across = np.array([-along[1], along[0]]) / max(length, 1e-9) * 1.3
             needle = points([start - across, start + across, start + along])
             parts.append(f'<polygon points="{needle}" class="{"needle bad" if systematic else "needle"}"/>')
+    parts.append(_tags(views, scale, words=lambda view: view.name))
     step = float(f"{40.0 / gain:.0e}")
     y = height + 22
     parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
@@ -103,7 +107,7 @@ def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
     """Corners seen in cells of every view: the fuller the darker, red where none."""
     mirrors = [view for view in views if view.view != DIRECT]
-    scale, height = _sensor(layout, HALF)
+    scale, height = _sensor(layout, WIDTH)
     most = max(int(view.cell_counts.max()) for view in mirrors)
     parts = []
     for view in mirrors:
@@ -112,27 +116,34 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
             size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
             shade = f'class="cell" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else 'class="cell none"'
             parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
-    parts.append(_outlines(mirrors, scale, label=lambda view: f"{view.view}: {view.coverage:.0%}"))
-    return drawing(HALF, height, "".join(parts), "Coverage of every view by corners")
+    parts.append(_outlines(mirrors, scale))
+    parts.append(_tags(mirrors, scale, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
+    return drawing(WIDTH, height, "".join(parts), "Coverage of every view by corners")
 
 
 def board_turns(calibration: Calibration) -> str:
     """How every board was turned about the views' vertical and horizontal."""
     turns, mirrored = board_turns_deg(calibration)
     reach = max(45.0, 15.0 * float(np.ceil(np.abs(turns).max() / 15.0)))
-    middle, radius = HALF / 2.0, 150.0
-    x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, 10 + 2 * radius, 10)
+    middle, radius, top = HALF / 2.0, 130.0, 28.0
+    x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, top + 2 * radius, top)
     parts = []
-    for ring in np.arange(15.0, reach + 1.0, 15.0):
+    rings = np.arange(15.0, reach + 1.0, 15.0)
+    for ring in rings:
         r = coordinate(radius * ring / reach)
-        parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(10 + radius)}" r="{r}" class="ring"/>')
-        parts.append(text(middle + 4, y(ring) + 14, f"{ring:g}°", anchor="start", style="tick"))
+        parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(top + radius)}" r="{r}" class="ring"/>')
     parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(middle, y.start, middle, y.end, "grid"))
     for (about_vertical, about_horizontal), through in zip(turns, mirrored, strict=True):
         at = f'cx="{coordinate(x(about_vertical))}" cy="{coordinate(y(-about_horizontal))}"'
         parts.append(f'<circle {at} r="5" class="{"dot" if through else "dot open"}"/>')
-    parts.append(text(middle, y.start + 26, "board's normal: left or right, up or down", style="name"))
-    return drawing(HALF, y.start + 40, "".join(parts), "Turns of the board in every frame")
+    for ring in rings:
+        across = ring * np.sqrt(0.5)
+        parts.append(text(x(across), y(-across) + 4, f"{ring:g}°", style="tick on"))
+    parts.append(text(middle, y.end - 10, "top edge nearer", style="name"))
+    parts.append(text(middle, y.start + 20, "bottom edge nearer", style="name"))
+    parts.append(text(x.start - 8, y(0) + 4, "left edge nearer", anchor="end", style="name"))
+    parts.append(text(x.end + 8, y(0) + 4, "right edge nearer", anchor="start", style="name"))
+    return drawing(HALF, y.start + 32, "".join(parts), "Turns of the board in every frame")
 
 
 def board_distances(views: Sequence[ViewFigures]) -> str:
@@ -156,7 +167,14 @@ def board_distances(views: Sequence[ViewFigures]) -> str:
                 f'<circle {at} class="dot faint"><title>{distance:.0f} mm, tilted {tilt:.0f}°</title></circle>'
             )
     parts.append(line(x.start, bottom, x.end, bottom, "axis"))
-    parts.append(text((x.start + x.end) / 2, bottom + 42, "distance from the virtual camera, mm", style="name"))
+    parts.append(
+        text(
+            (x.start + x.end) / 2,
+            bottom + 42,
+            "distance from the virtual camera (direct: from the camera), mm",
+            style="name",
+        )
+    )
     return drawing(HALF, bottom + 54, "".join(parts), "Distances of the board in every view")
 
 
@@ -186,15 +204,19 @@ def projection_sigmas(
             f'<clipPath id="{clip}"><polygon points="{points(outline)}"/></clipPath><g clip-path="url(#{clip})">'
         )
         at = (one.pixels + 0.5) * scale
-        step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) + 0.4 for axis in (0, 1)]
+        step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
         for (x, y), sigma in zip(at, sigmas, strict=True):
             place = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
             size = f'width="{coordinate(step[0])}" height="{coordinate(step[1])}"'
             shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
             parts.append(f'<rect {place} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
         parts.append("</g>")
-    middles = {one.view: float(np.median(sigmas)) for one, sigmas in zip(maps, values, strict=True)}
-    parts.append(_outlines(shown, scale, label=lambda view: f"{view.view}: {middles[view.view]:.2g}"))
+    words = {
+        one.view: f"{one.view}: {np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else f"{one.view}: reference"
+        for one, sigmas in zip(maps, values, strict=True)
+    }
+    parts.append(_outlines(shown, scale))
+    parts.append(_tags(shown, scale, words=lambda view: words[view.view]))
     return drawing(HALF, height, "".join(parts), "Standard deviations of projected points in every view")
 
 

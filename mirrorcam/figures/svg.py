@@ -67,7 +67,7 @@ def line(x1: float, y1: float, x2: float, y2: float, style: str) -> str:
 
 def tick_text(value: float) -> str:
     """A tick's number, without a rounding error's digits."""
-    return f"{round(value, 10):g}".replace("-", "\N{MINUS SIGN}")
+    return f"{round(value, 10) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def axes(x: Scale, y: Scale, x_label: str, y_label: str, *, x_ticks: int = 6, y_ticks: int = 5) -> str:
