@@ -24,15 +24,16 @@ from optics.values import FloatArray
 class DepthUncertainty:
     """Standard deviations of the distance of a point from the reference view, by that distance `range_mm` (k,).
 
-    The point lies amid the reference view and is triangulated from all `views` (k,) that show it. `matching_mm` (k,)
-    comes from matching noise of `matching_px` per axis and view, `calibration_mm` (k,) from the calibration; NaN where
-    fewer than two views show the point.
+    The point appears at pixel `at_px` (2,) of the reference view and is triangulated from all `views` (k,) that show
+    it. `matching_mm` (k,) comes from matching noise of `matching_px` per axis and view, `calibration_mm` (k,) from the
+    calibration; NaN where fewer than two views show the point.
     """
 
     range_mm: FloatArray
     matching_mm: FloatArray
     calibration_mm: FloatArray
     views: NDArray[np.int64]
+    at_px: FloatArray
     matching_px: float
 
     @property
@@ -41,18 +42,19 @@ class DepthUncertainty:
         return np.hypot(self.matching_mm, self.calibration_mm)
 
 
-def depth_uncertainty(layout: Layout, ranges_mm: FloatArray, *, reference: int, matching_px: float) -> DepthUncertainty:
-    """The standard deviations of distances (k,) mm of points amid the reference view of a calibrated layout.
+def depth_uncertainty(
+    layout: Layout, ranges_mm: FloatArray, *, reference: int, at_px: FloatArray, matching_px: float
+) -> DepthUncertainty:
+    """The standard deviations of distances (k,) mm of points at pixel (2,) of a calibrated layout's reference view.
 
     Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
     distance is from the virtual centre of the reference view, so that a turn or shift of the whole rig changes nothing.
     """
     which = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in which]
-    middle = np.array(outlines[which.index(reference)].centroid.coords)
     matching, calibration, views = [], [], []
     for range_mm in ranges_mm:
-        point = points_seen_at(layout, reference, middle, float(range_mm))
+        point = points_seen_at(layout, reference, at_px[None], float(range_mm))
         shown = [project(layout, view, point) for view in which]
         seen = [s for s, outline in zip(shown, outlines, strict=True) if outline.contains(Point(s.pixels[0]))]
         views.append(len(seen))
@@ -70,5 +72,10 @@ def depth_uncertainty(layout: Layout, ranges_mm: FloatArray, *, reference: int, 
         matching.append(matching_px * float(np.linalg.norm(by_pixels)))
         calibration.append(float(np.sqrt(by_calibration @ known_of(layout).covariance @ by_calibration)))
     return DepthUncertainty(
-        np.array(ranges_mm, dtype=np.float64), np.array(matching), np.array(calibration), np.array(views), matching_px
+        range_mm=np.array(ranges_mm, dtype=np.float64),
+        matching_mm=np.array(matching),
+        calibration_mm=np.array(calibration),
+        views=np.array(views),
+        at_px=at_px,
+        matching_px=matching_px,
     )

@@ -19,7 +19,8 @@ from optics.layout import Layout
 from optics.values import FloatArray, Metric
 
 MATCHING_PX = 0.1
-RANGES_MM = np.linspace(200.0, 1000.0, 17)
+RANGES = np.linspace(0.5, 2.5, 17)
+"""Distances at which depth is judged, per working range."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +75,21 @@ def _rms(parts: list[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else float("nan")
 
 
+def reference_of(observations: Observations, layout: Layout) -> int:
+    """The direct view where a frame shows its board both directly and in a mirror, else the central mirror's view."""
+    mirrored = observations.view != DIRECT
+    both = np.intersect1d(observations.frame[mirrored], observations.frame[~mirrored])
+    return DIRECT if len(both) else layout.central_index
+
+
 def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence:
     """The evidence about the calibrated `layout`, which carries the covariance of the climb's solution."""
     solution = climb.solution
     mirrored = observations.view != DIRECT
     _, in_rig, _ = points_at_camera(solution.estimate, observations, climb.model.board)
     range_mm = working_range_mm(layout, in_rig[mirrored], observations.view[mirrored])
-    both = np.intersect1d(observations.frame[mirrored], observations.frame[~mirrored])
-    reference = DIRECT if len(both) else layout.central_index
+    reference = reference_of(observations, layout)
+    middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
     halves, notes = splits(solution, observations, climb.model, layout, reference=reference, range_mm=range_mm)
     return Evidence(
@@ -92,7 +100,7 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
         mirrors=mirror_uncertainty(layout, lever_mm=range_mm),
         weak=weak_directions(layout, range_mm=range_mm),
         projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
-        depth=depth_uncertainty(layout, RANGES_MM, reference=reference, matching_px=MATCHING_PX),
+        depth=depth_uncertainty(layout, range_mm * RANGES, reference=reference, at_px=middle, matching_px=MATCHING_PX),
         reference=reference,
         range_mm=range_mm,
         alarms=(*climb.alarms, *(split.alarm for split in halves if split.alarm is not None)),

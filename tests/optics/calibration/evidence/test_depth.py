@@ -20,6 +20,10 @@ FOCAL_PX = 8000.0
 RANGES_MM = np.array([200.0, 350.0, 600.0, 1000.0])
 
 
+def middle_px(layout: Layout, view: int) -> FloatArray:
+    return np.array(Polygon(outline_px(layout, view)).centroid.coords)[0]
+
+
 @pytest.fixture(scope="module")
 def pair() -> Layout:
     """Two mirrors side by side before a camera of so long a focal length that a pixel is an angle."""
@@ -35,10 +39,9 @@ def test_matching_noise_of_two_views_follows_the_closed_form(pair: Layout) -> No
     s sqrt(q^2 + r^2 cos^2 g) / sin g: an error of the other view moves the point along this ray by q s / sin g, one of
     this view along the other ray by r s / sin g, of which cos g counts.
     """
-    found = depth_uncertainty(pair, RANGES_MM, reference=1, matching_px=0.1)
-    middle = np.array(Polygon(outline_px(pair, 1)).centroid.coords)
+    found = depth_uncertainty(pair, RANGES_MM, reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
     for range_mm, sigma, views in zip(RANGES_MM, found.matching_mm, found.views, strict=True):
-        point = points_seen_at(pair, 1, middle, range_mm)[0]
+        point = points_seen_at(pair, 1, middle_px(pair, 1)[None], range_mm)[0]
         here, there = (point - virtual_centre(pair, view) for view in (1, 0))
         r, q = np.linalg.norm(here), np.linalg.norm(there)
         angle = np.arccos(here @ there / r / q)
@@ -50,7 +53,7 @@ def test_matching_noise_of_two_views_follows_the_closed_form(pair: Layout) -> No
 
 
 def test_far_away_sigma_grows_with_the_square_of_range_over_baseline(pair: Layout) -> None:
-    found = depth_uncertainty(pair, np.array([2000.0, 4000.0]), reference=1, matching_px=0.1)
+    found = depth_uncertainty(pair, np.array([2000.0, 4000.0]), reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
     baseline = np.linalg.norm(virtual_centre(pair, 0) - virtual_centre(pair, 1))
     expected = np.sqrt(2.0) * 0.1 / FOCAL_PX * np.array([2000.0, 4000.0]) ** 2 / baseline
     np.testing.assert_allclose(found.matching_mm, expected, rtol=0.02)
@@ -61,9 +64,9 @@ def test_the_calibration_part_is_what_drawing_calibrations_shows(calibrated: Lay
     """Cameras and mirrors drawn from the covariance; each triangulates what the true one shows, exactly."""
     known = known_of(calibrated)
     reference = 3
-    found = depth_uncertainty(calibrated, np.array([420.0]), reference=reference, matching_px=0.1)
-    middle = np.array(Polygon(outline_px(calibrated, reference)).centroid.coords)
-    point = points_seen_at(calibrated, reference, middle, 420.0)
+    middle = middle_px(calibrated, reference)
+    found = depth_uncertainty(calibrated, np.array([420.0]), reference=reference, at_px=middle, matching_px=0.1)
+    point = points_seen_at(calibrated, reference, middle[None], 420.0)
     shown = [v for v in range(4) if Polygon(outline_px(calibrated, v)).contains_properly(_at(calibrated, point, v))]
     assert len(shown) == found.views[0] >= 2
     pixels = np.array([calibrated.project(point[0], view) for view in shown])
@@ -90,6 +93,6 @@ def _at(layout: Layout, point: FloatArray, view: int) -> Point:
 
 
 def test_a_point_that_one_view_shows_has_no_depth(pair: Layout) -> None:
-    found = depth_uncertainty(pair, np.array([30.0]), reference=1, matching_px=0.1)
+    found = depth_uncertainty(pair, np.array([30.0]), reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
     assert found.views[0] < 2
     assert np.isnan(found.matching_mm[0])

@@ -1,0 +1,77 @@
+"""All evidence about one calibration, from corners to the value that its report shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from optics.calibration.evidence.gather import Evidence, gather, reference_of
+from optics.calibration.evidence.ladder import climb
+from optics.calibration.observations import DIRECT, Observations
+from optics.layout import Layout
+from tests.optics.calibration.evidence.conftest import BOARD, NOISE_PX, Scene, behind_glass, scene_of
+
+
+def gathered(scene: Scene, seed: int, level: str | None = None) -> Evidence:
+    seen = scene.noisy(seed)
+    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level=level)
+    return gather(reached, seen, scene.calibrated(reached.solution))
+
+
+@pytest.fixture(scope="module")
+def evidence(scene: Scene) -> Evidence:
+    return gathered(scene, 4)
+
+
+def test_a_good_calibration_has_nothing_against_it(evidence: Evidence) -> None:
+    assert evidence.level == "joint"
+    assert evidence.alarms == ()
+    assert evidence.notes == ()
+    assert len(evidence.splits) == 2
+    assert len(evidence.weak) == 3
+
+
+def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(evidence: Evidence, device: Layout) -> None:
+    assert [shown.view for shown in evidence.projection] == [0, 1, 2, 3]
+    assert evidence.reference == device.central_index == 3
+    assert all(shown.range_mm == evidence.range_mm for shown in evidence.projection)
+
+
+def test_the_figures_are_those_of_the_parts(evidence: Evidence) -> None:
+    figures = evidence.metrics
+    assert figures["alarms"].value == 0
+    assert figures["mirror_to_mirror_normal_sigma_deg"].value == evidence.mirrors.relative_normal_deg.max()
+    worst = max(shown.in_rig_px.max() for shown in evidence.projection)
+    assert 0.0 < figures["projection_against_reference_sigma_px"].value < figures["projection_sigma_px"].value < worst
+    assert evidence.depth.range_mm[0] < evidence.range_mm < evidence.depth.range_mm[-1]
+    near, far = evidence.depth.calibration_mm[[0, -1]]
+    assert near < figures["depth_calibration_sigma_mm"].value < far
+    assert figures["unexplained_px"].value < 0.1 * NOISE_PX
+    assert {"split_halves_ratio", "split_near_ratio"} <= figures.keys()
+    assert all(np.isfinite(metric.value) for metric in figures.values())
+
+
+def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
+    """Boards that bow: the ladder, the free views and a split each say so."""
+    found = gathered(scene_of(device, warp_mm=0.3), 0, level="joint")
+    assert any("joint+warp" in alarm for alarm in found.alarms)
+    assert any(alarm.startswith("split") for alarm in found.alarms)
+    assert found.metrics["alarms"].value == len(found.alarms) >= 2
+
+
+def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
+    truth = scene_of(behind_glass(device, 2.0))
+    flat = Scene(device, truth.poses, truth.clean)
+    found = gathered(flat, 0)
+    assert found.level == "joint"
+    assert found.alarms[0].startswith("the mirrors look like glass coated behind")
+    assert any(alarm.startswith("split") for alarm in found.alarms)
+
+
+def test_a_board_seen_directly_beside_its_image_makes_the_direct_view_the_reference(
+    scene: Scene, device: Layout
+) -> None:
+    seen = scene.clean
+    assert reference_of(seen, device) == 3
+    beside = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
+    assert reference_of(Observations.join([seen, beside]), device) == DIRECT
