@@ -175,29 +175,30 @@ def _place(observations: Observations, rows: IntArray, names: Sequence[str]) -> 
     return name if view == DIRECT else f"{name}, mirror {view}"
 
 
-def camera_disagreement(
-    apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int, focal_px: Sequence[float]
-) -> float:
+def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int) -> float:
     """How much worse one camera explains frames with and without mirrors than a camera each, in sigmas (1 expected).
 
     `apart` are the residuals (n, 2) of a fit to either kind alone, `together` (n, 2) those of a common fit to the same
-    corners, `unknowns` how many parameters all these fits had, `focal_px` what either kind says. The square is the F of
-    G. C. Chow's test (Econometrica 28, 591, 1960). Raises InputError where it cannot be one camera.
+    corners, `unknowns` how many parameters the fits apart had. The square is the F of G. C. Chow's test (Econometrica
+    28, 591, 1960).
     """
     separate = np.concatenate([r.ravel() for r in apart])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
     worse = float(np.sum(together**2)) - float(separate @ separate)
-    ratio = float(np.sqrt(max(worse, 0.0) / len(INTRINSIC_NAMES) / noise))
-    if ratio > SAME_CAMERA:
+    return float(np.sqrt(max(worse, 0.0) / len(INTRINSIC_NAMES) / noise))
+
+
+def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:
+    """A note where frames with and without mirrors disagree about the camera by more sigmas than chance makes it.
+
+    `focal_px` is what either kind says. Raises InputError where it cannot be one camera.
+    """
+    if disagreement > SAME_CAMERA:
         raise InputError(
             f"frames with mirrors show a focal length of {focal_px[0]:.1f} px, frames without {focal_px[1]:.1f} px: "
-            f"one camera does not explain both ({ratio:.0f} sigmas); take both with one camera, focus and zoom fixed"
+            f"one camera does not explain both ({disagreement:.0f} sigmas); take both with one camera, focus and zoom "
+            "fixed"
         )
-    return ratio
-
-
-def drift_note(disagreement: float) -> tuple[str, ...]:
-    """A note where the disagreement of the cameras is more than chance makes it."""
     if disagreement <= DRIFT_NOTED:
         return ()
     return (

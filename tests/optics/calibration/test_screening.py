@@ -170,7 +170,7 @@ def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, d
 def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
     good: Views, truth: Layout, default_layout: Layout
 ) -> None:
-    drifted = views_of(with_focal(truth, 1.001), BOARD, [], BASE, seed=5)
+    drifted = views_of(with_focal(truth, 1.002), BOARD, [], BASE, seed=5)
     screened = screen(good.seen, drifted.base, default_layout, CORNERS)
     assert screened.widened > checks.DRIFT_NOTED
     solution, notes = solved(good.seen, drifted.base, default_layout)
@@ -179,6 +179,18 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
     narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.widened**2), truth)
     assert narrow > 1.5 * count
     assert squared < count
+
+
+def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(default_layout: Layout) -> None:
+    """A sheet or a bend that the layout leaves out pulls at the intrinsics: that is for the evidence to tell."""
+    truth = as_built(default_layout, seed=1)
+    bent = tuple(mirror.replaced(curvature_per_m=[0.1, 0.05, 0.0]) for mirror in truth.mirrors)
+    coated_behind = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)
+    for mirrors in (bent, coated_behind):
+        views = views_of(truth.replaced(mirrors=mirrors), BOARD, MIRRORED, BASE, seed=1)
+        screened = screen(views.seen, views.base, default_layout, CORNERS)
+        assert screened.notes == ()
+        assert screened.widened == 1.0
 
 
 def test_all_pictures_of_another_camera_calibrate_that_camera_and_say_so(truth: Layout, default_layout: Layout) -> None:
