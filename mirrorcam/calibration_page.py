@@ -10,7 +10,7 @@ from string import Template
 import numpy as np
 
 from mirrorcam.calibration_verdict import STATES, Verdict, judge, sigma_px
-from mirrorcam.calibration_views import ViewFigures, view_figures
+from mirrorcam.calibration_views import ViewFigures, board_normals, view_figures
 from mirrorcam.figures.calibration_drawings import (
     board_distances,
     board_turns,
@@ -26,7 +26,7 @@ from mirrorcam.report import CSS, TIMES, limit_table
 from optics.calibration.evidence.gather import Evidence
 from optics.calibration.evidence.ladder import SUPPORTED_CHANCE, Rung
 from optics.calibration.observations import DIRECT
-from optics.calibration.result import Calibration
+from optics.calibration.result import Calibration, mirror_sigmas
 from optics.camera import INTRINSIC_NAMES
 from optics.files import write_text
 from optics.values import FloatArray
@@ -177,7 +177,7 @@ def _residuals(calibration: Calibration, views: Sequence[ViewFigures], sigma: fl
 
 def _pictures(calibration: Calibration, views: Sequence[ViewFigures]) -> str:
     turned = "How the boards were turned, a dot for each frame"
-    if any(view.view == DIRECT for view in views):
+    if not board_normals(calibration)[1].all():
         turned += ": filled, before the mirrors; open, before the bare camera"
     return (
         _card(coverage_map(calibration.layout, views), "Corners by place, and the part of every view that they fill.")
@@ -223,6 +223,18 @@ def _mirrors(calibration: Calibration) -> str:
                 for direction in evidence.weak
             ]
             parts.append(_table(["Direction", f"One {SIGMA} of it"], weak, "plain words"))
+    else:
+        rows = [
+            [
+                f"mirror {number}",
+                f"{mirror.distance_mm:.3f}",
+                figure_text(distance, 2),
+                figure_text(np.degrees(tilt), 2),
+            ]
+            for number, (mirror, (tilt, distance)) in enumerate(zip(layout.mirrors, mirror_sigmas(layout), strict=True))
+        ]
+        heads = ["Mirror", "Distance mm", f"{SIGMA} mm", f"{SIGMA} of direction °"]
+        parts.append(_table(heads, rows, "plain figures"))
     parts.append("<h3>The camera</h3>")
     parts.append(_table(["Number", "Value", SIGMA], _camera_rows(calibration), "plain figures"))
     return "".join(parts)
@@ -258,7 +270,7 @@ def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[Vi
         most = float(np.max(np.concatenate(values)))
         cards += _card(
             projection_sigmas(calibration.layout, views, maps, values, most, name=f"sigma-{name}"),
-            f"{SIGMA} px {words}, {evidence.range_mm:.0f} mm away: median of each view; the strongest colour is {most:.2g} px.",
+            f"{SIGMA} px {words}, {evidence.range_mm:.0f} mm away: medians; the strongest colour is {most:.2g} px.",
             half=True,
         )
     return f'<div class="pair">{cards}</div>'

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import binom
 
-from mirrorcam.calibration_views import SYSTEMATIC_CHANCE, ViewFigures, board_turns_deg, cell_means
+from mirrorcam.calibration_views import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
 from mirrorcam.figures.svg import SIGMA
 from optics.calibration.evidence.cross_validation import ALARM_RATIO
 from optics.calibration.evidence.gather import Evidence
@@ -163,8 +163,8 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     mirrors = [view for view in views if view.view != DIRECT]
     emptiest = min(mirrors, key=lambda view: view.coverage)
     rarest = min(mirrors, key=lambda view: view.frames)
-    turns, mirrored = board_turns_deg(calibration)
-    turn = _widest_deg(turns[mirrored])
+    normals, mirrored = board_normals(calibration)
+    turn = _widest_deg(normals[mirrored])
     spans = {view.view: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
     flattest = min(spans, key=lambda view: spans[view])
     return [
@@ -184,7 +184,7 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
             "Turn between the most different boards",
             Metric(value=turn, unit="deg", limit=MIN_TURN_DEG, lower_is_better=False),
             f"no two boards are turned by more than {turn:.0f}°",
-            f"Tilt the board more: {_untried(turns[mirrored])}.",
+            f"Tilt the board more: {_untried(normals[mirrored])}.",
         ),
         Check(
             "Farthest board against the nearest, in the view with least",
@@ -195,20 +195,18 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     ]
 
 
-def _widest_deg(turns: FloatArray) -> float:
-    """The largest angle between two boards, from their turns (f, 2) about vertical and horizontal."""
-    normals = np.column_stack([np.tan(np.radians(turns)), np.ones(len(turns))])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+def _widest_deg(normals: FloatArray) -> float:
+    """The largest angle between two boards, from their unit normals (f, 3)."""
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
 
 
-def _untried(turns: FloatArray) -> str:
-    """In words, the way that boards were turned least."""
+def _untried(normals: FloatArray) -> str:
+    """In words, the way that boards were turned least, from their unit normals (f, 3) in view axes."""
     ways = {
-        "left edge nearer": -turns[:, 0].min(),
-        "right edge nearer": turns[:, 0].max(),
-        "top edge nearer": -turns[:, 1].min(),
-        "bottom edge nearer": turns[:, 1].max(),
+        "left edge nearer": -normals[:, 0].min(),
+        "right edge nearer": normals[:, 0].max(),
+        "top edge nearer": -normals[:, 1].min(),
+        "bottom edge nearer": normals[:, 1].max(),
     }
     return f"{min(ways, key=lambda way: ways[way])}, by 30° or so"
 

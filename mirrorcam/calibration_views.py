@@ -117,22 +117,15 @@ def _board_met(calibration: Calibration, view: int, pixels: FloatArray, frame: i
     return float(np.median(distances)), float(np.median(angles))
 
 
-def board_turns_deg(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """How each frame's board (f, 2) is turned about the view's vertical and horizontal, and which see mirrors (f,).
+def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Unit normals (f, 3) of every frame's board, into the paper, and which frames (f,) show it in a mirror.
 
-    Against view z for frames that show mirrors, against the optical axis for the others.
+    Frames that show mirrors in the axes of the views, the others in those of the camera.
     """
     seen = calibration.observations
-    frames = len(calibration.rig_from_board)
-    mirrored = np.isin(np.arange(frames), seen.frame[seen.view != DIRECT])
-    turns = np.zeros((frames, 2))
-    for frame, rig_from_board in enumerate(calibration.rig_from_board):
-        normal = rig_from_board[:3, 2]
-        if mirrored[frame]:
-            normal = calibration.layout.view_from_rig @ normal
-        normal = normal * np.sign(normal[2])
-        turns[frame] = np.degrees([np.arctan2(normal[0], normal[2]), np.arctan2(normal[1], normal[2])])
-    return turns, mirrored
+    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), seen.frame[seen.view != DIRECT])
+    normals = calibration.rig_from_board[:, :3, 2]
+    return np.where(mirrored[:, None], normals @ calibration.layout.view_from_rig.T, normals), mirrored
 
 
 @dataclass(frozen=True)

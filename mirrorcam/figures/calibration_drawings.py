@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 
-from mirrorcam.calibration_views import ViewFigures, board_turns_deg, cell_means
+from mirrorcam.calibration_views import ARROWS_ACROSS, ViewFigures, board_normals, cell_means
 from mirrorcam.figures.svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text
 from optics.calibration.evidence.depth import DepthUncertainty
 from optics.calibration.evidence.projection import ProjectionMap
@@ -18,26 +19,45 @@ from optics.values import FloatArray
 
 WIDTH = 1030.0
 HALF = 505.0
+MARGIN = 0.03  # of the sensor's width, around what is shown of it
 NEEDLE_CELLS = 0.9
 """Length at which a needle's rms is drawn, in cells of the sensor."""
 
 
-def _sensor(layout: Layout, width: float) -> tuple[float, float]:
-    """Scale of the sensor to a width, and the height that follows."""
-    scale = width / layout.camera.width_px
-    return scale, layout.camera.height_px * scale
+@dataclass(frozen=True)
+class _Window:
+    """The part of the sensor that a drawing shows: `corner_px` (2,) at the drawing's top left, px times `scale`."""
+
+    corner_px: FloatArray
+    scale: float
+    height: float
+
+    def __call__(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels (..., 2) are drawn."""
+        return np.asarray((pixels - self.corner_px) * self.scale)
 
 
-def _outlines(views: Sequence[ViewFigures], scale: float) -> str:
-    return "".join(f'<polygon points="{points((view.outline_px + 0.5) * scale)}" class="outline"/>' for view in views)
+def _window(layout: Layout, views: Sequence[ViewFigures], width: float) -> _Window:
+    """The sensor, or as much of it as the views take up, at a width."""
+    outlines = np.concatenate([view.outline_px for view in views])
+    size = np.array([layout.camera.width_px, layout.camera.height_px])
+    margin = MARGIN * layout.camera.width_px
+    low = np.maximum(outlines.min(axis=0) - margin, -0.5)
+    high = np.minimum(outlines.max(axis=0) + margin, size - 0.5)
+    scale = width / float(high[0] - low[0])
+    return _Window(low, scale, float(high[1] - low[1]) * scale)
 
 
-def _tags(views: Sequence[ViewFigures], scale: float, *, words: Callable[[ViewFigures], str]) -> str:
+def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
+    return "".join(f'<polygon points="{points(window(view.outline_px))}" class="outline"/>' for view in views)
+
+
+def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[ViewFigures], str]) -> str:
     """Words in the top left of every mirror's sub-image, to be drawn last."""
     parts = []
     for view in views:
         if view.view != DIRECT:
-            x, y = (view.outline_px.min(axis=0) + 0.5) * scale
+            x, y = window(view.outline_px.min(axis=0))
             parts.append(text(x + 7, y + 16, words(view), anchor="start", style="tag"))
     return "".join(parts)
 
@@ -46,28 +66,30 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
     """Mean residuals of places on the sensor as needles, red where noise does not explain them."""
     direct = len(views) == 1 and views[0].view == DIRECT
     width = HALF if direct else WIDTH
-    scale, height = _sensor(calibration.layout, width)
-    cell = width / 60.0
+    window = _window(calibration.layout, views, width)
+    cell = calibration.layout.camera.width_px / ARROWS_ACROSS * window.scale
     all_means = [cell_means(calibration, view.view, sigma_px) for view in views]
     lengths = np.concatenate([means.mean_px for means in all_means])
     rms = float(np.sqrt(np.mean(np.sum(lengths**2, axis=1)))) if len(lengths) else 1.0
     gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
-    parts = [_outlines(views, scale)]
+    parts = [_outlines(views, window)]
     for means in all_means:
         for at, mean, systematic in zip(means.at_px, means.mean_px, means.systematic, strict=True):
-            start, along = (at + 0.5) * scale, mean * gain
+            start, along = window(at), mean * gain
             length = float(np.linalg.norm(along))
             across = np.array([-along[1], along[0]]) / max(length, 1e-9) * 1.3
             needle = points([start - across, start + across, start + along])
             parts.append(f'<polygon points="{needle}" class="{"needle bad" if systematic else "needle"}"/>')
-    parts.append(_tags(views, scale, words=lambda view: view.name))
+    parts.append(_tags(views, window, words=lambda view: view.name))
     step = float(f"{40.0 / gain:.0e}")
-    y = height + 22
+    y = window.height + 22
     parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
     parts.append(
-        text(10 + step * gain, y, f"{step:g} px, {gain / scale:.0f} times enlarged", anchor="start", style="tick")
+        text(
+            10 + step * gain, y, f"{step:g} px, {gain / window.scale:.0f} times enlarged", anchor="start", style="tick"
+        )
     )
-    return drawing(width, height + 30, "".join(parts), "Mean residuals over the sensor")
+    return drawing(width, window.height + 30, "".join(parts), "Mean residuals over the sensor")
 
 
 def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
@@ -107,34 +129,42 @@ def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
     """Corners seen in cells of every view: the fuller the darker, red where none."""
     mirrors = [view for view in views if view.view != DIRECT]
-    scale, height = _sensor(layout, WIDTH)
+    window = _window(layout, mirrors, WIDTH)
     most = max(int(view.cell_counts.max()) for view in mirrors)
     parts = []
     for view in mirrors:
-        for (left, top, right, bottom), count in zip((view.cells_px + 0.5) * scale, view.cell_counts, strict=True):
+        for (left, top, right, bottom), count in zip(
+            window(view.cells_px.reshape(-1, 2, 2)).reshape(-1, 4), view.cell_counts, strict=True
+        ):
             place = f'x="{coordinate(left)}" y="{coordinate(top)}"'
             size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
             shade = f'class="cell" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else 'class="cell none"'
             parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
-    parts.append(_outlines(mirrors, scale))
-    parts.append(_tags(mirrors, scale, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
-    return drawing(WIDTH, height, "".join(parts), "Coverage of every view by corners")
+    parts.append(_outlines(mirrors, window))
+    parts.append(_tags(mirrors, window, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
+    return drawing(WIDTH, window.height, "".join(parts), "Coverage of every view by corners")
 
 
 def board_turns(calibration: Calibration) -> str:
-    """How every board was turned about the views' vertical and horizontal."""
-    turns, mirrored = board_turns_deg(calibration)
-    reach = max(45.0, 15.0 * float(np.ceil(np.abs(turns).max() / 15.0)))
+    """How every board was tilted, and which of its edges was nearer for it."""
+    normals, mirrored = board_normals(calibration)
+    tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
+    flat = np.linalg.norm(normals[:, :2], axis=1)
+    turns = (
+        np.divide(normals[:, :2], flat[:, None], out=np.zeros((len(flat), 2)), where=flat[:, None] > 0) * tilts[:, None]
+    )
+    step = 15.0 if tilts.max() <= 60.0 else 30.0
+    reach = max(45.0, step * float(np.ceil(tilts.max() / step)))
     middle, radius, top = HALF / 2.0, 130.0, 28.0
     x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, top + 2 * radius, top)
     parts = []
-    rings = np.arange(15.0, reach + 1.0, 15.0)
+    rings = np.arange(step, reach + 1.0, step)
     for ring in rings:
         r = coordinate(radius * ring / reach)
         parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(top + radius)}" r="{r}" class="ring"/>')
     parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(middle, y.start, middle, y.end, "grid"))
-    for (about_vertical, about_horizontal), through in zip(turns, mirrored, strict=True):
-        at = f'cx="{coordinate(x(about_vertical))}" cy="{coordinate(y(-about_horizontal))}"'
+    for (right, down), through in zip(turns, mirrored, strict=True):
+        at = f'cx="{coordinate(x(right))}" cy="{coordinate(y(-down))}"'
         parts.append(f'<circle {at} r="5" class="{"dot" if through else "dot open"}"/>')
     for ring in rings:
         across = ring * np.sqrt(0.5)
@@ -191,19 +221,19 @@ def projection_sigmas(
 
     `name` is one that no other drawing of the page has.
     """
-    scale, height = _sensor(layout, HALF)
-    parts = []
     outlines = {view.view: view for view in views}
-    shown = [outlines[one.view] for one in maps if one.view in outlines and one.view != DIRECT]
+    shown = [outlines[one.view] for one in maps if one.view != DIRECT]
+    window = _window(layout, shown, HALF)
+    parts = []
     for one, sigmas in zip(maps, values, strict=True):
         if one.view == DIRECT:
             continue
         clip = f"{name}-{one.view}"
-        outline = (outlines[one.view].outline_px + 0.5) * scale
+        outline = window(outlines[one.view].outline_px)
         parts.append(
             f'<clipPath id="{clip}"><polygon points="{points(outline)}"/></clipPath><g clip-path="url(#{clip})">'
         )
-        at = (one.pixels + 0.5) * scale
+        at = window(one.pixels)
         step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
         for (x, y), sigma in zip(at, sigmas, strict=True):
             place = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
@@ -215,9 +245,9 @@ def projection_sigmas(
         one.view: f"{one.view}: {np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else f"{one.view}: reference"
         for one, sigmas in zip(maps, values, strict=True)
     }
-    parts.append(_outlines(shown, scale))
-    parts.append(_tags(shown, scale, words=lambda view: words[view.view]))
-    return drawing(HALF, height, "".join(parts), "Standard deviations of projected points in every view")
+    parts.append(_outlines(shown, window))
+    parts.append(_tags(shown, window, words=lambda view: words[view.view]))
+    return drawing(HALF, window.height, "".join(parts), "Standard deviations of projected points in every view")
 
 
 def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:

@@ -39,7 +39,7 @@ def coordinate(value: float) -> str:
     return f"{value:.2f}".rstrip("0").rstrip(".") or "0"
 
 
-def points(pairs: Iterable[Sequence[float]] | FloatArray) -> str:
+def points(pairs: Iterable[Sequence[float] | FloatArray]) -> str:
     """The `points` of a polygon or polyline."""
     return " ".join(f"{coordinate(float(x))},{coordinate(float(y))}" for x, y in pairs)
 
