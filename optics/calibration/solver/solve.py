@@ -87,16 +87,24 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError where a direction stays OPEN."""
+    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError that names what is left open."""
+    parameters = model.parameters(len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
+    information = np.diag(normal.u)
+    for place in np.flatnonzero(information == 0.0):
+        raise UndeterminedError(f"nothing in {len(observations)} corners depends on {parameters[place]}")
     try:
         matrix, _ = normal.reduced(0.0)
-        scale = 1.0 / np.sqrt(np.diag(normal.u))
-        values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     except np.linalg.LinAlgError:
-        values, vectors = np.zeros(1), np.zeros((1, 1))
+        raise UndeterminedError(f"{len(observations)} corners leave open where a board stood") from None
+    scale = 1.0 / np.sqrt(information)
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     if values.size and not values[0] > OPEN:
-        raise UndeterminedError(f"{len(observations)} corners leave a direction of the problem open")
+        most = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
+        together = ", ".join(parameters[place] for place in most)
+        raise UndeterminedError(
+            f"{len(observations)} corners leave a direction of the problem open, most of it {together}"
+        )
     vectors = vectors * scale[:, None]
     return np.asarray((vectors / values) @ vectors.T)
 

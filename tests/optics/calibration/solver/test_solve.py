@@ -207,8 +207,29 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> No
     rows = scene.clean.where((scene.clean.frame == 0) & (scene.clean.view == 0))
     alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
     noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
-    with pytest.raises(UndeterminedError):
+    with pytest.raises(
+        UndeterminedError, match="54 corners leave a direction of the problem open, most of it mirror 0"
+    ):
         fit(alone, noisy, scene.model)
+
+
+def test_models_name_what_they_free() -> None:
+    board = Board.warped(np.array([[x, y, 0.0] for y in range(3) for x in range(4)]))
+    names = Model(("k1", "fx_px"), sheet=True, bend=True, board=board).parameters(2)
+    assert names[:4] == ("fx_px", "k1", "mirror 0 x_mm", "mirror 0 y_mm")
+    assert names[-4:] == ("mirror 1 curvature_xy_per_m", "sheet_mm", "board mode 0_mm", "board mode 1_mm")
+    assert len(names) == len(set(names)) == 2 + 2 * 6 + 1 + 2
+    held = Model((), sheet=False, bend=False, board=Board.rigid(board.corners_in_board_mm), mirrors=False)
+    assert held.parameters(2) == ()
+    with pytest.raises(ValueError, match=r"unknown intrinsics k9, expected some of fx_px, "):
+        Model(("k9",), sheet=False, bend=False, board=board)
+
+
+def test_a_bowed_board_is_bowed_by_its_sag_at_the_edge() -> None:
+    corners = np.array([[x, y, 0.0] for y in range(5) for x in range(9)]) * 20.0 + [20.0, 20.0, 0.0]
+    bowed = Board.warped(corners).shaped(np.array([0.5, -0.2]))[:, 2].reshape(5, 9)
+    np.testing.assert_allclose(bowed[2, [0, 4, 8]], [0.5, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(bowed[[0, 4], 4], -0.2, atol=1e-12)
 
 
 def test_observations_refuse_what_does_not_fit() -> None:
