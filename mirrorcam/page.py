@@ -84,7 +84,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         residuals=_picture(
             root,
             "validation/residuals.png",
-            "validation/residuals.png",
+            "validation/report.html",
             "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
         ),
         part_files=tuple(
@@ -99,6 +99,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         files=(
             File("design/layout.json", "the design: camera and mirrors"),
             File("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
+            File("validation/report.html", "how well the calibration fits, how sure it is, and what speaks against it"),
             File("metrics.json", "every figure on this page, with its unit and limit"),
             File("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
             File(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),

@@ -102,7 +102,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.validate import validate
 
         validation = validate(synthetic, advance)
-        write_calibration(validation.calibration, folder)
+        write_calibration(validation.calibration, folder, command="mirrorcam run")
         write_metrics(folder / "metrics.json", validation.metrics)
 
     def decode(folder: Path, advance: Advance) -> None:
@@ -161,7 +161,15 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="blind calibration, then the truth",
             reads=(synthetic,),
             unit="pictures",
-            sources=("optics", "mirrorcam.validate", "mirrorcam.commands.calibrate", "mirrorcam.figures"),
+            sources=(
+                "optics",
+                "mirrorcam.validate",
+                "mirrorcam.commands.calibrate",
+                "mirrorcam.calibration_page",
+                "mirrorcam.calibration_verdict",
+                "mirrorcam.calibration_views",
+                "mirrorcam.figures",
+            ),
             tools=(*SOLVERS, "matplotlib"),
         ),
         Stage(

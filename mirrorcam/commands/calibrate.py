@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.progress import Advance, figure_text, long_work, print_metrics, say
+from mirrorcam.progress import Advance, long_work, print_metrics, say
 from optics.values import InputError, Metric, Value
 
 if TYPE_CHECKING:
@@ -30,15 +30,21 @@ class CalibrateOptions(Value):
         default=False, description="the camera sees a checkerboard directly, too, so that no layout is needed"
     )
     mirrors: int | None = Field(default=None, ge=1, le=4, description="how many mirrors, with --direct-view")
+    level: str | None = Field(
+        default=None,
+        description="model: paper, or joint with any of +sheet, +bend, +warp; without it, what the evidence supports",
+    )
     out: Path = Field(
         default=Path("output/calibrated"),
-        description="folder for layout.json (calibrated), metrics.json, report.md and residuals.png",
+        description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
             raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
+        if self.direct_view and self.level is not None:
+            raise ValueError("--level goes with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self
@@ -75,7 +81,14 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     if options.layout is not None:
         layout = Layout.load(options.layout)
         total = len(paths) + len(base_paths)
-        return calibrate(images(paths), images(base_paths), layout, target, on_frame=lambda done: advance(done, total))
+        return calibrate(
+            images(paths),
+            images(base_paths),
+            layout,
+            target,
+            level=options.level,
+            on_frame=lambda done: advance(done, total),
+        )
     if not isinstance(target, Checkerboard) or options.mirrors is None:
         raise InputError(f"{options.board}: a ChArUco board, expected a checkerboard for --direct-view")
     return calibrate_with_direct_view(
@@ -83,53 +96,30 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     )
 
 
-def report(calibration: Calibration) -> str:
-    """The result as Markdown: figures, the uncertainty of each mirror, and what was not found."""
-    from math import degrees
-
-    from optics.calibration.result import mirror_sigmas
-
-    layout = calibration.layout
-    sigmas = mirror_sigmas(layout)
-    lines = ["# Calibration", "", f"Layout {layout.identity}: {len(layout.mirrors)} mirrors.", ""]
-    lines += ["| figure | value | unit |", "|---|---|---|"]
-    lines += [
-        f"| {name.replace('_', ' ')} | {figure_text(m.value)} | {m.unit} |"
-        for name, m in calibration.metrics.items()
-        if not name.startswith("mirror_")
-    ]
-    lines += ["", "| mirror | distance mm | sigma mm | normal (x, y, z) | sigma deg |", "|---|---|---|---|---|"]
-    for number, (mirror, (tilt, distance)) in enumerate(zip(layout.mirrors, sigmas, strict=True)):
-        normal = ", ".join(f"{n:.6f}" for n in mirror.normal_in_rig)
-        row = f"{mirror.distance_mm:.4f} | {distance:.2g} | {normal} | {degrees(tilt):.2g}"
-        lines.append(f"| {number} | {row} |")
-    camera = layout.camera
-    lines += ["", f"Camera: fx {camera.fx_px:.3f}, fy {camera.fy_px:.3f}, cx {camera.cx_px:.3f}, cy {camera.cy_px:.3f}"]
-    lines[-1] += " px; k1 k2 p1 p2 k3 " + ", ".join(f"{k:.6f}" for k in camera.distortion) + "."
-    lines += ["", "## Not found or not used", ""]
-    lines += [f"- {note}" for note in calibration.notes] or ["Nothing: every picture showed every view."]
-    return "\n".join(lines) + "\n"
-
-
-def write_calibration(calibration: Calibration, out: Path) -> None:
-    """Write layout.json, metrics.json, report.md and residuals.png into `out`, each atomically."""
+def write_calibration(calibration: Calibration, out: Path, *, command: str) -> None:
+    """Write layout.json, metrics.json, report.html and residuals.png into `out`, each atomically."""
+    from mirrorcam.calibration_page import write_report
     from mirrorcam.figures.calibration import residual_figure
-    from optics.files import write_metrics, write_text
+    from optics.files import write_metrics
 
     residual_figure(calibration, out / "residuals.png")
-    write_text(out / "report.md", report(calibration))
+    write_report(calibration, out / "report.html", command=command)
     write_metrics(out / "metrics.json", calibration.metrics)
     calibration.layout.save(out / "layout.json")
 
 
 def run(options: CalibrateOptions) -> int:
-    """Calibrate, write the result, and print its figures."""
+    """Calibrate, write the result, and print its figures; 1 where the evidence speaks against the model."""
     with long_work("calibrate", "finding corners", "pictures") as advance:
         calibration = calibrate_pictures(options, advance)
-        write_calibration(calibration, options.out)
+        write_calibration(calibration, options.out, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": shown})
-    for note in calibration.notes:
+    evidence = calibration.evidence
+    notes, alarms = (evidence.notes, evidence.alarms) if evidence else ((), ())
+    for note in (*calibration.notes, *notes):
         say("calibrate", note)
-    say("calibrate", f"{options.out / 'layout.json'} and {options.out / 'report.md'} written")
-    return 0
+    for alarm in alarms:
+        say("calibrate", f"alarm: {alarm}")
+    say("calibrate", f"{options.out / 'layout.json'} and {options.out / 'report.html'} written")
+    return 1 if alarms else 0

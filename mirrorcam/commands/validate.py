@@ -17,7 +17,7 @@ class ValidateOptions(Value):
     set: tyro.conf.Positional[Path] = Field(description="folder of a set made by `mirrorcam render`")
     out: Path = Field(
         default=Path("output/validated"),
-        description="folder for layout.json (calibrated), metrics.json, report.md and residuals.png",
+        description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",
     )
 
 
@@ -29,7 +29,7 @@ def run(options: ValidateOptions) -> int:
 
     with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
         validation = validate(options.set, advance)
-        write_calibration(validation.calibration, options.out)
+        write_calibration(validation.calibration, options.out, command="mirrorcam validate")
         write_metrics(options.out / "metrics.json", validation.metrics)
     print_metrics({"measured": validation.metrics})
     say("validate", "passed" if validation.passed else "past a limit")

@@ -94,7 +94,7 @@ def test_the_command_fails_past_a_limit_and_still_reports(
         assert {path.name for path in (tmp_path / str(code)).iterdir()} == {
             "layout.json",
             "metrics.json",
-            "report.md",
+            "report.html",
             "residuals.png",
         }
     written = json.loads((tmp_path / "1" / "metrics.json").read_text())
