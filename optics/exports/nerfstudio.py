@@ -34,12 +34,12 @@ def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray)
                 "mask_path": f"masks/{view.name}.png",
                 "w": camera.width_px,
                 "h": camera.height_px,
+                "fl_x": camera.fx_px,
+                "fl_y": camera.fy_px,
                 "cx": camera.cx_px + HALF_PIXEL,
                 "cy": camera.cy_px + HALF_PIXEL,
+                **dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion.tolist(), strict=True)),
                 "transform_matrix": world_from_camera.tolist(),
             }
         )
-    camera = views[0].camera
-    k1, k2, p1, p2, k3 = (float(k) for k in camera.distortion)
-    lens = {"fl_x": camera.fx_px, "fl_y": camera.fy_px, "k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2}
-    return json.dumps({"camera_model": "OPENCV", **lens, "frames": frames}, indent=1, allow_nan=False) + "\n"
+    return json.dumps({"camera_model": "OPENCV", "frames": frames}, indent=1, allow_nan=False) + "\n"

@@ -27,14 +27,13 @@ import shapely
 from numpy.typing import NDArray
 
 from optics.camera import Camera
+from optics.exports.nearest import nearest_pinhole
 from optics.layout import Layout
 from optics.values import FloatArray, InputError
 
 Flip = Literal["left-right", "top-bottom"]
 
 POINTS_PER_EDGE = 16
-GRID = 12  # samples across and down a sub-image where the pinhole is compared with the mirror
-DISTANCES_MM = (300.0, 1000.0)  # from the virtual centre, of layouts without a spec
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,8 @@ class VirtualCamera:
 
     `camera` has the intrinsics of the whole flipped frame, `camera_from_rig` (4, 4) is rigid, in mm. `outline_px`
     (n, 2) bounds what the mirror shows in the flipped frame, `sub_image` is its bounding rectangle. `pinhole_error_px`
-    is by how much this camera is wrong anywhere in the sub-image: 0 for a flat first-surface mirror; a sheet that is
-    coated behind is no pinhole.
+    is by how much this camera is wrong anywhere in the sub-image, at the layout's depths: 0 for a flat first-surface
+    mirror; sheets that are coated behind and bent mirrors are no pinholes.
     """
 
     name: str
@@ -112,12 +111,12 @@ class VirtualCamera:
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
-    """All mirrors of a layout as cameras, row by row; second-surface mirrors as the apparent first-surface ones.
+    """All mirrors of a layout as cameras, row by row; those that are no pinholes as the nearest (`exports.nearest`).
 
     Raises InputError where a mirror shows nothing, or more than the lens model describes.
     """
     flip = upright_flip(layout)
-    camera = flipped_camera(layout.camera, flip)
+    axes = flip_axes(flip)
     views = []
     for number, mirror in enumerate(layout.mirrors):
         row, column = divmod(number, layout.cols)
@@ -130,21 +129,20 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
         if np.isnan(outline).any():
             raise InputError(f"{name} reaches beyond where the lens model is defined")
-        axes = flip_axes(flip)
-        apparent = mirror.apparent
+        pinhole = nearest_pinhole(layout, number, outline)
         pose = np.eye(4)
-        pose[:3, :3] = axes @ apparent.reflection
-        pose[:3, 3] = axes @ apparent.virtual_centre_in_rig_mm
+        pose[:3, :3] = axes @ pinhole.turn @ mirror.apparent.reflection
+        pose[:3, 3] = axes @ (pinhole.turn @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.shift_mm)
         views.append(
             VirtualCamera(
                 name=name,
                 row=row,
                 column=column,
                 flip=flip,
-                camera=camera,
+                camera=flipped_camera(pinhole.camera, flip),
                 camera_from_rig=pose,
                 outline_px=flipped_pixels(outline, layout.camera, flip),
-                pinhole_error_px=_pinhole_error_px(layout, number, outline),
+                pinhole_error_px=pinhole.error_px,
             )
         )
     return tuple(views)
@@ -180,20 +178,3 @@ def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray
     if flip == "left-right":
         return np.stack([camera.width_px - 1 - pixels[..., 0], pixels[..., 1]], axis=-1)
     return np.stack([pixels[..., 0], camera.height_px - 1 - pixels[..., 1]], axis=-1)
-
-
-def _pinhole_error_px(layout: Layout, number: int, outline_px: FloatArray) -> float:
-    """Largest distance between where a point appears and where the pinhole puts it, over the sub-image and depths."""
-    low, high = outline_px.min(axis=0), outline_px.max(axis=0)
-    grid = np.stack(np.meshgrid(*np.linspace(low, high, GRID).T), axis=-1).reshape(-1, 2)
-    inside = shapely.contains_xy(shapely.Polygon(outline_px), grid)
-    pixels = np.concatenate([outline_px, grid[inside]])
-    rays = layout.camera.unproject(pixels)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    mirror = layout.mirrors[number]
-    worst = 0.0
-    for distance_mm in layout.spec.depths_mm if layout.spec else DISTANCES_MM:
-        points_in_rig = mirror.apparent.reflect(rays * distance_mm)
-        seen = layout.camera.project(mirror.image_of(points_in_rig))
-        worst = max(worst, float(np.linalg.norm(seen - pixels, axis=-1).max()))
-    return worst

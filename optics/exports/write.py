@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optics.exports.colmap import rig_config, sparse_model
 from optics.exports.kalibr import camchain_yaml, radtan
+from optics.exports.nearest import DISTANCES_MM
 from optics.exports.nerfstudio import transforms_json
 from optics.exports.opencv import opencv_yaml
 from optics.exports.ros import camera_info_yaml
@@ -78,6 +79,7 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
             f"{error:.2g}" if error > 1e-6 else "0" for error in (view.pinhole_error_px, radtan(view)[1])
         )
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
+    depths = " to ".join(f"{mm:g}" for mm in (layout.spec.depths_mm if layout.spec else DISTANCES_MM))
     return f"""# A mirror camera for other tools
 
 Layout {layout.identity}, camera {layout.camera.width_px} x {layout.camera.height_px} px.
@@ -110,8 +112,9 @@ COLMAP, with the cameras as they are calibrated:
 triangulates one picture; of many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0 --Mapper.ba_refine_focal_length 0
 --Mapper.ba_refine_extra_params 0` finds the rig's motion too. nerfstudio: `ns-train splatfacto --data nerfstudio`.
 
-How wrong these cameras are, in px, anywhere in their view: as a pinhole (0 but for sheets that are coated behind), and
-in Kalibr's model, which has no k3.
+How wrong these cameras are, in px, anywhere in their view: as pinholes, and in Kalibr's model, which has no k3. A flat
+mirror that is coated in front makes a pinhole. One coated behind its sheet, or bent, does not: the camera here is the
+nearest to it over the view and {depths} mm from its virtual centre.
 
 | view | first pixel of the flipped frame | size px | pinhole | Kalibr |
 |---|---|---|---|---|

@@ -230,14 +230,14 @@ def test_colmap_rig_config(case: Case, folder: Path) -> None:
 def test_nerfstudio(case: Case, folder: Path) -> None:
     """As nerfstudio's data parser and its undistortion read it: OpenGL poses, half a pixel, OpenCV's lens."""
     meta = json.loads((folder / "nerfstudio" / "transforms.json").read_text(encoding="utf-8"))
-    distortion = np.array([meta[name] for name in ("k1", "k2", "p1", "p2", "k3")])
+    assert meta["camera_model"] == "OPENCV"
     world_from_rig = np.eye(4)
     world_from_rig[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ case.layout.view_from_rig
     for place, (frame, view) in enumerate(zip(meta["frames"], case.views, strict=True)):
         camera_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(np.array(frame["transform_matrix"]))
-        camera_matrix = np.array(
-            [[meta["fl_x"], 0, frame["cx"] - 0.5], [0, meta["fl_y"], frame["cy"] - 0.5], [0, 0, 1]]
-        )
+        fx, fy, cx, cy = (frame[name] for name in ("fl_x", "fl_y", "cx", "cy"))
+        camera_matrix = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
+        distortion = np.array([frame[name] for name in ("k1", "k2", "p1", "p2", "k3")])
         points = case.points_in_rig[place] / 1000.0
         found = as_opencv_does(points, camera_from_world @ world_from_rig, camera_matrix, distortion)
         cut = view.sub_image
