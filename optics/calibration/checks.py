@@ -22,7 +22,9 @@ ELSEWHERE_CELLS = 0.5  # a corner seen farther than this from its prediction is 
 MOST_ELSEWHERE = 0.2  # of all views, or of a mirror's, before the pictures as a whole are not believed
 MOST_ODD_CORNERS = 0.1  # of all corners, alike
 SAME_CAMERA = 5.0  # sigmas, rms over the intrinsics, between frames with and without mirrors
-DRIFT_NOTED = 1.8  # alike; chance exceeds it once in 1,000 times, F(9, many)
+# Sigmas between them past which error bounds widen, which chance makes once in 1,000 times, and past which it is said:
+# errors of corners in one view are alike, so that up to about 2.5 is seen of good sets.
+DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
 # How far a device strays from its layout before its pictures are doubted, as standard deviations.
 PLACED_MM, TILTED_DEG, CAMERA_MM, CAMERA_DEG = 0.5, 0.5, 1.0, 1.0
 SCALE_SIGMAS, SCALE_REFUSED, SCALE_NOTED = 4.0, 0.03, 0.01

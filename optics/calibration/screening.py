@@ -76,7 +76,7 @@ def screen(
         still = np.isin(numbers, mirrored.frame)
         estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
         ratio = _camera_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
-        if ratio > checks.DRIFT_NOTED:
+        if ratio > checks.DRIFT_WIDENS:
             # A sheet or a bend that the layout leaves out pulls at the intrinsics, too: they get their chance first.
             sheets = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, SHEET_TRIED_MM)
             index = np.maximum(estimate.refractive_index, INDEX_TRIED)
@@ -87,7 +87,7 @@ def screen(
                 other = _camera_disagreement(tried, _packed(mirrored), _packed(direct), layout, richer)
                 ratio = min(ratio, other)
         notes += checks.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-        widened = ratio if ratio > checks.DRIFT_NOTED else 1.0
+        widened = ratio if ratio > checks.DRIFT_WIDENS else 1.0
     return Screened(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
         base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
