@@ -11,14 +11,18 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from optics.calibration.observations import Observations
-from optics.calibration.solver.solve import fit
+from optics.calibration.solver.residuals import Estimate, residuals
+from optics.calibration.solver.solve import fit, minimise
 from optics.values import FloatArray
+from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import (
     SIGMA_PX,
     Scene,
     disturbed,
+    large_scene,
     small_scene,
     start_from,
 )
@@ -147,3 +151,41 @@ def converges(scene: Scene, seed: int, *, tilt_deg: float, offset_mm: float) -> 
 def test_every_wrong_start_leads_to_the_same_minimum() -> None:
     scene = small_scene()
     assert all(converges(scene, seed, tilt_deg=2.0, offset_mm=2.0) for seed in range(20))
+
+
+def large_start(scene: Scene, seen: Observations) -> Estimate:
+    return start_from(
+        scene.layout.camera, disturbed(scene.layout, 0, tilt_deg=2.0, offset_mm=2.0), seen, scene.model.board
+    )
+
+
+def test_few_steps_solve_a_large_problem_from_far_off() -> None:
+    scene = large_scene()
+    seen, _ = scene.noisy(0)
+    assert seen.pixels.size == 29160
+    solution = fit(large_start(scene, seen), seen, scene.model)
+    assert solution.iterations <= 10
+    assert len(solution.parameters) + 6 * len(solution.estimate.rig_from_board) == 216
+    assert solution.sigma_px == pytest.approx(SIGMA_PX, rel=3.5 * np.sqrt(0.5 / seen.pixels.size))
+
+
+@pytest.mark.slow
+def test_the_large_problem_has_the_same_minimum_for_scipy() -> None:
+    scene = large_scene()
+    seen, _ = scene.noisy(0)
+    start = large_start(scene, seen)
+    peer = Peer(start, seen, scene.model)
+    theirs = least_squares(peer.residuals, peer.x0, jac=peer.dense, x_scale="jac", ftol=1e-14, xtol=1e-14, gtol=1e-14)
+    ours, _ = minimise(start, seen, scene.model)
+    cost = float(np.sum(residuals(ours, seen, scene.model.board) ** 2))
+    assert cost == pytest.approx(2.0 * theirs.cost, rel=1e-7)
+    best = peer.estimate(theirs.x).virtual_centres_in_rig_mm
+    np.testing.assert_allclose(ours.virtual_centres_in_rig_mm, best, atol=1e-7 * 80.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("degrees", "millimetres", "least"), [(2.0, 2.0, 0.99), (3.0, 3.0, 0.99)])
+def test_nearly_all_wrong_starts_lead_to_the_same_minimum(degrees: float, millimetres: float, least: float) -> None:
+    scene = small_scene()
+    found = [converges(scene, 500 + seed, tilt_deg=degrees, offset_mm=millimetres) for seed in range(100)]
+    assert np.mean(found) >= least
