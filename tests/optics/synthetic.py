@@ -55,7 +55,9 @@ def render(
     rays = rays_through(camera)
     height, width = rays.shape[:2]
     image = np.full((height, width), 12.0, dtype=np.float32)
-    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255)
+    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255).astype(np.float32)
+    # Soft by a texel: sharp edges that lie along the pixels would err by part of a sample.
+    texture = cv2.GaussianBlur(texture, (0, 0), 1.0)
     views = [None] if layout is None else list(layout.mirrors)
     for mirror in views:
         if mirror is None:

@@ -32,7 +32,7 @@ CAMERA = Camera(
     distortion=[0.05, -0.1, 3e-4, -5e-4, 0],
 )
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=20.0)
-CHARUCO = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=12.6)
+CHARUCO = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=11.25)
 DIRECT_POSE = posed(PLAIN, np.array([5.0, -8.0, 330.0]), np.array([12.0, -20.0, 8.0]), direct=True)
 
 

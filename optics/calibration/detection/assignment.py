@@ -1,0 +1,90 @@
+"""Which mirror shows which of the boards that were found in a frame, and which way up a plain board is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.optimize import linear_sum_assignment
+
+from optics.calibration import bootstrap
+from optics.calibration.detection.corners import Corners
+from optics.layout import Layout
+from optics.targets import Charuco, Checkerboard
+from optics.transforms import transform
+from optics.values import FloatArray
+
+LEAST_INSIDE = 0.5  # part of a board's corners inside a mirror's sub-image, to be the mirror's
+MOST_ASTRAY = 0.7  # of a sub-image's size, between a board and where another view's pose has it
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A mirror that may show a board, in one of the board's numberings, and the pose (4, 4) that this would mean."""
+
+    mirror: int
+    corners: Corners
+    inside: float
+    rig_from_board: FloatArray
+
+
+def assign(
+    boards: Sequence[tuple[Corners, ...]],
+    layout: Layout,
+    target: Charuco | Checkerboard,
+    outlines_px: Sequence[FloatArray | None] | None = None,
+) -> list[tuple[int, Corners]]:
+    """Mirror and corners of each board of a frame that is some mirror's, in the order of the mirrors.
+
+    A board comes as its possible numberings: one, but of a plain board that looks the same upside down two. It is the
+    mirror's whose sub-image holds most of it, and it must stand, by the nominal layout, about where the largest board
+    of the frame does: a mirror tilted by 2 degrees moves what it shows by a tenth of a frame, the mirror next to it
+    shows the board half a frame away. Turning a plain board over in all views at once changes nothing, so the largest
+    one decides.
+
+    `outlines_px` are the sub-images (n, 2) where they are known better than from the layout.
+    """
+    known = outlines_px or (None,) * len(layout.mirrors)
+    outlines = [layout.outline_px(i) if outline is None else outline for i, outline in enumerate(known)]
+    regions = [shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]) for outline in outlines]
+    shapely.prepare(regions)
+    sizes_px = np.array([np.sqrt(region.area) for region in regions])
+    places = [_places(board, regions, layout, target) for board in boards]
+    certain = [options for options in places if options]
+    if not certain:
+        return []
+    first = max(certain, key=lambda options: options[0].inside * len(options[0].corners))[0]
+    points = transform(first.rig_from_board, target.corners_in_board_mm)
+    gains = np.zeros((len(boards), len(layout.mirrors)))
+    chosen: dict[tuple[int, int], Corners] = {}
+    for number, options in enumerate(places):
+        for option in options:
+            expected = layout.project(points[option.corners.ids], option.mirror)
+            astray = float(np.median(np.nan_to_num(np.linalg.norm(expected - option.corners.pixels, axis=1), nan=1e9)))
+            limit = MOST_ASTRAY * sizes_px[option.mirror]
+            gain = len(option.corners) * option.inside * max(1.0 - astray / limit, 0.0)
+            if gain > gains[number, option.mirror]:
+                gains[number, option.mirror] = gain
+                chosen[number, option.mirror] = option.corners
+    rows, columns = linear_sum_assignment(-gains)
+    taken = [(int(mirror), int(number)) for number, mirror in zip(rows, columns, strict=True)]
+    return [(mirror, chosen[number, mirror]) for mirror, number in sorted(taken) if (number, mirror) in chosen]
+
+
+def _places(
+    board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Charuco | Checkerboard
+) -> list[_Place]:
+    """All mirrors that may show a board, in all of its numberings; the likeliest mirror first."""
+    found = []
+    inside = np.array([shapely.contains_xy(region, *board[0].pixels.T).mean() for region in regions])
+    for mirror in np.argsort(-inside, kind="stable").tolist():
+        if inside[mirror] < LEAST_INSIDE:
+            break
+        for corners in board:
+            centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
+            pose = bootstrap.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
+            if pose is not None:
+                found.append(_Place(mirror, corners, float(inside[mirror]), pose))
+    return found
