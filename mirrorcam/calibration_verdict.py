@@ -19,6 +19,7 @@ from optics.values import FloatArray, Metric
 
 MAX_OUTLIERS = 0.02
 MAX_BEYOND_3_SIGMA = 0.01  # of Gaussian noise it is 0.0027
+MAX_UNEVEN = 1.5  # of the noisiest view and axis to the quietest
 MIN_COVERAGE = 0.6
 MIN_FRAMES = 5
 MIN_TURN_DEG = 30.0  # between the most different boards
@@ -59,7 +60,12 @@ def sigma_px(calibration: Calibration) -> float:
 
 def judge(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
     """An alarm of the evidence forbids the use; a figure past its limit asks to be looked at."""
-    checks = (*_noise_checks(calibration), *_evidence_checks(calibration), *_picture_checks(calibration, views))
+    checks = (
+        *_noise_checks(calibration),
+        *_evenness(views),
+        *_evidence_checks(calibration),
+        *_picture_checks(calibration, views),
+    )
     failed = [check for check in checks if not check.metric.passed]
     evidence = calibration.evidence
     alarms = evidence.alarms if evidence else ()
@@ -114,6 +120,22 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
             f"residuals agree in {systematic.mean():.0%} of all places, by chance in {SYSTEMATIC_CHANCE:.0%}",
             "Look where needles are red: a bent mirror or board, glass before a mirror, a lens beyond its model.",
         ),
+    ]
+
+
+def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
+    """Whether all views and both axes are alike, as noise is: an error of one view can hide in the rms of all."""
+    rms = {(view.name, axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)}
+    seen = {place: value for place, value in rms.items() if np.isfinite(value)}
+    worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
+    ratio = seen[worst] / seen[best]
+    return [
+        Check(
+            "Noisiest view and axis against the quietest, RMS",
+            Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
+            f"{worst[0]} fits {ratio:.1f} times as badly in {worst[1]} as {best[0]} in {best[1]}",
+            f"Look at {worst[0]}: its pictures may be blurred, or the mirror not as the model has it.",
+        )
     ]
 
 

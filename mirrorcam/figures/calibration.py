@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mirrorcam.calibration_verdict import sigma_px
+from mirrorcam.calibration_views import ARROWS_ACROSS, cell_means
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.files import atomic
-from optics.values import FloatArray
 
-CELLS_ACROSS = 60  # cells of the sensor whose residuals are averaged, across its width
 ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 
 
@@ -31,24 +31,20 @@ def residual_figure(calibration: Calibration, path: Path) -> None:
 
 def _arrows(axes: Axes, calibration: Calibration) -> None:
     camera = calibration.layout.camera
-    used, seen = calibration.inliers, calibration.observations
-    cell_px = camera.width_px / CELLS_ACROSS
+    cell_px = camera.width_px / ARROWS_ACROSS
     means = {
-        int(view): _cell_means(seen.pixels[rows], calibration.residuals_px[rows], cell_px)
-        for view in np.unique(seen.view)
-        if (rows := used & (seen.view == view)).any()
+        int(view): cell_means(calibration, view, sigma_px(calibration))
+        for view in np.unique(calibration.observations.view)
     }
-    rms = float(np.sqrt(np.mean(np.concatenate([residuals for _, residuals in means.values()]) ** 2)))
+    rms = float(np.sqrt(np.mean(np.concatenate([cells.mean_px for cells in means.values()]) ** 2)))
     gain = ARROW_CELLS * cell_px / max(rms, 1e-12)
     colours = plt.get_cmap("tab10")
-    for view, (at, residuals) in means.items():
+    for view, cells in means.items():
         name = "direct" if view == DIRECT else f"mirror {view}"
         colour = "0.65" if view == DIRECT else colours(view % 10)
         axes.quiver(
-            at[:, 0],
-            at[:, 1],
-            gain * residuals[:, 0],
-            gain * residuals[:, 1],
+            *cells.at_px.T,
+            *(gain * cells.mean_px.T),
             color=colour,
             angles="xy",
             scale_units="xy",
@@ -61,15 +57,6 @@ def _arrows(axes: Axes, calibration: Calibration) -> None:
     title = f"Mean residual in cells of {cell_px:.0f} px, {gain:.0f} times enlarged (rms {rms:.3f} px)"
     axes.set(xlabel="x px", ylabel="y px", title=title)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=5, frameon=False, fontsize=8)
-
-
-def _cell_means(pixels: FloatArray, residuals: FloatArray, cell_px: float) -> tuple[FloatArray, FloatArray]:
-    """Mean position (k, 2) and mean residual (k, 2) of the corners (n, 2) in each cell that has any."""
-    _, cell, count = np.unique(np.floor(pixels / cell_px), axis=0, return_inverse=True, return_counts=True)
-    sums = np.zeros((2, len(count), 2))
-    np.add.at(sums[0], cell.ravel(), pixels)
-    np.add.at(sums[1], cell.ravel(), residuals)
-    return sums[0] / count[:, None], sums[1] / count[:, None]
 
 
 def _distribution(axes: Axes, calibration: Calibration) -> None:
