@@ -186,12 +186,19 @@ def near_and_far(estimate: Estimate, observations: Observations, board: Board) -
 
 
 def splits(
-    solution: Solution, observations: Observations, model: Model, layout: Layout, *, reference: int, range_mm: float
+    solution: Solution,
+    observations: Observations,
+    model: Model,
+    layout: Layout,
+    *,
+    reference: int,
+    range_mm: float,
+    widened: float,
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Both splits of a calibration: into halves alike, and into near and far boards, which a wrong model tells apart.
 
-    `layout` is the calibrated one. A split is left out, and a note says so, where a half has under 3 mirrored frames or
-    determines no camera.
+    `layout` is the calibrated one, whose standard deviations were `widened` against those of the solver. A split is
+    left out, and a note says so, where a half has under 3 mirrored frames or determines no camera.
     """
     rows = observations.where(solution.inliers)
     found, notes = [], []
@@ -208,7 +215,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared(how, halves, layout, reference, range_mm))
+        found.append(_compared(how, halves, layout, reference, range_mm, widened))
     return tuple(found), tuple(notes)
 
 
@@ -223,12 +230,13 @@ def _compared(
     layout: Layout,
     reference: int,
     range_mm: float,
+    widened: float,
 ) -> Split:
     a, b = halves
     names = known_of(layout).parameters
     places = [a.parameters.index(name) for name in names]
     difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
-    covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
+    covariance = widened**2 * (a.covariance + b.covariance)[np.ix_(places, places)]
     views = []
     for view in range(len(layout.mirrors)):
         points = points_seen_at(layout, view, grid_px(layout, view), range_mm)

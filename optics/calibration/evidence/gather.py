@@ -91,7 +91,9 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    halves, notes = splits(solution, observations, climb.model, layout, reference=reference, range_mm=range_mm)
+    halves, notes = splits(
+        solution, observations, climb.model, layout, reference=reference, range_mm=range_mm, widened=climb.widened
+    )
     return Evidence(
         level=climb.level,
         rungs=climb.rungs,

@@ -14,6 +14,7 @@ from scipy.stats import f as f_distribution
 
 from optics.calibration.evidence.cross_validation import dealt, held_out_residuals
 from optics.calibration.evidence.free_views import FreeViews, free_views
+from optics.calibration.evidence.shared_errors import shared_errors
 from optics.calibration.observations import Observations
 from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import Board, Estimate, residuals
@@ -27,6 +28,8 @@ FOLDS = 3
 SUPPORTED_CHANCE = 1e-3
 BEYOND_NOISE = 2.0
 """Standard errors by which held-out frames must be explained better."""
+MATERIAL = 0.1
+"""Part of the noise that mirrors must leave unexplained beyond it before it is worth an alarm."""
 GLASS_MM, GLASS_INDEX = 1.0, 1.49
 """A sheet to start from where the layout has none; its index is that of acrylic."""
 
@@ -57,7 +60,11 @@ class Rung:
 
 @dataclass(frozen=True)
 class Climb:
-    """The level reached, its model and solution, every rung tried, the check by free views; alarms, notes in words."""
+    """The level reached, its model and solution, every rung tried, the check by free views; alarms, notes in words.
+
+    The covariance of the solution is `widened`, as a factor of its standard deviations, against what independent errors
+    of all corners would make it.
+    """
 
     level: str
     model: Model
@@ -66,6 +73,13 @@ class Climb:
     free_views: FreeViews | None
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
+    widened: float = 1.0
+
+    def widened_to(self, factor: float) -> Climb:
+        """The same with standard deviations at least so many times what independent errors would make them."""
+        further = max(factor / self.widened, 1.0)
+        solution = replace(self.solution, covariance=further**2 * self.solution.covariance)
+        return replace(self, solution=solution, widened=further * self.widened)
 
 
 @dataclass(frozen=True)
@@ -314,10 +328,17 @@ def _result(
         free = free_views(current.solution, observations, current.model)
     except UndeterminedError as error:
         notes = [*notes, f"no check by free virtual cameras: {error}"]
-    if free is not None and free.chance < SUPPORTED_CHANCE:
+    if free is not None and free.chance < SUPPORTED_CHANCE and free.unexplained_px > MATERIAL * free.rms_px:
         alarms = [
             *alarms,
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
             "that free virtual cameras explain",
         ]
-    return Climb(current.name, current.model, current.solution, tuple(rungs), free, tuple(alarms), tuple(notes))
+    shared = shared_errors(current.solution, observations, current.model).widening
+    if shared > 1.0:
+        note = (
+            f"the corners of a frame share errors: all uncertainties are {shared:.1f} times what independent ones give"
+        )
+        notes = [*notes, note]
+    reached = Climb(current.name, current.model, current.solution, tuple(rungs), free, tuple(alarms), tuple(notes))
+    return reached.widened_to(shared)
