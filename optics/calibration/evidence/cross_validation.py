@@ -193,12 +193,12 @@ def splits(
     *,
     reference: int,
     range_mm: float,
-    widened: float,
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Both splits of a calibration: into halves alike, and into near and far boards, which a wrong model tells apart.
 
-    `layout` is the calibrated one, whose standard deviations were `widened` against those of the solver. A split is
-    left out, and a note says so, where a half has under 3 mirrored frames or determines no camera.
+    `layout` is the calibrated one. What is predicted is what independent errors of the corners make, however much the
+    uncertainties of `layout` were widened since: a difference beyond it is an error of the model even where they allow
+    for it. A split is left out, and a note says so, where a half has under 3 mirrored frames or determines no camera.
     """
     rows = observations.where(solution.inliers)
     found, notes = [], []
@@ -215,7 +215,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared(how, halves, layout, reference, range_mm, widened))
+        found.append(_compared(how, halves, layout, reference, range_mm))
     return tuple(found), tuple(notes)
 
 
@@ -230,13 +230,12 @@ def _compared(
     layout: Layout,
     reference: int,
     range_mm: float,
-    widened: float,
 ) -> Split:
     a, b = halves
     names = known_of(layout).parameters
     places = [a.parameters.index(name) for name in names]
     difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
-    covariance = widened**2 * (a.covariance + b.covariance)[np.ix_(places, places)]
+    covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
     views = []
     for view in range(len(layout.mirrors)):
         points = points_seen_at(layout, view, grid_px(layout, view), range_mm)

@@ -91,9 +91,7 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    halves, notes = splits(
-        solution, observations, climb.model, layout, reference=reference, range_mm=range_mm, widened=climb.widened
-    )
+    halves, notes = splits(solution, observations, climb.model, layout, reference=reference, range_mm=range_mm)
     return Evidence(
         level=climb.level,
         rungs=climb.rungs,

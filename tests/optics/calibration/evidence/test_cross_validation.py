@@ -28,7 +28,7 @@ RANGE_MM = 420.0
 
 def split_of(scene: Scene, seen: Observations) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     solution = fit(scene.start, seen, JOINT)
-    return splits(solution, seen, JOINT, scene.calibrated(solution), reference=3, range_mm=RANGE_MM, widened=1.0)
+    return splits(solution, seen, JOINT, scene.calibrated(solution), reference=3, range_mm=RANGE_MM)
 
 
 def test_halves_differ_as_their_covariances_predict(scene: Scene) -> None:

@@ -116,6 +116,17 @@ def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> 
     assert len(found.solution.parameters) == 9 + 12 + 12
 
 
+def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: Climb) -> None:
+    """What the board's bow puts on the corners of a frame is shared: sigmas must cover it, and it is said."""
+    wrong = climbed(warped, device, 0, level="joint")
+    assert wrong.widened > 1.5
+    assert any("corners of a frame share errors" in note for note in wrong.notes)
+    assert of_warped.widened == 1.0
+    plain = wrong.solution.covariance / wrong.widened**2
+    np.testing.assert_allclose(wrong.widened_to(1.0).solution.covariance, wrong.solution.covariance)
+    np.testing.assert_allclose(wrong.widened_to(10.0).solution.covariance, 100.0 * plain)
+
+
 def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
     found = climbed(scene, device, 0, level="paper")
     assert found.level == "paper"
