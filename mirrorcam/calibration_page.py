@@ -55,7 +55,7 @@ def report_html(calibration: Calibration, *, command: str) -> str:
     if evidence is not None:
         parts += [
             ("How sure every view is", _projection(calibration, evidence, views), PROJECTION),
-            ("How sure depth is", _card(depth_sigmas(evidence.depth, evidence.range_mm)), DEPTH),
+            ("How sure depth is", _depth(evidence), DEPTH),
             ("Which model the pictures support", _model(evidence), MODEL),
         ]
     parts.append(("Not found or not used", _notes(calibration), ""))
@@ -167,7 +167,7 @@ def _residuals(calibration: Calibration, views: Sequence[ViewFigures], sigma: fl
             str(view.frames),
             f"{view.corners:,}",
             str(view.outliers),
-            *(f"{value:.4f}" for value in view.rms_px),
+            *(f"{value:.4f}" if np.isfinite(value) else "none" for value in view.rms_px),
         ]
         for view in views
     ]
@@ -276,6 +276,12 @@ def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[Vi
     return f'<div class="pair">{cards}</div>'
 
 
+def _depth(evidence: Evidence) -> str:
+    if np.isfinite(evidence.depth.total_mm).sum() < 2:
+        return "<p>Nowhere do two views show a point amid the reference view: this layout tells no depth there.</p>"
+    return _card(depth_sigmas(evidence.depth, evidence.range_mm))
+
+
 def _model(evidence: Evidence) -> str:
     rows = []
     for rung in evidence.rungs:
@@ -352,8 +358,8 @@ MIRRORS = """All planes share the errors of the camera, so that each alone is le
 other, which is what the light field's geometry rests on."""
 PROJECTION = """One standard deviation of where a point appears, along its worst direction, from the covariance of
 camera and mirrors, with the board's poses free."""
-DEPTH = """Of a point amid the reference view, triangulated from all views that show it. What matching leaves shrinks
-with better matching; what calibration leaves does not."""
+DEPTH = """Of a point where the reference view saw the boards, triangulated from all views that show it. What matching
+leaves shrinks with better matching; what calibration leaves does not."""
 MODEL = """Each addition has to explain more than noise would and predict frames that it has not seen. What is not
 supported is not used."""
 

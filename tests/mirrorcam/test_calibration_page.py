@@ -202,6 +202,22 @@ def test_without_evidence_it_says_so(calibration: Calibration) -> None:
     assert "of direction" in page.text
 
 
+def test_a_view_that_fits_nothing_and_depth_that_nobody_knows_are_said(calibration: Calibration) -> None:
+    assert calibration.evidence is not None
+    depth = calibration.evidence.depth
+    unknown = np.full(len(depth.range_mm), np.nan)
+    blind = replace(
+        calibration,
+        inliers=calibration.inliers & (calibration.observations.view != 2),
+        evidence=replace(calibration.evidence, depth=replace(depth, matching_mm=unknown, calibration_mm=unknown)),
+    )
+    page = outline(report_html(blind, command=""))
+    assert "Look at this before you use it" in page.text
+    assert "mirror 2 shows the board in 0 frames".capitalize() in page.text
+    assert "this layout tells no depth there" in page.text
+    assert "nan" not in page.text.replace("Not found", "")
+
+
 def test_one_file_holds_everything(calibration: Calibration, tmp_path: Path) -> None:
     write_report(calibration, tmp_path / "report.html", command="mirrorcam calibrate set/frames")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
