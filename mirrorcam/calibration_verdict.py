@@ -125,7 +125,10 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
     """Whether all views and both axes are alike, as noise is: an error of one view can hide in the rms of all."""
-    rms = {(view.name, axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)}
+    names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
+    rms = {
+        (names[view.view], axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)
+    }
     seen = {place: value for place, value in rms.items() if np.isfinite(value)}
     worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
     ratio = seen[worst] / seen[best]
@@ -134,7 +137,7 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
             "Noisiest view and axis against the quietest, RMS",
             Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
             f"{worst[0]} fits {ratio:.1f} times as badly in {worst[1]} as {best[0]} in {best[1]}",
-            f"Look at {worst[0]}: its pictures may be blurred, or the mirror not as the model has it.",
+            f"Look at {worst[0]}: its pictures may be blurred, or the model is wrong there.",
         )
     ]
 

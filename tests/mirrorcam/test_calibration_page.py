@@ -98,6 +98,12 @@ def a_noisy_view(calibration: Calibration) -> Calibration:
     return replace(calibration, residuals_px=residuals)
 
 
+def a_noisy_direct_view(calibration: Calibration) -> Calibration:
+    residuals = calibration.residuals_px.copy()
+    residuals[calibration.observations.view == DIRECT, 1] *= 1.8
+    return replace(calibration, residuals_px=residuals)
+
+
 def bad_on_others(calibration: Calibration) -> Calibration:
     worse = {f"held_out_rms_{a}_px": Metric(value=2.0 * NOISE_PX, unit="px") for a in "xy"}
     return replace(calibration, metrics={**calibration.metrics, **worse})
@@ -147,6 +153,7 @@ def one_distance(calibration: Calibration) -> Calibration:
         (heavy_tails, r"\d\.\d% of the residuals are beyond 3", "Leave out blurred"),
         (a_shifted_view, r"residuals agree in \d+% of all places", "Look where needles are red"),
         (a_noisy_view, r"mirror 1 fits \d\.\d times as badly in x as .* in [xy]", "Look at mirror 1"),
+        (a_noisy_direct_view, r"the direct view fits \d\.\d times as badly in y", "Look at the direct view"),
         (bad_on_others, r"frames left out are predicted \d\.\d+ times as badly", "Take more pictures"),
         (split_halves, r"calibrations differ 3\.0 times", "Trust no stated uncertainty"),
         (vague_depth, "depth is less sure by calibration", "Take more pictures with tilted boards"),
