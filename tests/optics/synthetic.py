@@ -55,9 +55,9 @@ def render(
     rays = rays_through(camera)
     height, width = rays.shape[:2]
     image = np.full((height, width), 12.0, dtype=np.float32)
-    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255).astype(np.float32)
+    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255)
     # Soft by a texel: sharp edges that lie along the pixels would err by part of a sample.
-    texture = cv2.GaussianBlur(texture, (0, 0), 1.0)
+    soft = cv2.GaussianBlur(texture.astype(np.float32), (0, 0), 1.0)
     views = [None] if layout is None else list(layout.mirrors)
     for mirror in views:
         if mirror is None:
@@ -76,7 +76,7 @@ def render(
         along = (shift - origin) @ normal / (directions[inside] @ normal)
         on_board = (origin + along[:, None] * directions[inside] - shift) @ turn[:, :2] / target.square_mm
         lookup = (on_board[:, ::-1].T + 1) * PX_PER_SQUARE - 0.5
-        sampled = map_coordinates(texture, lookup, output=np.float32, order=1, cval=60)
+        sampled = map_coordinates(soft, lookup, output=np.float32, order=1, cval=60)
         image[inside] = np.where(along > 0, 25.0 + 0.75 * sampled, 12.0)
     small = cv2.resize(image, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), blur_px)

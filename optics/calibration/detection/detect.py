@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
 import numpy as np
 
-from optics.calibration.detection import markers
+from optics.calibration.detection import cache, markers
 from optics.calibration.detection.assignment import assign
 from optics.calibration.detection.corners import Corners, Grey, find_checkerboards, orderings, spread_out
 from optics.calibration.detection.sheet import corner_places, grow
 from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
+from optics.values import InputError
 
 
 def find_boards(grey: Grey, target: Checkerboard | Charuco, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
@@ -37,12 +43,83 @@ def find_boards(grey: Grey, target: Checkerboard | Charuco, *, mirrored: bool, m
 
 def direct_view(grey: Grey, target: Checkerboard | Charuco) -> Observations:
     """Corners that the bare camera sees, as frame 0; of several boards, those of the largest."""
-    for numberings in find_boards(grey, target, mirrored=False, most=1):
-        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
-    return Observations.none()
+    return _largest(find_boards(grey, target, mirrored=False, most=1))
 
 
 def sub_images(grey: Grey, layout: Layout, target: Checkerboard | Charuco) -> Observations:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
-    boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
+    return _assigned(find_boards(grey, target, mirrored=True, most=_most(layout)), layout, target)
+
+
+def detect_frames(
+    pictures: Iterable[Grey],
+    layout: Layout,
+    target: Checkerboard | Charuco,
+    *,
+    mirrored: bool,
+    folder: Path | None = None,
+    workers: int = 1,
+    on_frame: Callable[[int], None] | None = None,
+) -> list[Observations]:
+    """`sub_images` of every frame, or where they are not `mirrored` `direct_view`, in their order, each as frame 0.
+
+    Pictures are taken as they are needed, at most two for each of the `workers` at a time. What is found in them is
+    kept in `folder` and taken from there the next time; `on_frame` hears how many frames are done. Raises InputError
+    where a picture has not the size of the layout's camera.
+    """
+    most = _most(layout) if mirrored else 1
+    expected = (layout.camera.height_px, layout.camera.width_px)
+
+    def look(grey: Grey) -> cache.Boards:
+        if folder is None:
+            return find_boards(grey, target, mirrored=mirrored, most=most)
+        name = cache.key(grey, target, mirrored=mirrored, most=most)
+        boards = cache.load(folder, name)
+        if boards is None:
+            boards = find_boards(grey, target, mirrored=mirrored, most=most)
+            cache.save(folder, name, boards)
+        return boards
+
+    def sized() -> Iterator[Grey]:
+        for number, grey in enumerate(pictures):
+            if grey.shape != expected:
+                height, width = grey.shape[:2]
+                camera = f"the layout's camera {expected[1]}x{expected[0]}"
+                raise InputError(f"frame {number} is {width}x{height} px, {camera}")
+            yield grey
+
+    observations: list[Observations] = []
+    for boards in _in_order(look, sized(), workers):
+        observations.append(_assigned(boards, layout, target) if mirrored else _largest(boards))
+        if on_frame is not None:
+            on_frame(len(observations))
+    return observations
+
+
+def _in_order(look: Callable[[Grey], cache.Boards], pictures: Iterator[Grey], workers: int) -> Iterator[cache.Boards]:
+    if workers == 1:
+        yield from map(look, pictures)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        waiting: deque[Future[cache.Boards]] = deque()
+        for picture in pictures:
+            waiting.append(pool.submit(look, picture))
+            if len(waiting) >= 2 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _most(layout: Layout) -> int:
+    """Boards to look for: a few more than there are mirrors, for what proves to be none's."""
+    return 2 * len(layout.mirrors)
+
+
+def _largest(boards: cache.Boards) -> Observations:
+    for numberings in boards:
+        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
+    return Observations.none()
+
+
+def _assigned(boards: cache.Boards, layout: Layout, target: Checkerboard | Charuco) -> Observations:
     return Observations.join([Observations.of_view(0, i, c.ids, c.pixels) for i, c in assign(boards, layout, target)])

@@ -13,6 +13,8 @@ from optics.targets import Charuco
 from optics.values import FloatArray
 
 WHITE_PART = 0.995  # of the pixels that are at most as bright as white is taken to be
+WINDOWS_PX = (15, 31, 7)  # sides of the neighbourhood that a pixel is compared with, tried in turn
+LEAST_PERIMETER = 0.01  # of a marker, in sides of the picture
 NEAR = 2.3  # squares between the middles of markers that tell of each other
 FORETOLD = 0.12  # squares by which a marker may be off where another one foretells it, per square between them
 FEWEST_MARKERS = 2
@@ -66,23 +68,27 @@ def marker_places(target: Charuco) -> FloatArray:
 
 
 def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Ids (n,) and corners (n, 4, 2) of all markers of the target, each as often as it is seen."""
+    """Ids (n,) and corners (n, 4, 2) of markers of the target, each as often as it is found.
+
+    Not all need to be found, as boards are grown from a few; where there is none, smaller and larger neighbourhoods are
+    tried, in which a pixel counts as black.
+    """
     image = cv2.flip(grey, 1) if mirrored else grey
     white = float(np.quantile(image[::4, ::4], WHITE_PART))
     bright = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0))
     parameters = cv2.aruco.DetectorParameters()
-    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = 9, 25
-    parameters.adaptiveThreshWinSizeStep = 16
-    parameters.minMarkerPerimeterRate = 0.01
-    detector = cv2.aruco.ArucoDetector(target.opencv.getDictionary(), parameters)
-    quads, ids, _ = detector.detectMarkers(bright)
-    if ids is None or not len(ids):
-        return np.empty(0, dtype=np.int64), np.empty((0, 4, 2))
-    names = np.asarray(ids, dtype=np.int64).ravel()
+    parameters.minMarkerPerimeterRate = LEAST_PERIMETER
+    for window_px in WINDOWS_PX:
+        parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
+        detector = cv2.aruco.ArucoDetector(target.opencv.getDictionary(), parameters)
+        quads, ids, _ = detector.detectMarkers(bright)
+        names = np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()
+        known = names < len(target.opencv.getIds())
+        if known.sum() >= FEWEST_MARKERS:
+            break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
         corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
-    known = names < len(target.opencv.getIds())
     return names[known], corners[known]
 
 
