@@ -14,6 +14,8 @@ from optics.slab import inner_tangent, outer_tangent, rise_mm
 from optics.values import FloatArray, Points3, Value, Vector3
 
 ON_PLANE_TOLERANCE_MM = 1e-6
+NEARLY_FLAT = 0.1
+"""Distance over radius up to which a bent mirror's image is single and about where its plane shows it."""
 
 
 def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
@@ -56,6 +58,11 @@ class Mirror(Value):
         if self.surface == "second" and self.distance_mm <= self.thickness_mm:
             past_mm = self.thickness_mm - self.distance_mm
             raise ValueError(f"second-surface sheet reaches {past_mm:.3g} mm past the pupil, expected it before it")
+        curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
+        if curvature > limit:
+            raise ValueError(
+                f"curvature_per_m reaches {curvature:.3g}, expected a mirror nearly flat: {limit:.3g} at most"
+            )
         outline = self.outline_in_rig_mm
         if len(outline) < 3:
             raise ValueError(f"outline has {len(outline)} corners, expected at least 3")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from pydantic import ValidationError
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -178,6 +179,15 @@ def test_a_flat_mirror_is_filed_as_it_was_before_mirrors_could_bend() -> None:
     assert "curvature" not in mirror().model_dump_json()
     bent = mirror(curvature_per_m=BENDS["roll"])
     assert Mirror.model_validate_json(bent.model_dump_json()) == bent
+
+
+def test_a_bowl_is_no_mirror_of_a_layout() -> None:
+    with pytest.raises(
+        ValidationError, match=r"curvature_per_m reaches 2, expected a mirror nearly flat: 1\.72 at most"
+    ):
+        mirror(curvature_per_m=[0.0, -2.0, 0.0])
+    strong = mirror(curvature_per_m=[1.7, -1.7, 1.7])
+    assert missed_px(strong, scene_points()).max() < 1e-8
 
 
 KINDS = {
