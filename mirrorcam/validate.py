@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.workers import cores
 from optics.calibration.calibrate import calibrate
 from optics.calibration.detection.corners import Grey
 from optics.calibration.detection.detect import direct_view
@@ -56,7 +57,7 @@ class Validation:
         return all(metric.passed for metric in self.metrics.values())
 
 
-def calibrate_set(folder: Path, on_frame: Callable[[int], None] | None = None) -> Calibration:
+def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
     """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
 
     `on_frame` hears how many of its pictures are done.
@@ -67,7 +68,9 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] | None = None) -
     def images(names: tuple[str, ...]) -> Iterator[Grey]:
         return (read_image(folder / name, grey=True) for name in names)
 
-    return calibrate(images(dataset.frame_names), images(dataset.base_names), layout, board, on_frame=on_frame)
+    return calibrate(
+        images(dataset.frame_names), images(dataset.base_names), layout, board, workers=cores(), on_frame=on_frame
+    )
 
 
 def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, total: None) -> Validation:

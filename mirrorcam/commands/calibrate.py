@@ -36,7 +36,10 @@ class CalibrateOptions(Value):
     )
     out: Path = Field(
         default=Path("output/calibrated"),
-        description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",
+        description=(
+            "folder for layout.json (calibrated), metrics.json, report.html and residuals.png; what was found in a "
+            "picture is kept in detections/, so that none is searched twice"
+        ),
     )
 
     @model_validator(mode="after")
@@ -66,6 +69,7 @@ def pictures_in(paths: Sequence[Path]) -> list[Path]:
 
 def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibration:
     """The calibration that the options ask for; every picture is read one at a time."""
+    from mirrorcam.workers import cores
     from optics.calibration.calibrate import calibrate
     from optics.calibration.direct_view import calibrate_with_direct_view
     from optics.files import read_image
@@ -87,6 +91,8 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
             layout,
             target,
             level=options.level,
+            detections=options.out / "detections",
+            workers=cores(),
             on_frame=lambda done: advance(done, total),
         )
     if not isinstance(target, Checkerboard) or options.mirrors is None:

@@ -9,14 +9,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
 from optics.calibration import bootstrap, checks
 from optics.calibration.detection.corners import Grey
-from optics.calibration.detection.detect import direct_view, sub_images
+from optics.calibration.detection.detect import detect_frames
 from optics.calibration.evidence.cross_validation import held_out
 from optics.calibration.evidence.gather import gather
 from optics.calibration.evidence.ladder import Climb, climb
@@ -41,16 +42,20 @@ def calibrate(
     target: Checkerboard | Charuco,
     *,
     level: str | None = None,
-    on_frame: Callable[[int], None] | None = None,
+    detections: Path | None = None,
+    workers: int = 1,
+    on_frame: Callable[[int], None] = lambda done: None,
 ) -> Calibration:
     """The calibrated layout from grey frames (h, w) with and without mirrors, taken one at a time.
 
     `layout` is the nominal one: it says where to look and where to start. Without base frames the camera starts from
     the nominal one too. `level` is one of the ladder's (`evidence.ladder`), else what the evidence supports is taken.
     Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done.
+    Corners are found by so many `workers` and kept in the folder `detections`, so that no picture is searched twice.
     """
-    seen = _look(frames, lambda frame: sub_images(frame, layout, target), layout, on_frame, 0)
-    base = _look(base_frames, lambda frame: direct_view(frame, target), layout, on_frame, len(seen))
+    detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
+    seen = detect(frames, mirrored=True, on_frame=on_frame)
+    base = detect(base_frames, mirrored=False, on_frame=lambda done: on_frame(len(seen) + done))
     return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level)
 
 
@@ -79,8 +84,7 @@ def calibrate_corners(
         camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
         start = bootstrap.first_estimate(observations, camera, layout, corners_in_board_mm)
         reached = climb(start, observations, corners_in_board_mm, level=level)
-        covariance = screened.widened**2 * reached.solution.covariance
-        reached = replace(reached, solution=replace(reached.solution, covariance=covariance))
+        reached = reached.widened_to(screened.widened)
         solution, board = reached.solution, reached.model.board
         notes += checks.judge(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
@@ -106,25 +110,6 @@ def calibrate_corners(
         notes=notes,
         evidence=evidence,
     )
-
-
-def _look(
-    frames: Iterable[Grey],
-    find: Callable[[Grey], Observations],
-    layout: Layout,
-    on_frame: Callable[[int], None] | None,
-    done: int,
-) -> list[Observations]:
-    found = []
-    expected = (layout.camera.height_px, layout.camera.width_px)
-    for number, frame in enumerate(frames):
-        if frame.shape != expected:
-            height, width = frame.shape[:2]
-            raise InputError(f"frame {number} is {width}x{height} px, the layout's camera {expected[1]}x{expected[0]}")
-        found.append(find(frame))
-        if on_frame is not None:
-            on_frame(done + number + 1)
-    return found
 
 
 def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
