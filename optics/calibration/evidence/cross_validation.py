@@ -201,6 +201,7 @@ def splits(
     for it. A split is left out, and a note says so, where a half has under 3 mirrored frames or determines no camera.
     """
     rows = observations.where(solution.inliers)
+    shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     found, notes = [], []
     for how, part in (
         ("into halves alike", dealt(solution.estimate, rows, model.board, 2)),
@@ -215,7 +216,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared(how, halves, layout, reference, range_mm))
+        found.append(_compared(how, halves, known_of(layout).parameters, shown))
     return tuple(found), tuple(notes)
 
 
@@ -224,24 +225,21 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
     return fit(start, rows, model)
 
 
+def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (n, 2, g) of a view's pixels by the parameters: of points held in rig, and in the reference view."""
+    points = points_seen_at(layout, view, grid_px(layout, view), range_mm)
+    shown = project(layout, view, points)
+    return shown.by_parameter, shown.by_parameter + shown.by_point @ held_in(layout, reference, points)
+
+
 def _compared(
-    how: str,
-    halves: Sequence[Solution],
-    layout: Layout,
-    reference: int,
-    range_mm: float,
+    how: str, halves: Sequence[Solution], names: Sequence[str], shown: Sequence[tuple[FloatArray, FloatArray]]
 ) -> Split:
     a, b = halves
-    names = known_of(layout).parameters
     places = [a.parameters.index(name) for name in names]
     difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
     covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
-    views = []
-    for view in range(len(layout.mirrors)):
-        points = points_seen_at(layout, view, grid_px(layout, view), range_mm)
-        shown = project(layout, view, points)
-        relative = shown.by_parameter + shown.by_point @ held_in(layout, reference, points)
-        views.append([_quadratic(d, difference, covariance) for d in (shown.by_parameter, relative)])
+    views = [[_quadratic(d, difference, covariance) for d in both] for both in shown]
     in_rig, against = np.array(views).transpose(1, 2, 0)
     squared = float(difference @ np.linalg.solve(covariance, difference))
     return Split(

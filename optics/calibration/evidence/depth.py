@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Point, Polygon
+from shapely import Polygon, contains_xy
 
 from optics.calibration.evidence.projection import (
     centre_derivatives,
@@ -52,25 +52,25 @@ def depth_uncertainty(
     """
     which = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in which]
+    points = np.concatenate([points_seen_at(layout, reference, at_px[None], float(r)) for r in ranges_mm])
+    shown = [project(layout, view, points) for view in which]
+    centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
+    covariance = known_of(layout).covariance
     matching, calibration, views = [], [], []
-    for range_mm in ranges_mm:
-        point = points_seen_at(layout, reference, at_px[None], float(range_mm))
-        shown = [project(layout, view, point) for view in which]
-        seen = [s for s, outline in zip(shown, outlines, strict=True) if outline.contains(Point(s.pixels[0]))]
+    for k, point in enumerate(points):
+        seen = [s for s, outline in zip(shown, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]
         views.append(len(seen))
         if len(seen) < 2:
             matching.append(np.nan)
             calibration.append(np.nan)
             continue
-        by_point = np.concatenate([s.by_point[0] for s in seen])
-        by_parameter = np.concatenate([s.by_parameter[0] for s in seen])
-        solved = np.linalg.pinv(by_point)
-        along = point[0] - virtual_centre(layout, reference)
-        along = along / np.linalg.norm(along)
-        by_pixels = along @ solved
-        by_calibration = -by_pixels @ by_parameter - along @ centre_derivatives(layout, reference)
+        by_point = np.concatenate([s.by_point[k] for s in seen])
+        by_parameter = np.concatenate([s.by_parameter[k] for s in seen])
+        along = (point - centre) / np.linalg.norm(point - centre)
+        by_pixels = along @ np.linalg.pinv(by_point)
+        by_calibration = -by_pixels @ by_parameter - along @ by_centre
         matching.append(matching_px * float(np.linalg.norm(by_pixels)))
-        calibration.append(float(np.sqrt(by_calibration @ known_of(layout).covariance @ by_calibration)))
+        calibration.append(float(np.sqrt(by_calibration @ covariance @ by_calibration)))
     return DepthUncertainty(
         range_mm=np.array(ranges_mm, dtype=np.float64),
         matching_mm=np.array(matching),
