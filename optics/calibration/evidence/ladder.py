@@ -116,16 +116,18 @@ def climb(
     asked = None if level is None else levels_of(level)
     paper = _fitted("paper", start, observations, _model((), (), corners_in_board_mm))
     rungs = [_first(paper)]
-    if level == "paper":
-        return _result(paper, rungs, observations, [], [])
     try:
         current = _fitted("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
     except UndeterminedError:
-        if asked is not None:
+        if asked is not None and level != "paper":
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
         return _result(paper, rungs, observations, [], [note])
     rungs.append(_held_out(_judged(current, paper, observations), current, paper, observations))
+    if level == "paper":
+        note = "the intrinsics are held: what they may be off is in no uncertainty"
+        doubts = [_alarm(current, "joint")] if rungs[-1].supported else []
+        return _result(paper, rungs, observations, doubts, [note])
     if asked:
         for name in asked:
             taken = _added(current, name, observations, intrinsics, corners_in_board_mm)

@@ -130,9 +130,17 @@ def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: Cl
 def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
     found = climbed(scene, device, 0, level="paper")
     assert found.level == "paper"
-    assert [rung.name for rung in found.rungs] == ["paper"]
+    assert found.alarms == (), "the camera it holds is the true one"
+    assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
     assert found.solution.estimate.camera == device.camera
     assert len(found.solution.parameters) == 12
+
+
+def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
+    camera = device.camera.replaced(fx_px=1.005 * device.camera.fx_px, cx_px=device.camera.cx_px + 3.0)
+    found = climbed(scene, device.replaced(camera=camera), 0, level="paper")
+    assert found.level == "paper"
+    assert "the data support a further level, joint" in found.alarms
 
 
 def test_a_camera_that_corners_do_not_tell_is_held_and_it_is_said(scene: Scene, device: Layout) -> None:
