@@ -1,0 +1,151 @@
+"""Detection under stress, and its speed: `python -m benchmarks.detection [LAYOUT] [--frames N]`.
+
+Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
+glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
+corners were found, how far they are off, and how many are false: more than 1 px, or 5 standard deviations, from where
+that mirror shows that corner. Then the seconds that 20 frames of nine views at 1920 x 1080 take (limit: 10 on 2 cores).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+
+from mirrorcam.workers import cores
+from optics.calibration.detection.corners import Grey
+from optics.calibration.detection.detect import detect_frames
+from optics.calibration.observations import Observations
+from optics.files import read_image
+from optics.layout import Layout
+from optics.targets import default_board
+from optics.tolerances import Tolerances
+from optics.values import FloatArray
+from render_scenes.dataset import Dataset
+from render_scenes.render_set import SetRequest, render_set
+from render_scenes.settings import SENSORS, RenderSettings, SensorName
+
+DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
+TILT_DEG = 2.0
+FALSE_PX, FALSE_SIGMAS = 1.0, 5.0
+LIMIT_S = 10.0
+WAYS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
+
+
+def spoilt(grey: Grey, way: str, random: np.random.Generator) -> Grey:
+    """A frame with one of the `WAYS`."""
+    light = grey.astype(np.float32)
+    everything = way == "all at once"
+    if way == "motion blur" or everything:
+        length, angle = random.uniform(2.0, 5.0), random.uniform(0.0, np.pi)
+        kernel = np.zeros((15, 15), np.float32)
+        for step in np.linspace(-length / 2.0, length / 2.0, 41):
+            x, y = 7.0 + step * np.cos(angle), 7.0 + step * np.sin(angle)
+            column, row, right, down = int(x), int(y), x % 1.0, y % 1.0
+            kernel[row : row + 2, column : column + 2] += np.outer([1.0 - down, down], [1.0 - right, right])
+        light = np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()), dtype=np.float32)
+    if way == "glare" or everything:
+        y, x = np.mgrid[: grey.shape[0], : grey.shape[1]].astype(np.float32)
+        for _ in range(6):
+            u, v, size = random.uniform(0, grey.shape[1]), random.uniform(0, grey.shape[0]), random.uniform(15, 70)
+            light += random.uniform(100, 900) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / np.float32(2.0 * size**2))
+    if way == "dim" or everything:
+        light = np.clip(light, 0, 255) * (0.5 if everything else 0.25)
+        light += random.normal(0.0, 1.5, grey.shape).astype(np.float32)
+    picture = np.clip(np.rint(light), 0, 255).astype(np.uint8)
+    if way == "JPEG 40" or everything:
+        encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 40])[1]
+        picture = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+    return picture
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of corners found in some frames.
+
+    `visible` and `found` count them, `rms_px` is per axis, of those that are not off by more than `FALSE_PX`; `far` are
+    those that are, `astray` those beyond `FALSE_SIGMAS` of the others' spread.
+    """
+
+    visible: int
+    found: int
+    rms_px: float
+    far: int
+    astray: int
+
+    @property
+    def false(self) -> int:
+        return max(self.far, self.astray)
+
+
+def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score:
+    """Corners against pixels (frames, mirrors, corners, 2)."""
+    off = np.concatenate([o.pixels - truth_px[frame][o.view, o.corner] for frame, o in enumerate(seen)])
+    far = ~(np.linalg.norm(off, axis=1) <= FALSE_PX)
+    near = off[~far]
+    # Rayleigh's median is 1.177 sigma; a few outliers do not move it.
+    sigma = np.median(np.linalg.norm(near, axis=1)) / 1.1774 if len(near) else np.inf
+    astray = ~(np.abs(off) <= max(FALSE_SIGMAS * sigma, 0.1)).all(axis=1)
+    rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
+    return Score(visible, len(off), rms, int(far.sum()), int(astray.sum()))
+
+
+def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
+    """The score of each of the `WAYS`, of a set that is rendered into a folder."""
+    target = default_board()
+    request = SetRequest(
+        layout=layout,
+        target=target,
+        frames=frames,
+        base_frames=0,
+        seed=seed,
+        tolerances=Tolerances(tilt_deg=TILT_DEG),
+        settings=RenderSettings(renderer="fast", sensor=SENSORS[sensor], maps=False),
+    )
+    dataset: Dataset = render_set(request, folder)
+    pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
+    with np.load(folder / "truth" / "corners.npz") as truth:
+        truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
+    for number, way in enumerate(WAYS):
+        random = np.random.default_rng([seed, number])
+        bad = [spoilt(picture, way, random) for picture in pictures]
+        yield way, score(detect_frames(bad, layout, target, mirrored=True, workers=cores()), truth_px, visible)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("layout", nargs="?", type=Path, default=DEFAULT_LAYOUT)
+    parser.add_argument("--frames", type=int, default=20)
+    options = parser.parse_args()
+    layout = Layout.load(options.layout)
+    total = false = 0
+    sensors: tuple[SensorName, ...] = ("c920", "poor")
+    with TemporaryDirectory() as name:
+        for seed, sensor in enumerate(sensors):
+            folder = Path(name) / sensor
+            for way, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
+                total, false = total + found.found, false + found.false
+                print(
+                    f"{sensor:5} {way:12} found {found.found:6d} of {found.visible:6d} "
+                    f"({found.found / found.visible:4.0%}), rms {found.rms_px:.4f} px, false: "
+                    f"{found.far} beyond {FALSE_PX:g} px, {found.astray} beyond {FALSE_SIGMAS:g} sigma",
+                    flush=True,
+                )
+        print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
+        files = sorted((Path(name) / "c920" / "frames").iterdir())
+        pictures = [read_image(path, grey=True) for path in files]
+        for workers in sorted({1, 2, cores()}):
+            started = time.perf_counter()
+            detect_frames(pictures, layout, default_board(), mirrored=True, workers=workers)
+            spent = 20.0 * (time.perf_counter() - started) / len(pictures)
+            print(f"20 frames on {workers} threads of {cores()} cores: {spent:.1f} s (limit {LIMIT_S:g} s on 2)")
+
+
+if __name__ == "__main__":
+    main()
