@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from optics.calibration.evidence.projection import grid_px, held_in, known_of, points_seen_at, project
+from optics.calibration.evidence.projection import (
+    NOTHING_PX,
+    grid_px,
+    held_in,
+    known_of,
+    points_seen_at,
+    project,
+)
 from optics.calibration.observations import DIRECT, IntArray, Observations
 from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
@@ -200,6 +207,8 @@ def splits(
     uncertainties of `layout` were widened since: a difference beyond it is an error of the model even where they allow
     for it. A split is left out, and a note says so, where a half has under 3 mirrored frames or determines no camera.
     """
+    if solution.sigma_px < NOTHING_PX:
+        return (), ("not split: the corners have no noise that halves could differ by",)
     rows = observations.where(solution.inliers)
     shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     found, notes = [], []

@@ -14,6 +14,7 @@ from scipy.stats import f as f_distribution
 
 from optics.calibration.evidence.cross_validation import dealt, held_out_residuals
 from optics.calibration.evidence.free_views import FreeViews, free_views
+from optics.calibration.evidence.projection import NOTHING_PX
 from optics.calibration.evidence.shared_errors import shared_errors
 from optics.calibration.observations import Observations
 from optics.calibration.solver.model import Model
@@ -264,9 +265,11 @@ def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Ru
     """What the likelihood says of the larger model, on the corners that it takes for no outliers."""
     rows = larger.solution.inliers
     seen = observations.where(rows)
-    squares = float(np.sum(larger.solution.residuals[rows] ** 2))
+    # Corners without noise, from a simulation, would make evidence of rounding.
+    floor = 2 * len(seen) * NOTHING_PX**2
+    squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
     at_smaller = _at_minimum(smaller, observations, rows)
-    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2))
+    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2)) + floor
     added = len(larger.solution.parameters) - len(smaller.solution.parameters)
     spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
@@ -330,7 +333,11 @@ def _result(
         free = free_views(current.solution, observations, current.model)
     except UndeterminedError as error:
         notes = [*notes, f"no check by free virtual cameras: {error}"]
-    if free is not None and free.chance < SUPPORTED_CHANCE and free.unexplained_px > MATERIAL * free.rms_px:
+    if (
+        free is not None
+        and free.chance < SUPPORTED_CHANCE
+        and free.unexplained_px > max(MATERIAL * free.rms_px, NOTHING_PX)
+    ):
         alarms = [
             *alarms,
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "

@@ -21,6 +21,8 @@ from optics.calibration.solver.residuals import Board, Estimate, global_names, r
 from optics.layout import Layout, Uncertainty
 from optics.values import FloatArray
 
+NOTHING_PX = 1e-4
+"""Finer than any corner is found: differences below it are no evidence."""
 GRID = 9
 """Points along the longer side of a sub-image at which a map is taken."""
 

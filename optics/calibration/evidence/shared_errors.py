@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from optics.calibration.evidence.projection import NOTHING_PX
 from optics.calibration.observations import Observations
 from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import global_names, residuals_with_jacobians
@@ -45,6 +46,8 @@ def shared_errors(solution: Solution, observations: Observations, model: Model) 
     where N = 1, sum |s_f|^2 / sigma^2 has the mean g - sum tr N_f^2 and the variance
     2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its law is taken as that of a scaled chi squared variable.
     """
+    if solution.sigma_px < NOTHING_PX:
+        return SharedErrors(1.0, 1.0)
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))

@@ -59,6 +59,14 @@ def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
     assert found.metrics["alarms"].value == len(found.alarms) >= 2
 
 
+def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None:
+    reached = climb(scene.start, scene.clean, BOARD.corners_in_board_mm)
+    assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
+    found = gather(reached, scene.clean, scene.calibrated(reached.solution))
+    assert found.alarms == ()
+    assert found.notes == ("not split: the corners have no noise that halves could differ by",)
+
+
 def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
     truth = scene_of(behind_glass(device, 2.0))
     flat = Scene(device, truth.poses, truth.clean)
