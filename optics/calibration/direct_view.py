@@ -2,7 +2,9 @@
 
 Each plane is seeded from the direct view: where the board stands and where its image stands tell the mirror between
 them. Then one camera, 3 numbers per mirror and one pose per picture are solved jointly, first with the board as it was
-drawn, then with its corners free: paper is printed and glued less exactly than its corners are seen here.
+drawn, then with its corners free: paper is printed and glued less exactly than its corners are seen here. A camera that
+turned between the pictures is turned back by what stands still in them; mirrors are coated in front, or behind glass of
+one thickness, as the corners tell.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
+from scipy.stats import f as f_distribution
 
 from optics.calibration import bootstrap
 from optics.calibration.detection.corners import Corners, Grey, confirm, find_checkerboards, orderings
@@ -26,6 +29,7 @@ from optics.calibration.result import (
 from optics.calibration.solver.model import Model
 from optics.calibration.solver.residuals import Board, Estimate
 from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError, fit
+from optics.calibration.steadiness import camera_turns, steadied
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror, cut, reflect
@@ -36,6 +40,8 @@ from optics.values import FloatArray, InputError, Metric
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
 PAIR_MISFIT = 0.1  # of the board's diagonal: pose from one view is rough
 SAME_PLANE = 0.1  # of the distance of the virtual centre
+SHEET_START, GLASS_INDEX = 0.01, 1.52  # thickness in distances of the mirrors; soda-lime glass
+GLASS_CHANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -95,11 +101,46 @@ def calibrate_with_direct_view(
         flat = fit(Estimate(camera, centres, poses), observations, rigid)
         observations = _confirmed(pictures, frames, flat, corners_mm, target, mirrors)
         flat = fit(flat.estimate, observations, rigid)
+        turns = camera_turns([pictures[number] for number in frames], flat.estimate.camera)
+        if turns is not None:
+            still = steadied(observations, flat.estimate.camera, turns)
+            again = fit(flat.estimate, still, rigid)
+            if _squares(again) < _squares(flat):
+                observations, flat = still, again
+            else:
+                turns = None
+        flat = _behind_glass(flat, observations, rigid)
         start = replace(flat.estimate, shape=np.zeros(len(free_board.modes)))
-        solution = fit(start, observations, Model(INTRINSICS, sheet=False, bend=False, board=free_board))
+        loose = Model(INTRINSICS, sheet=False, bend=False, board=free_board)
+        if "sheet_mm" in flat.parameters:
+            solution = fit(start, observations, replace(loose, sheet=True))
+        else:
+            solution = _behind_glass(fit(start, observations, loose), observations, loose)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    return _result(solution, flat, free_board, observations, frames, names)
+    return _result(solution, flat, free_board, observations, frames, names, turns)
+
+
+def _squares(solution: Solution) -> float:
+    return float(np.sum(solution.residuals**2))
+
+
+def _behind_glass(plain: Solution, observations: Observations, model: Model) -> Solution:
+    """The fit with mirrors coated behind one kind of glass where the corners leave no doubt of it, else `plain`."""
+    estimate = plain.estimate
+    distances = np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1) / 2.0
+    count = len(distances)
+    start = replace(
+        estimate,
+        thickness_mm=np.full(count, SHEET_START * distances.mean()),
+        refractive_index=np.full(count, GLASS_INDEX),
+    )
+    glass = fit(start, observations, replace(model, sheet=True))
+    spare = 2 * int(glass.inliers.sum()) - len(glass.parameters) - 6 * len(estimate.rig_from_board)
+    larger = _squares(glass)
+    ratio = (_squares(plain) - larger) / (larger / spare)
+    supported = f_distribution.sf(ratio, 1, spare) < GLASS_CHANCE and glass.estimate.thickness_mm[0] > 0.0
+    return glass if supported else plain
 
 
 def _first_camera(pictures: Sequence[Grey], found: list[list[FloatArray]], target: Checkerboard) -> Camera:
@@ -233,6 +274,7 @@ def _result(
     observations: Observations,
     frames: list[int],
     names: Sequence[str],
+    turns: FloatArray | None,
 ) -> Calibration:
     estimate = solution.estimate
     mirrors, corners_mm = len(estimate.virtual_centres_in_rig_mm), board.corners_in_board_mm
@@ -244,6 +286,13 @@ def _result(
         value=np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))), unit="mm"
     )
     metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift[:, 2] ** 2)), unit="mm")
+    if turns is not None:
+        farthest = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
+        metrics["camera_turned_px"] = Metric(value=farthest, unit="px")
+    if "sheet_mm" in solution.parameters:
+        place = solution.parameters.index("sheet_mm")
+        metrics["sheet_mm"] = Metric(value=estimate.thickness_mm[0], unit="mm")
+        metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[place, place]), unit="mm")
     known = uncertainty(solution)
     covariance = mirror_covariance(known)
     for a in range(mirrors):
@@ -300,4 +349,7 @@ def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolAr
     pixels = observations.pixels[inliers & (observations.view == mirror)]
     normalized = estimate.camera.normalized_from_pixels(pixels)
     hull = normalized[ConvexHull(normalized).vertices]
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre))
+    glass = estimate.thickness_mm[mirror] > 0.0
+    sheet = {"surface": "second", "thickness_mm": estimate.thickness_mm[mirror]} if glass else {}
+    index = {"refractive_index": estimate.refractive_index[mirror]} if glass else {}
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre), **sheet, **index)

@@ -1,0 +1,141 @@
+"""What calibration makes of real photographs: `python benchmarks/calibration_photos.py PHOTOS_FOLDER`.
+
+The folder holds photographs of a checkerboard of 8 x 7 squares (1 unit of length each) and two mirrors that meet in a
+corner. Prints how well models of growing freedom fit, what each photograph's direct view predicts of its mirrored views
+under planes, camera and board that were fitted to the other photographs, and where the corners that both mirrors show
+are, against where they were predicted. The table keeps apart what is the model's from what is the paper board's and
+the phone's: beside every figure stands that of views each free to lie anywhere, which no mirror model can better.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from optics.calibration.detection.corners import confirm
+from optics.calibration.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
+from optics.calibration.direct_view import INTRINSICS, calibrate_with_direct_view
+from optics.calibration.observations import DIRECT, Observations
+from optics.calibration.result import Calibration
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.residuals import Board, Estimate
+from optics.calibration.solver.solve import fit
+from optics.calibration.steadiness import camera_turns, steadied
+from optics.files import read_image
+from optics.targets import Checkerboard
+from optics.values import FloatArray
+
+TARGET = Checkerboard(cols=8, rows=7, square_mm=1.0)
+PATHS = ((0, 1), (1, 0))
+
+
+def rms(errors: FloatArray) -> str:
+    """Root mean square of (n, 2), x / y, without rows of NaN."""
+    known = errors[np.isfinite(errors).all(axis=1)]
+    return "{:6.3f} {:6.3f}".format(*np.sqrt(np.mean(known**2, axis=0))) if len(known) else "     -      -"
+
+
+def start_of(found: Calibration, board: Board, *, sheet: bool) -> Estimate:
+    estimate = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
+    if not sheet:
+        estimate = replace(estimate, thickness_mm=np.zeros(len(found.layout.mirrors)))
+    return replace(estimate, shape=np.zeros(len(board.modes)))
+
+
+def apart(observations: Observations) -> Observations:
+    """Each view of each frame as a frame of its own."""
+    _, frame = np.unique(np.stack([observations.frame, observations.view]), axis=1, return_inverse=True)
+    order = np.argsort(frame.ravel(), kind="stable")
+    return Observations(
+        frame.ravel()[order], observations.view[order], observations.corner[order], observations.pixels[order]
+    )
+
+
+def main(folder: Path) -> None:
+    photos = sorted(folder.glob("*.jpg"))
+    pictures = [read_image(photo, grey=True) for photo in photos]
+    found = calibrate_with_direct_view(pictures, TARGET, mirrors=2, names=[photo.name for photo in photos])
+    steady = found.observations
+    camera = found.layout.camera
+    turns = camera_turns(pictures, camera)
+    if turns is None:
+        raise SystemExit("the background tells nothing about the camera's turns")
+    as_seen = steadied(steady, camera, -turns)
+    corners = TARGET.corners_in_board_mm
+    drawn, free = Board.rigid(corners), Board.free(corners)
+    views = len(np.unique(np.stack([steady.frame, steady.view]), axis=1).T)
+    print(f"{views} views with {len(steady)} corners found in {len(photos)} photographs")
+    print(
+        "camera turned since the first, px at the centre: "
+        + ", ".join(f"{v:.2f}" for v in turned_px(turns, camera.fx_px))
+    )
+
+    print("\nrms per axis, px (x y)           all            direct         mirror 0       mirror 1       predicted*")
+    fold = np.arange(len(photos))
+    for label, rows, board, sheet in (
+        ("as drawn, coated in front", as_seen, drawn, False),
+        ("+ camera turned back", steady, drawn, False),
+        ("+ coated behind glass", steady, drawn, True),
+        ("+ corners of the board free", steady, free, True),
+        ("free board, glass, as seen", as_seen, free, True),
+    ):
+        model = Model(INTRINSICS, sheet=sheet, bend=False, board=board)
+        solution = fit(start_of(found, board, sheet=sheet), rows, model)
+        errors, _ = predicted_mirrored(solution.estimate, rows, model, fold)
+        parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)] + [errors]
+        print(f"{label:32}" + "  ".join(rms(part) for part in parts))
+    shaped = Board.rigid(free.shaped(solution.estimate.shape))
+    for label, board in (("no mirror model, as drawn**", drawn), ("no mirror model, free board**", shaped)):
+        rows = apart(as_seen)
+        poses = np.repeat(found.rig_from_board, 3, axis=0) if len(np.unique(rows.frame)) == 3 * len(photos) else None
+        if poses is None:
+            continue
+        start = replace(start_of(found, drawn, sheet=True), rig_from_board=poses)
+        solution = fit(start, rows, Model(INTRINSICS, sheet=False, bend=False, board=board, mirrors=False))
+        parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)]
+        print(f"{label:32}" + "  ".join(rms(part) for part in parts))
+    print("* mirrored corners of each photograph, from its direct view alone; the rest from the other photographs")
+    print("** every view a pose of its own: what is left is paper, lens and finding")
+
+    model = Model(INTRINSICS, sheet=True, bend=False, board=free)
+    errors, unseen = predicted_mirrored(start_of(found, free, sheet=True), steady, model, fold)
+    print(
+        "\npredicted* by photograph, px       mirror 0       mirror 1       both mirrors one after the other (corners)"
+    )
+    twice = []
+    for frame, photo in enumerate(photos):
+        here = steady.frame == frame
+        off = seen_twice(pictures[frame], unseen[frame], free, turns[frame])
+        twice.append(off)
+        cells = [rms(errors[here & (steady.view == v)]) for v in (0, 1)] + [rms(off)]
+        print(f"{photo.name:32}" + "  ".join(cells) + f"  ({len(off)})")
+    print(f"{'all':32}" + "  ".join(rms(errors[steady.view == v]) for v in (0, 1)) + f"  {rms(np.concatenate(twice))}")
+
+
+def turned_px(turns: FloatArray, focal_px: float) -> FloatArray:
+    return np.asarray(focal_px * np.linalg.norm(turns, axis=1))
+
+
+def seen_twice(picture: np.ndarray, estimate: Estimate, free: Board, turn: FloatArray) -> FloatArray:
+    """Found minus predicted pixels (n, 2) of corners that one mirror shows in the other, where they can be seen."""
+    board = Board.rigid(free.shaped(estimate.shape))
+    estimate = replace(estimate, shape=np.zeros(0))
+    errors = [np.empty((0, 2))]
+    for path in PATHS:
+        predicted = twice_reflected(estimate, board, 0, path)
+        count = len(predicted)
+        still = Observations.of_view(0, DIRECT, np.arange(count), predicted)
+        in_picture = steadied(still, estimate.camera, -turn[None]).pixels
+        corners = confirm(picture, in_picture, TARGET)
+        shown = on_first_mirror(estimate, predicted[corners.ids], path)
+        errors.append((corners.pixels - in_picture[corners.ids])[shown])
+    return np.concatenate(errors)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]))
