@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,11 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
         raise UndeterminedError("no mirror is second-surface, so nothing tells how thick sheets are")
     parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
     unknowns = len(parameters) + 6 * len(start.rig_from_board)
-    estimate, iterations = start_robustly(start, observations, model)
+    estimate, iterations = start, 0
+    # Far off, bends would lead the sheets astray: beside them its thickness is little felt.
+    for stage in [replace(model, sheet=False)] * (model.sheet and model.bend) + [model]:
+        estimate, steps = start_robustly(estimate, observations, stage)
+        iterations += steps
     r = residuals(estimate, observations, model.board)
     inliers = np.ones(len(observations), dtype=bool)
     sigma = _robust_sigma(r)

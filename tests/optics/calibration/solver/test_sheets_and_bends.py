@@ -128,6 +128,23 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
         assert abs(solution.estimate.thickness_mm[0] - TRUE_MM) < 4.0 * claimed[place]
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_mirrors_far_off_lead_to_the_same_minimum(kind: str) -> None:
+    """Off by 2 deg and 2 mm each; in the last draw bends once led a sheet to no thickness at all."""
+    of = built(kind)
+    camera = of.layout.camera.replaced(distortion=np.zeros(5))
+    for seed in (0, 7):
+        seen, _ = of.noisy(seed)
+        ordered = tuple(
+            mirror.replaced(curvature_per_m=np.zeros(3), thickness_mm=NOMINAL_MM)
+            for mirror in disturbed(of.layout, seed, tilt_deg=2.0, offset_mm=2.0)
+        )
+        found = fit(start_from(camera, ordered, seen, of.model.board), seen, of.model)
+        best = fit(of.truth, seen, of.model)
+        assert np.sum(found.residuals**2) == pytest.approx(np.sum(best.residuals**2), rel=1e-6)
+        np.testing.assert_allclose(found.estimate.thickness_mm, best.estimate.thickness_mm, atol=1e-3)
+
+
 def test_a_fit_without_them_cannot_explain_the_corners() -> None:
     """What plane first-surface mirrors leave unexplained of sheets and of bends, beside 0.05 px of noise."""
     left = {}
