@@ -31,9 +31,14 @@ FEWEST_PLACES = 4
 SMALLEST_CELL_PX = 5.0
 FIRST_BLUR_PX = 1.2  # sigma that the first corners are looked for with
 LEAST_GREY = 6.0  # contrast of a corner in grey levels
-LEAST_CONTRAST = 0.45  # of that of the corners around
+LEAST_CONTRAST = 0.6  # of that of the corners around
 LEAST_EXPLAINED = 0.8  # of the variance around a corner
 MOST_SIGMA_PX = 0.3
+MOST_UNSURE, MOST_UNLIKE = (
+    2.5,
+    3.0,
+)  # times the board's median, of what is expected to be off and of what is unexplained
+UNEXPLAINED = 0.01
 NONE = Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
 
 
@@ -141,7 +146,7 @@ def grow(
     if warp is None:
         return NONE
     ids, seen = _look(picture, warp, have, found[have], target, blur_cells, mirrored=mirrored)
-    good = _as_bright(corners[ids], seen.contrast)
+    good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     ids, pixels = ids[good], seen.pixels[good]
     good = _smooth(corners[ids], pixels)
     return Corners(ids[good].astype(np.int64), pixels[good])
@@ -213,6 +218,15 @@ def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
         return np.zeros(len(places), dtype=bool)
     around = np.median(contrast[_neighbours(places)], axis=1)
     return np.asarray(contrast > LEAST_CONTRAST * around)
+
+
+def _like_the_others(seen: Refined) -> BoolArray:
+    """Which corners are about as certain and as well explained as most of the board: glare spoils the others."""
+    if not len(seen.pixels):
+        return np.zeros(0, dtype=bool)
+    rest = 1.0 - seen.explained
+    sure = seen.sigma_px < MOST_UNSURE * np.median(seen.sigma_px)
+    return np.asarray(sure & (rest < MOST_UNLIKE * np.median(rest) + UNEXPLAINED))
 
 
 def _of_one_piece(places: FloatArray, pixels: FloatArray) -> BoolArray:
