@@ -64,22 +64,32 @@ class Split:
         )
 
     @property
-    def alarm(self) -> str | None:
-        """The most that is over twice what was predicted, and hardly by chance, in words; None where nothing is."""
+    def _worst(self) -> tuple[float, str]:
+        """The largest ratio that is over twice what was predicted, and hardly by chance, and its words; 1 without."""
         enough = ALARM_CHANCE / len(self.chance)
-        beyond = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
-        for where, ratios, chances, differences in (
+        ratios = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
+        for where, in_views, chances, differences in (
             ("", self.ratio, self.chance, self.difference_px),
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
-            worst = int(np.argmax(np.nan_to_num(ratios)))
+            worst = int(np.argmax(np.nan_to_num(in_views)))
             said = f"mirror {worst} differs by {differences[worst]:.2g} px{where}"
-            beyond.append((float(np.nan_to_num(ratios[worst])), bool(chances[worst] < enough), said))
-        alarming = [(ratio, said) for ratio, is_unlikely, said in beyond if ratio > ALARM_RATIO and is_unlikely]
-        if not alarming:
+            ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < enough), said))
+        alarming = [(ratio, said) for ratio, is_unlikely, said in ratios if ratio > ALARM_RATIO and is_unlikely]
+        return max(alarming, default=(1.0, ""))
+
+    @property
+    def alarm(self) -> str | None:
+        """What differs by over twice what was predicted, and hardly by chance, in words; None where nothing does."""
+        ratio, said = self._worst
+        if not said:
             return None
-        ratio, said = max(alarming)
         return f"split {self.how}, {said}: {ratio:.1f} times what the halves' uncertainties predict"
+
+    @property
+    def widening(self) -> float:
+        """The factor by which standard deviations are too small to allow for what raised the alarm; 1 without."""
+        return self._worst[0]
 
 
 @dataclass(frozen=True)

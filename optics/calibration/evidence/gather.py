@@ -11,7 +11,7 @@ from optics.calibration.evidence.depth import DepthUncertainty, depth_uncertaint
 from optics.calibration.evidence.directions import WeakDirection, weak_directions
 from optics.calibration.evidence.free_views import FreeViews
 from optics.calibration.evidence.ladder import Climb, Rung
-from optics.calibration.evidence.projection import ProjectionMap, projection_map, working_range_mm
+from optics.calibration.evidence.projection import ProjectionMap, known_of, projection_map, working_range_mm
 from optics.calibration.evidence.uncertainty import MirrorUncertainty, mirror_uncertainty
 from optics.calibration.observations import DIRECT, Observations
 from optics.calibration.solver.residuals import points_at_camera
@@ -29,7 +29,8 @@ class Evidence:
 
     `level` is the model's name on the ladder, `rungs` what was tried on the way. `reference` is the view that others
     are measured against (a mirror's, or DIRECT) and `range_mm` the working range of `projection` (a map per view) and
-    `weak`. `alarms` say in words what speaks against the model, `notes` what could not be told.
+    `weak`. All uncertainties are `widened`, as a factor, against what independent errors of corners would make them, to
+    what the data show. `alarms` say in words what speaks against the model, `notes` what could not be told.
     """
 
     level: str
@@ -42,6 +43,7 @@ class Evidence:
     depth: DepthUncertainty
     reference: int
     range_mm: float
+    widened: float
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -59,6 +61,7 @@ class Evidence:
                 _rms([shown.against_reference_px for shown in self.projection if shown.view != self.reference]),
                 "px",
             ),
+            "uncertainty_widened": (self.widened, "1"),
             "alarms": (float(len(self.alarms)), "1"),
         }
         for name, values in (("matching", self.depth.matching_mm), ("calibration", self.depth.calibration_mm)):
@@ -83,7 +86,11 @@ def reference_of(observations: Observations, layout: Layout) -> int:
 
 
 def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence:
-    """The evidence about the calibrated `layout`, which carries the covariance of the climb's solution."""
+    """The evidence about the calibrated `layout`, which carries the covariance of the climb's solution.
+
+    Where halves of the frames differ by more than that covariance allows, all uncertainties told here are wider than
+    those of `layout`: `climb.widened_to(evidence.widened)` has the covariance that goes with them.
+    """
     solution = climb.solution
     mirrored = observations.view != DIRECT
     _, in_rig, _ = points_at_camera(solution.estimate, observations, climb.model.board)
@@ -92,6 +99,10 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
     halves, notes = splits(solution, observations, climb.model, layout, reference=reference, range_mm=range_mm)
+    widened = max(climb.widened, *(split.widening for split in halves), 1.0)
+    known = known_of(layout)
+    wider = known.replaced(covariance=(widened / climb.widened) ** 2 * known.covariance)
+    layout = layout.replaced(uncertainty=wider)
     return Evidence(
         level=climb.level,
         rungs=climb.rungs,
@@ -103,6 +114,7 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
         depth=depth_uncertainty(layout, range_mm * RANGES, reference=reference, at_px=middle, matching_px=MATCHING_PX),
         reference=reference,
         range_mm=range_mm,
+        widened=widened,
         alarms=(*climb.alarms, *(split.alarm for split in halves if split.alarm is not None)),
         notes=(*climb.notes, *notes),
     )

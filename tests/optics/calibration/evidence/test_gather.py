@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from optics.calibration.evidence.depth import depth_uncertainty
 from optics.calibration.evidence.gather import Evidence, gather, reference_of
-from optics.calibration.evidence.ladder import climb
+from optics.calibration.evidence.ladder import Climb, climb
+from optics.calibration.evidence.uncertainty import mirror_uncertainty
 from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
+from optics.values import FloatArray
 from tests.optics.calibration.evidence.conftest import BOARD, NOISE_PX, Scene, behind_glass, scene_of
 
 
@@ -27,6 +30,7 @@ def test_a_good_calibration_has_nothing_against_it(evidence: Evidence) -> None:
     assert evidence.level == "joint"
     assert evidence.alarms == ()
     assert evidence.notes == ()
+    assert evidence.widened == 1.0
     assert len(evidence.splits) == 2
     assert len(evidence.weak) == 3
 
@@ -65,6 +69,26 @@ def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None
     found = gather(reached, scene.clean, scene.calibrated(reached.solution))
     assert found.alarms == ()
     assert found.notes == ("not split: the corners have no noise that halves could differ by",)
+
+
+def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
+    scene = scene_of(device, warp_mm=0.3)
+    seen = scene.noisy(0)
+    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level="joint")
+    found = gather(reached, seen, scene.calibrated(reached.solution))
+    assert found.widened == max(reached.widened, *(split.widening for split in found.splits)) > reached.widened
+    layout = scene.calibrated(reached.widened_to(found.widened).solution)
+    again = mirror_uncertainty(layout, lever_mm=found.range_mm)
+    np.testing.assert_allclose(found.mirrors.normal_deg, again.normal_deg, rtol=1e-9)
+    assert (found.depth.calibration_mm > depth_of(scene, reached, found)).all()
+
+
+def depth_of(scene: Scene, reached: Climb, found: Evidence) -> FloatArray:
+    layout = scene.calibrated(reached.solution)
+    depth = found.depth
+    return depth_uncertainty(
+        layout, depth.range_mm, reference=found.reference, at_px=depth.at_px, matching_px=depth.matching_px
+    ).calibration_mm
 
 
 def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:

@@ -178,10 +178,10 @@ def test_evidence_of_each_rung_adds_up(of_warped: Climb) -> None:
     assert taken.held_out_rms_px < 1.1 * NOISE_PX
     corners = of_warped.solution.inliers.sum()
     squares = [2 * corners * rung.rms_px**2 for rung in (taken, left)]
-    assert left.drop == pytest.approx((squares[0] - squares[1]) / left.sigma_px**2, rel=1e-6)
+    assert left.drop == pytest.approx((squares[0] - squares[1]) / left.sigma_px**2, rel=1e-4)
     assert left.chance == pytest.approx(chi2.sf(left.drop, 12), rel=0.05)
     assert left.information_gain == pytest.approx(
-        2 * corners * np.log(squares[0] / squares[1]) - 12 * np.log(2 * corners), rel=1e-6
+        2 * corners * np.log(squares[0] / squares[1]) - 12 * np.log(2 * corners), rel=1e-4
     )
     assert not left.supported
 
