@@ -14,6 +14,7 @@ from optics.values import InputError, Metric, Value
 
 if TYPE_CHECKING:
     from optics.calibration.detection.corners import Grey
+    from optics.calibration.observations import Observations
     from optics.calibration.result import Calibration
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -34,6 +35,9 @@ class CalibrateOptions(Value):
         default=None,
         description="model: paper, or joint with any of +sheet, +bend, +warp; without it, what the evidence supports",
     )
+    live_hint: bool = Field(
+        default=False, description="say after each picture which mirror, depth and tilt the next one should show"
+    )
     out: Path = Field(
         default=Path("output/calibrated"),
         description=(
@@ -46,8 +50,8 @@ class CalibrateOptions(Value):
     def _check(self) -> Self:
         if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
             raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
-        if self.direct_view and self.level is not None:
-            raise ValueError("--level goes with --layout")
+        if self.direct_view and (self.level is not None or self.live_hint):
+            raise ValueError("--level and --live-hint go with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self
@@ -71,6 +75,7 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     """The calibration that the options ask for; every picture is read one at a time."""
     from mirrorcam.workers import cores
     from optics.calibration.calibrate import calibrate
+    from optics.calibration.detection.hint import next_picture
     from optics.calibration.direct_view import calibrate_with_direct_view
     from optics.files import read_image
     from optics.layout import Layout
@@ -85,6 +90,11 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     if options.layout is not None:
         layout = Layout.load(options.layout)
         total = len(paths) + len(base_paths)
+
+        def hint(seen: Sequence[Observations]) -> None:
+            if options.live_hint:
+                say("calibrate", f"{paths[len(seen) - 1].name}: {next_picture(seen, layout, target).sentence}")
+
         return calibrate(
             images(paths),
             images(base_paths),
@@ -94,6 +104,7 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
             detections=options.out / "detections",
             workers=cores(),
             on_frame=lambda done: advance(done, total),
+            on_seen=hint,
         )
     if not isinstance(target, Checkerboard) or options.mirrors is None:
         raise InputError(f"{options.board}: a ChArUco board, expected a checkerboard for --direct-view")

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from optics.calibration.observations import Observations
 from optics.calibration.result import Calibration, fit_metrics, uncertainty
 from optics.calibration.screening import screen
 from optics.calibration.solver.residuals import Board, Estimate, points_at_camera
-from optics.calibration.solver.solve import BoolArray, Solution, UndeterminedError
+from optics.calibration.solver.solve import BoolArray, UndeterminedError
 from optics.files import one_line
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -45,17 +45,24 @@ def calibrate(
     detections: Path | None = None,
     workers: int = 1,
     on_frame: Callable[[int], None] = lambda done: None,
+    on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
     """The calibrated layout from grey frames (h, w) with and without mirrors, taken one at a time.
 
     `layout` is the nominal one: it says where to look and where to start. Without base frames the camera starts from
     the nominal one too. `level` is one of the ladder's (`evidence.ladder`), else what the evidence supports is taken.
-    Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done.
     Corners are found by so many `workers` and kept in the folder `detections`, so that no picture is searched twice.
+    Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done, `on_seen` after each
+    one with mirrors what was seen in these so far.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
-    seen = detect(frames, mirrored=True, on_frame=on_frame)
-    base = detect(base_frames, mirrored=False, on_frame=lambda done: on_frame(len(seen) + done))
+
+    def hear(found: Sequence[Observations]) -> None:
+        on_frame(len(found))
+        on_seen(found)
+
+    seen = detect(frames, mirrored=True, on_frame=hear)
+    base = detect(base_frames, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
     return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level)
 
 
@@ -83,25 +90,24 @@ def calibrate_corners(
     try:
         camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
         start = bootstrap.first_estimate(observations, camera, layout, corners_in_board_mm)
-        reached = climb(start, observations, corners_in_board_mm, level=level)
-        reached = reached.widened_to(screened.widened)
-        solution, board = reached.solution, reached.model.board
+        reached = climb(start, observations, corners_in_board_mm, level=level).widened_to(screened.widened)
+        evidence = gather(reached, observations, _calibrated(reached, layout))
+        reached = reached.widened_to(evidence.widened)
+        solution = reached.solution
         notes += checks.judge(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
-        metrics["spatial_rms_mm"] = Metric(
-            value=spatial_rms_mm(solution.estimate, observations, solution.inliers, board), unit="mm"
-        )
+        spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, reached.model.board)
+        metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
         if len(used) > HOLD_OUT_EVERY:
             metrics |= _held_out(reached, observations, len(used))
-        calibrated = _calibrated(solution, layout, metrics)
-        evidence = gather(reached, observations, calibrated)
+        metrics |= evidence.metrics
+        calibrated = _calibrated(reached, layout).replaced(metrics=metrics)
     except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
         raise InputError(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
-    metrics |= evidence.metrics
     return Calibration(
-        layout=calibrated.replaced(metrics=metrics, provenance={**calibrated.provenance, "level": reached.level}),
+        layout=calibrated,
         rig_from_board=solution.estimate.rig_from_board,
         observations=observations,
         residuals_px=solution.residuals,
@@ -150,8 +156,8 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
     return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
 
 
-def _calibrated(solution: Solution, layout: Layout, metrics: dict[str, Metric]) -> Layout:
-    estimate = solution.estimate
+def _calibrated(reached: Climb, layout: Layout) -> Layout:
+    estimate = reached.solution.estimate
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.surface == "second" else mirror.thickness_mm, curvature_per_m=curvature
@@ -168,10 +174,10 @@ def _calibrated(solution: Solution, layout: Layout, metrics: dict[str, Metric]) 
         kind="calibrated",
         camera=estimate.camera,
         mirrors=mirrors,
-        metrics=metrics,
+        metrics={},
         verdict={},
-        provenance={"nominal": layout.identity},
-        uncertainty=uncertainty(solution),
+        provenance={"nominal": layout.identity, "level": reached.level},
+        uncertainty=uncertainty(reached.solution),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -59,13 +59,13 @@ def detect_frames(
     mirrored: bool,
     folder: Path | None = None,
     workers: int = 1,
-    on_frame: Callable[[int], None] | None = None,
+    on_frame: Callable[[Sequence[Observations]], None] = lambda found: None,
 ) -> list[Observations]:
     """`sub_images` of every frame, or where they are not `mirrored` `direct_view`, in their order, each as frame 0.
 
     Pictures are taken as they are needed, at most two for each of the `workers` at a time. What is found in them is
-    kept in `folder` and taken from there the next time; `on_frame` hears how many frames are done. Raises InputError
-    where a picture has not the size of the layout's camera.
+    kept in `folder` and taken from there the next time; `on_frame` hears after each frame what was found so far.
+    Raises InputError where a picture has not the size of the layout's camera.
     """
     most = _most(layout) if mirrored else 1
     expected = (layout.camera.height_px, layout.camera.width_px)
@@ -91,8 +91,7 @@ def detect_frames(
     observations: list[Observations] = []
     for boards in _in_order(look, sized(), workers):
         observations.append(_assigned(boards, layout, target) if mirrored else _largest(boards))
-        if on_frame is not None:
-            on_frame(len(observations))
+        on_frame(observations)
     return observations
 
 

@@ -120,7 +120,7 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
     blank = np.zeros((540, 960), np.uint8)
     frames = [charuco_frame[0], blank, charuco_frame[0][::-1, ::-1].copy()]
     heard: list[int] = []
-    alone = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, on_frame=heard.append)
+    alone = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, on_frame=lambda found: heard.append(len(found)))
     assert heard == [1, 2, 3]
     together = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path, workers=2)
 
