@@ -34,6 +34,7 @@ from render_scenes.settings import SENSORS, RenderSettings, SensorName
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 TILT_DEG = 2.0
 FALSE_PX, FALSE_SIGMAS = 1.0, 5.0
+LEAST_FALSE_PX = 0.1  # below which no corner is called false, however small the others' errors are
 LIMIT_S = 10.0
 WAYS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
 
@@ -70,7 +71,7 @@ class Score:
     """Of corners found in some frames.
 
     `visible` and `found` count them, `rms_px` is per axis, of those that are not off by more than `FALSE_PX`; `far` are
-    those that are, `astray` those beyond `FALSE_SIGMAS` of the others' spread.
+    those that are, `astray` those beyond `FALSE_SIGMAS` of the spread of their mirror's.
     """
 
     visible: int
@@ -87,11 +88,15 @@ class Score:
 def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score:
     """Corners against pixels (frames, mirrors, corners, 2)."""
     off = np.concatenate([o.pixels - truth_px[frame][o.view, o.corner] for frame, o in enumerate(seen)])
-    far = ~(np.linalg.norm(off, axis=1) <= FALSE_PX)
+    views = np.concatenate([o.view for o in seen])
+    distance = np.linalg.norm(off, axis=1)
+    far = ~(distance <= FALSE_PX)
     near = off[~far]
-    # Rayleigh's median is 1.177 sigma; a few outliers do not move it.
-    sigma = np.median(np.linalg.norm(near, axis=1)) / 1.1774 if len(near) else np.inf
-    astray = ~(np.abs(off) <= max(FALSE_SIGMAS * sigma, 0.1)).all(axis=1)
+    astray = far.copy()
+    for view in np.unique(views):
+        # Each mirror has its own light and sharpness. Rayleigh's median is 1.177 sigma; a few outliers do not move it.
+        sigma = float(np.median(distance[views == view])) / 1.1774
+        astray |= (views == view) & (np.abs(off) > max(FALSE_SIGMAS * sigma, LEAST_FALSE_PX)).any(axis=1)
     rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
     return Score(visible, len(off), rms, int(far.sum()), int(astray.sum()))
 

@@ -34,7 +34,6 @@ def assign(
     boards: Sequence[tuple[Corners, ...]],
     layout: Layout,
     target: Charuco | Checkerboard,
-    outlines_px: Sequence[FloatArray | None] | None = None,
 ) -> list[tuple[int, Corners]]:
     """Mirror and corners of each board of a frame that is some mirror's, in the order of the mirrors.
 
@@ -43,11 +42,8 @@ def assign(
     of the frame does: a mirror tilted by 2 degrees moves what it shows by a tenth of a frame, the mirror next to it
     shows the board half a frame away. Turning a plain board over in all views at once changes nothing, so the largest
     one decides.
-
-    `outlines_px` are the sub-images (n, 2) where they are known better than from the layout.
     """
-    known = outlines_px or (None,) * len(layout.mirrors)
-    outlines = [layout.outline_px(i) if outline is None else outline for i, outline in enumerate(known)]
+    outlines = [layout.outline_px(index) for index in range(len(layout.mirrors))]
     regions = [shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]) for outline in outlines]
     shapely.prepare(regions)
     sizes_px = np.array([np.sqrt(region.area) for region in regions])
