@@ -1,7 +1,8 @@
-"""Corners in one image: find a target, order its corners, and refine them to sub-pixel accuracy.
+"""Plain checkerboards in one image: find them whole, number their corners, confirm corners that a model foretells.
 
 `findChessboardCornersSB` alone errs by 0.01 to 0.4 px, depending on the size of the cells, so it only seeds: every
-corner is refined by `cv2.cornerSubPix` with a window scaled to the cell that is seen there.
+corner is refined by `cv2.cornerSubPix` with a window scaled to the cell that is seen there, and, where a target is
+followed through a whole frame, by what is printed (`refinement`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from optics.targets import Charuco, Checkerboard
+from optics.targets import Checkerboard
 from optics.values import FloatArray
 
 Grey = NDArray[np.uint8]
@@ -38,16 +39,6 @@ class Corners:
 
     def __len__(self) -> int:
         return len(self.ids)
-
-
-def refinement_window(target: Charuco | Checkerboard) -> float:
-    """Half-window for refinement in cells: as large as it may be before it meets anything but one crossing of edges.
-
-    In a ChArUco board that is the white rim around a marker: a marker inside the window pulls by up to 0.3 px.
-    """
-    if isinstance(target, Checkerboard):
-        return CHECKERBOARD_WINDOW
-    return min(CHECKERBOARD_WINDOW, (1.0 - target.marker_mm / target.square_mm) / 2.0)
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:
@@ -75,22 +66,6 @@ def spread_out(corners: Corners) -> Corners:
         if across / np.sqrt(len(corners)) > LEAST_SPREAD * np.median(cell_px(corners.pixels)):
             return corners
     return Corners(corners.ids[:0], corners.pixels[:0])
-
-
-def find_charuco(grey: Grey, target: Charuco, *, mirrored: bool) -> Corners:
-    """Corners of a ChArUco board, any part of it; `mirrored` where the image shows it through one mirror.
-
-    A mirrored marker is no marker, so the image is flipped for the search and the result flipped back.
-    """
-    image = cv2.flip(grey, 1) if mirrored else grey
-    pixels, ids, _, _ = cv2.aruco.CharucoDetector(target.opencv).detectBoard(image)
-    if ids is None or len(ids) < MIN_CORNERS:
-        return Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
-    seeds = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-    if mirrored:
-        seeds[:, 0] = grey.shape[1] - 1 - seeds[:, 0]
-    refined = refine(grey, seeds, cell_px(seeds), refinement_window(target))
-    return spread_out(Corners(np.asarray(ids, dtype=np.int64).ravel(), refined))
 
 
 def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[FloatArray]:

@@ -10,11 +10,11 @@ from optics.calibration.detection.corners import (
     Corners,
     cell_px,
     confirm,
-    find_charuco,
     find_checkerboards,
     orderings,
     spread_out,
 )
+from optics.calibration.detection.markers import find_boards
 from optics.camera import Camera
 from optics.layout import Layout
 from optics.mirror import Mirror
@@ -98,11 +98,11 @@ def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
     middle = np.array([20.0, 300.0, 80.0]) if mirrored else np.array([20.0, 0.0, 300.0])
     pose = posed(CHARUCO, middle, np.array([10.0, -12.0, 6.0]), direct=not mirrored)
     picture = render(CAMERA, layout, CHARUCO, pose, noise_grey=1.0)
-    corners = find_charuco(picture, CHARUCO, mirrored=mirrored)
+    (corners,) = find_boards(picture, CHARUCO, mirrored=mirrored, most=4)
     assert len(corners) > 40
     truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
-    assert rms(corners.pixels - truth) < 0.05
-    assert len(find_charuco(picture, CHARUCO, mirrored=not mirrored)) == 0
+    assert rms(corners.pixels - truth) < 0.01
+    assert find_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
 
 
 def test_several_boards_are_found_in_one_picture() -> None:
