@@ -246,7 +246,13 @@ def test_pictures_without_a_corner_are_refused(tmp_path: Path, default_layout: L
     for name in ("one.png", "two.png", "base.png"):
         write_image(tmp_path / name, np.zeros((1080, 1920, 3), dtype=np.uint8))
     arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
-    assert_refused(tmp_path, arguments, "no corner of the board found in any of 2 frames")
+    before = set(tmp_path.rglob("*"))
+    result = mirrorcam(tmp_path, arguments)
+    assert_one_line(result.stderr, "no corner of the board found in any of 2 frames")
+    assert result.returncode == 2
+    # What was found in the pictures is kept, so that they are not searched again beside better ones.
+    kept = tmp_path / "calibrated" / "detections"
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
 
 
 def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ BEYOND_NOISE = 2.0
 """Standard errors by which held-out frames must be explained better."""
 MATERIAL = 0.1
 """Part of the noise that mirrors must leave unexplained beyond it before it is worth an alarm."""
+THINNEST_MM = 0.1  # no sheet that holds a mirror is thinner
 GLASS_MM, GLASS_INDEX = 1.0, 1.49
 """A sheet to start from where the layout has none; its index is that of acrylic."""
 
@@ -155,6 +156,8 @@ def climb(
             break
         current = best
         left.remove(addition)
+    if "sheet" in current.name.split("+"):
+        alarms += _no_sheet(current)
     return _result(current, rungs, observations, alarms, notes)
 
 
@@ -228,11 +231,27 @@ def _along(vectors: FloatArray, axes: FloatArray) -> FloatArray:
     return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
 
 
+def _thickness(fitted: _Fitted) -> tuple[float, float]:
+    """Thickness of the thinnest sheet and its standard deviation, mm."""
+    place = fitted.solution.parameters.index("sheet_mm")
+    thickness = fitted.solution.estimate.thickness_mm
+    sigma = float(np.sqrt(fitted.solution.covariance[place, place]))
+    return float(thickness[thickness > 0.0].min()), sigma
+
+
+def _no_sheet(fitted: _Fitted) -> list[str]:
+    thickness, sigma = _thickness(fitted)
+    if thickness > max(3.0 * sigma, THINNEST_MM):
+        return []
+    return [
+        f"the sheets come out {thickness:.2g} +- {sigma:.2g} mm thick: the mirrors look coated in front, "
+        "the layout says they are coated behind"
+    ]
+
+
 def _alarm(best: _Fitted, addition: str) -> str:
     if addition == "glass":
-        place = best.solution.parameters.index("sheet_mm")
-        thickness = float(best.solution.estimate.thickness_mm[0])
-        sigma = float(np.sqrt(best.solution.covariance[place, place]))
+        thickness, sigma = _thickness(best)
         return (
             f"the mirrors look like glass coated behind, {thickness:.2f} +- {sigma:.2g} mm thick if its index is "
             f"{GLASS_INDEX}: the layout says they are coated in front"

@@ -201,17 +201,22 @@ def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
         calibrate([hidden], small_set.base, small_set.nominal, BOARD)
     with pytest.raises(InputError, match="2 views show the board, expected at least 3"):
         calibrate(small_set.frames[:1], small_set.base[:2], small_set.nominal, BOARD)
+
+
+def test_a_layout_that_is_wrong_about_its_coating_is_told_so(small_set: Set) -> None:
     second = small_set.nominal.replaced(
         mirrors=tuple(mirror.replaced(surface="second") for mirror in small_set.nominal.mirrors)
     )
-    with pytest.raises(InputError, match="second-surface"):
-        calibrate(small_set.frames, small_set.base, second, BOARD)
+    found = calibrate(small_set.frames, small_set.base, second, BOARD)
+    assert found.evidence is not None
+    assert found.evidence.level == "joint+sheet"
+    assert any("look coated in front" in alarm for alarm in found.evidence.alarms)
 
 
 def test_one_frame_of_one_mirror_does_not_determine_a_camera(small_set: Set) -> None:
     seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
     alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
-    with pytest.raises(InputError, match="do not determine camera and mirrors"):
+    with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
         calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)
 
 
