@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from pydantic import Field
 
 from mirrorcam.progress import Advance, count_text, long_work, say
 from optics.values import InputError, Value
-
-if TYPE_CHECKING:
-    from optics.light_field.light_field import LightField
 
 
 class DecodeOptions(Value):
@@ -33,18 +29,6 @@ class DecodeOptions(Value):
     )
 
 
-def save_light_field(path: Path, light_field: LightField) -> None:
-    """Write the fields of a light field to an .npz file, atomically; the same light field gives the same bytes."""
-    import numpy as np
-
-    from optics.files import atomic
-
-    with atomic(path) as temporary:
-        np.savez_compressed(
-            temporary, **{field.name: getattr(light_field, field.name) for field in fields(light_field)}
-        )
-
-
 def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance: Advance) -> None:
     """Decode frames into `out`; every frame is read once before anything is written, so that a bad one stops it all.
 
@@ -53,6 +37,7 @@ def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance:
     from optics.files import read_image, write_image
     from optics.layout import Layout
     from optics.light_field.decode import Decoder
+    from optics.light_field.files import save_npz
     from optics.light_field.tiles import tiles
 
     layout = Layout.load(layout_path)
@@ -68,7 +53,7 @@ def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance:
     decoder = Decoder(layout)
     for done, frame in enumerate(frames, start=1):
         light_field = decoder.decode(read_image(frame))
-        save_light_field(out / f"{frame.stem}.npz", light_field)
+        save_npz(out / f"{frame.stem}.npz", light_field)
         write_image(out / f"{frame.stem}_views.png", tiles(light_field))
         advance(done, len(frames))
 
