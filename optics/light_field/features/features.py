@@ -1,0 +1,278 @@
+"""Features of a light field: 2-D keypoints of the reference view that all views agree on, with slope and place.
+
+As in the paper (Light Field Features): keypoints are matched into every other view; a match tells a slope, and with it
+where the feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least
+N_MIN views must find it; all that do, consolidate its slope.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.light_field.features.align import Pyramid, align, templates
+from optics.light_field.features.detect import (
+    DetectorName,
+    Keypoints,
+    detect,
+    detector,
+    grey_views,
+    inner_masks,
+)
+from optics.light_field.features.match import candidates, vote
+from optics.light_field.features.slope import Fit, Geometry, TwoSlopes, fit, fit_two_slopes, moderated_variance
+from optics.light_field.light_field import Axis, LightField, Views
+from optics.values import FloatArray, InputError
+
+# Views whose descriptors must agree on a slope before it is tried in all of them.
+LEAST_VOTES = 2
+# How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
+LEAST_ALIKE = 0.8
+# Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
+PRIOR_FREEDOM = 6.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Features:
+    """Features of one light field (n of them), in the order of their keypoints; arrays are read-only.
+
+    Attributes:
+        detector: its name.
+        pixels: (n, 2) where the consolidated fit has them in the reference view, as (u, v).
+        scale_px: (n,) scale they were found at, 1 the finest.
+        disparity_px: (n,) consolidated slope, px per mean step along s (of one column of views: along t), positive
+            nearer than the reference plane: -du/ds.
+        disparity_sigma_px: (n,) its standard deviation.
+        points_in_rig_mm: (n, 3).
+        depth_mm: (n,) from the pupil along view z.
+        depth_sigma_mm: (n,) its standard deviation.
+        residual_px: (n,) root mean square distance of where views see them from where the fit expects them.
+        seen: (n, t, s) in which views they were found, the reference view included.
+        seen_px: (n, t, s, 2) where; NaN where not.
+        apart_disparity_px: (n, 2) the slopes along s and along t estimated apart, each as `disparity_px` (both in px
+            per mean step of the same axis, so that they are equal for a point); NaN where views in one line, or too
+            few, cannot tell.
+        two_slope_sigma: (n,) how many standard deviations the two principal slopes are apart; NaN where not told.
+        refracted: (n,) whether that is more than the test's limit: seen by way of a curved or through a refracting
+            surface; their depth is not that of anything at this pixel.
+        descriptors: (n, d) of the reference view: bits as uint64 words, SIFT's as float32 (RootSIFT).
+        layout_identity: of the light field.
+    """
+
+    detector: DetectorName
+    pixels: FloatArray
+    scale_px: FloatArray
+    disparity_px: FloatArray
+    disparity_sigma_px: FloatArray
+    points_in_rig_mm: FloatArray
+    depth_mm: FloatArray
+    depth_sigma_mm: FloatArray
+    residual_px: FloatArray
+    seen: NDArray[np.bool_]
+    seen_px: FloatArray
+    apart_disparity_px: FloatArray
+    two_slope_sigma: FloatArray
+    refracted: NDArray[np.bool_]
+    descriptors: NDArray[Any]
+    layout_identity: str
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                if len(value) != len(self.pixels):
+                    raise ValueError(f"{name} has shape {value.shape}, expected {len(self.pixels)} features")
+                read_only = value.view()
+                read_only.flags.writeable = False
+                object.__setattr__(self, name, read_only)
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+class FeatureFinder:
+    """Finds the features of light fields of the same views; keep one for a video, its detectors and threads stay.
+
+    Args:
+        views: of the light fields.
+        name: SIFT, ORB or AKAZE.
+        keypoints: about how many of each view's strongest keypoints are kept.
+        max_distance_px: farther from where its slope expects it, a view does not see the feature.
+        min_views: N_MIN, in how many views beside the reference view a feature must be found.
+        nearest_mm, farthest_mm: depths between which features are sought. Default: from half the distance of the
+            reference plane to infinity.
+        two_slope_sigma: features whose slopes are more standard deviations apart are flagged.
+
+    Raises InputError for fewer views than `min_views` asks for, depths out of order or nearer than a view, and AKAZE
+    where OpenCV has none.
+    """
+
+    def __init__(
+        self,
+        views: Views,
+        name: DetectorName = "SIFT",
+        *,
+        keypoints: int = 600,
+        max_distance_px: float = 1.0,
+        min_views: int = 4,
+        nearest_mm: float | None = None,
+        farthest_mm: float = np.inf,
+        two_slope_sigma: float = 5.0,
+    ) -> None:
+        count = views.rows * views.cols
+        if not 2 <= min_views <= count - 1:
+            raise InputError(
+                f"features in at least {min_views} of {count - 1} views beside the reference, expected 2 to {count - 1}"
+            )
+        if not (np.isfinite(max_distance_px) and max_distance_px > 0):
+            raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
+        pupil_mm = views.reference_depth_mm - views.reference_distance_mm
+        nearest = pupil_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
+        if not max(views.positions_mm[..., 2].max(), 0.0) < nearest - pupil_mm < farthest_mm - pupil_mm:
+            raise InputError(
+                f"depths {nearest:g} to {farthest_mm:g} mm, expected the nearer one first and in front of every view"
+            )
+        self.views, self.name = views, name
+        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, min_views, two_slope_sigma
+        self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
+        self.geometry = Geometry.of(views)
+        self._detectors = [detector(name, keypoints) for _ in range(count)]
+        self._pool = ThreadPoolExecutor(min(count, os.cpu_count() or 1))
+
+    def find(self, light_field: LightField) -> Features:
+        """The features of a light field; raises InputError for one of other views."""
+        self._check(light_field)
+        run, reference = self._pool.map, self.geometry.reference
+        images, inner = grey_views(light_field), inner_masks(light_field)
+        keypoints = detect(images, inner, self._detectors, self.name, run)
+        at = keypoints[reference]
+        tolerance = self.max_distance_px * at.scale_px
+        found = candidates(self.geometry, keypoints, self.name, self.inverse_range_mm, tolerance, run)
+        votes = vote(found, tolerance)
+        tried = np.flatnonzero((votes.views >= LEAST_VOTES) & ~votes.ambiguous & np.isfinite(votes.inverse_mm))
+        seen_px = self._aligned(images, inner, at, tried, votes.inverse_mm[tried])
+        return self._consolidated(at, tried, seen_px, votes.inverse_mm[tried])
+
+    def _check(self, light_field: LightField) -> None:
+        same = (
+            light_field.layout_identity == self.views.layout_identity
+            and light_field.weights.shape == (self.views.rows, self.views.cols, *light_field.weights.shape[2:])
+            and np.array_equal(light_field.matrices, self.views.matrices)
+            and np.array_equal(light_field.positions_mm, self.views.positions_mm)
+        )
+        if not same:
+            raise InputError(
+                f"light field of layout {light_field.layout_identity} has other views than those of layout "
+                f"{self.views.layout_identity} that features are sought in"
+            )
+
+    def _aligned(
+        self,
+        images: NDArray[np.uint8],
+        inner: NDArray[np.uint8],
+        at: Keypoints,
+        tried: NDArray[np.int64],
+        inverse_mm: FloatArray,
+    ) -> FloatArray:
+        """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else."""
+        run, reference = self._pool.map, self.geometry.reference
+        pyramid = Pyramid(images, run)
+        directions = self.geometry.directions(at.pixels[tried])
+        given = templates(pyramid, reference, at.pixels[tried], at.scale_px[tried])
+
+        def one(view: int) -> FloatArray:
+            if view == reference:
+                pixels = np.full((len(tried), 2), np.nan)
+                told = np.concatenate([each.index for each in given])
+                pixels[told] = at.pixels[tried][told]
+                return pixels
+            start = self.geometry.predict(view, directions, inverse_mm)
+            start[~_shown(inner[view], start)] = np.nan
+            pixels, alike = align(pyramid, given, view, start)
+            pixels[(alike < LEAST_ALIKE) | ~_shown(inner[view], pixels)] = np.nan
+            return pixels
+
+        return np.stack(list(run(one, range(len(images)))))
+
+    def _consolidated(
+        self, at: Keypoints, tried: NDArray[np.int64], seen_px: FloatArray, inverse_mm: FloatArray
+    ) -> Features:
+        """Features of the keypoints that enough views see where one slope expects them."""
+        shown = np.isfinite(seen_px[..., 0])
+        used = shown.copy()
+        # From far to near: one view that saw something else moves the first fit of a feature, not the last.
+        for factor in (3.0, 1.5, 1.0, 1.0):
+            solved = fit(self.geometry, seen_px, used, inverse_mm)
+            used = shown & (solved.distances_px <= factor * self.max_distance_px)
+        solved = fit(self.geometry, seen_px, used, inverse_mm)
+        reference = self.geometry.reference
+        near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
+        keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
+        keep &= (solved.inverse_mm > far) & (solved.inverse_mm <= near)
+        keep[keep] = _first_of_same(at.pixels[tried[keep]], used[:, keep].sum(axis=0))
+        solved = fit(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
+        apart = fit_two_slopes(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
+        return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart)
+
+    def _features(
+        self,
+        at: Keypoints,
+        chosen: NDArray[np.int64],
+        seen_px: FloatArray,
+        used: NDArray[np.bool_],
+        solved: Fit,
+        apart: TwoSlopes,
+    ) -> Features:
+        views, grid = self.views, (self.views.rows, self.views.cols)
+        axis: Axis = "s" if views.cols > 1 else "t"
+        px_mm = views.focal_px * views.step_mm(axis)
+        scale = at.scale_px[chosen]
+        squares = scale**2
+        noise = moderated_variance(solved.squares_px2 / squares, solved.freedom, PRIOR_FREEDOM) * squares
+        own_noise = moderated_variance(apart.squares_px2 / squares, apart.freedom, PRIOR_FREEDOM) * squares
+        sigma_w = np.sqrt(noise / solved.information)
+        distance = 1.0 / solved.inverse_mm
+        points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
+        seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
+        two_slope_sigma = apart.apart / np.sqrt(own_noise)
+        along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
+        return Features(
+            detector=self.name,
+            pixels=views.focal_px * solved.directions + views.centre_px,
+            scale_px=scale,
+            disparity_px=px_mm * (solved.inverse_mm - 1.0 / views.reference_distance_mm),
+            disparity_sigma_px=px_mm * sigma_w,
+            points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
+            depth_mm=distance + views.reference_depth_mm - views.reference_distance_mm,
+            depth_sigma_mm=sigma_w * distance**2,
+            residual_px=np.sqrt(solved.squares_px2 / used.sum(axis=0)),
+            seen=used.T.reshape(-1, *grid),
+            seen_px=seen.reshape(-1, *grid, 2),
+            apart_disparity_px=px_mm * (along - 1.0 / views.reference_distance_mm),
+            two_slope_sigma=two_slope_sigma,
+            refracted=np.nan_to_num(two_slope_sigma) > self.two_slope_sigma,
+            descriptors=at.descriptors[chosen],
+            layout_identity=views.layout_identity,
+        )
+
+
+def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
+    """Whether a view shows what is at pixels (n, 2) and around; not of NaN."""
+    height, width = inner.shape
+    near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
+    u, v = np.clip(near, -1, [width, height]).astype(np.int64).T
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    return inside & (inner[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
+
+
+def _first_of_same(pixels: FloatArray, views: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Of keypoints (n, 2) at the very same place (SIFT's with several orientations), the one most views see."""
+    order = np.lexsort((np.arange(len(pixels)), -views, pixels[:, 1], pixels[:, 0]))
+    new = np.r_[True, (np.diff(pixels[order], axis=0) != 0).any(axis=1)] if len(order) else np.zeros(0, bool)
+    first = np.zeros(len(pixels), dtype=bool)
+    first[order[new]] = True
+    return first
