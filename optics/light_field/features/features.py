@@ -179,24 +179,18 @@ class FeatureFinder:
         inverse_mm: FloatArray,
     ) -> FloatArray:
         """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else."""
-        run, reference = self._pool.map, self.geometry.reference
+        geometry, run = self.geometry, self._pool.map
         pyramid = Pyramid(images, run)
-        directions = self.geometry.directions(at.pixels[tried])
-        given = templates(pyramid, reference, at.pixels[tried], at.scale_px[tried])
-
-        def one(view: int) -> FloatArray:
-            if view == reference:
-                pixels = np.full((len(tried), 2), np.nan)
-                told = np.concatenate([each.index for each in given])
-                pixels[told] = at.pixels[tried][told]
-                return pixels
-            start = self.geometry.predict(view, directions, inverse_mm)
-            start[~_shown(inner[view], start)] = np.nan
-            pixels, alike = align(pyramid, given, view, start)
-            pixels[(alike < LEAST_ALIKE) | ~_shown(inner[view], pixels)] = np.nan
-            return pixels
-
-        return np.stack(list(run(one, range(len(images)))))
+        pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
+        given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
+        start = np.stack([geometry.predict(view, directions, inverse_mm) for view in range(len(images))])
+        start[geometry.reference] = np.nan
+        start[~_shown(inner, start)] = np.nan
+        seen_px, alike = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6), run)
+        seen_px[(alike < LEAST_ALIKE) | ~_shown(inner, seen_px)] = np.nan
+        told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
+        seen_px[geometry.reference, told] = pixels[told]
+        return seen_px
 
     def _consolidated(
         self, at: Keypoints, tried: NDArray[np.int64], seen_px: FloatArray, inverse_mm: FloatArray
@@ -261,12 +255,13 @@ class FeatureFinder:
 
 
 def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
-    """Whether a view shows what is at pixels (n, 2) and around; not of NaN."""
-    height, width = inner.shape
+    """Whether views (views, v, u) show what is at pixels (views, n, 2) and around; not of NaN."""
+    _, height, width = inner.shape
     near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
-    u, v = np.clip(near, -1, [width, height]).astype(np.int64).T
+    u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    return inside & (inner[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
+    view = np.arange(len(inner))[:, None]
+    return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
 
 
 def _first_of_same(pixels: FloatArray, views: NDArray[np.int64]) -> NDArray[np.bool_]:
