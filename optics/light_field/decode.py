@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from optics.layout import Layout
+from optics.light_field.equalisation import Equalisation
 from optics.light_field.light_field import Axis, LightField, Samples, Views
 from optics.values import FloatArray, InputError
 
@@ -30,16 +31,21 @@ class Decoder:
     """Turns frames of one layout into light fields; the lookup table is built once, here.
 
     Args:
-        layout: nominal, as-built or calibrated; first-surface mirrors.
+        layout: nominal, as-built or calibrated.
         reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
             depths the layout was designed for, or 400 mm.
         field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
         margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
+        equalisation: the factors that make the views equally bright, applied to every frame.
+        regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
+            what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
 
     Raises:
-        InputError: second-surface mirrors; views that share no field; a reference plane nearer than a mirror.
+        InputError: views that share no field; a plane nearer than a mirror; an equalisation of another layout.
 
-    Views keep their true positions: sub-images are turned, not shifted (as in the paper), so nothing depends on depth.
+    Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
+    so nothing depends on depth. Of second-surface mirrors each ray is followed through its sheet to the reference
+    plane; their virtual centres wander with the incidence, which shows far from that plane.
     """
 
     def __init__(
@@ -49,14 +55,18 @@ class Decoder:
         reference_depth_mm: float | None = None,
         field: Field = "common",
         margin_px: float = OUTLINE_MARGIN_PX,
+        equalisation: Equalisation | None = None,
+        regular_grid_at_mm: float | None = None,
     ) -> None:
-        for index, mirror in enumerate(layout.mirrors):
-            if mirror.surface != "first":
-                raise InputError(f"mirror {index} is second-surface, expected first-surface mirrors for decoding")
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
         self.views = choose_views(layout, depth, field)
-        pixels, self.weights = sources(layout, self.views, margin_px)
+        if regular_grid_at_mm is not None:
+            self.views = self.views.on_regular_grid()
+        self.equalisation = equalisation
+        if equalisation is not None:
+            equalisation.check_belongs_to(self.views)
+        pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
         rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
@@ -80,7 +90,21 @@ class Decoder:
             raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
         parts: list[Any] = [cv2.remap(frame, where, fraction, cv2.INTER_LINEAR) for where, fraction in self.tables]
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return LightField.of(self.views, samples.reshape(*self.weights.shape, -1), self.weights)
+        samples = samples.reshape(*self.weights.shape, -1)
+        if self.equalisation is not None:
+            self.equalisation.apply(samples)
+        return LightField.of(self.views, samples, self.weights)
+
+
+def check_belongs(layout: Layout, identity: str, what: str) -> None:
+    """Raise InputError unless `identity` is this layout's, or that of the design it was calibrated or drawn from.
+
+    `what` names the frames, say "video.mp4", that say that they were taken with the layout of this identity.
+    """
+    origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
+    known = [layout.identity, *(origin for origin in origins if origin is not None)]
+    if identity not in known:
+        raise InputError(f"{what} was taken with layout {identity}, expected {' or '.join(known)} of the layout given")
 
 
 def default_reference_depth_mm(layout: Layout) -> float:
@@ -95,14 +119,14 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
 
     The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
     """
-    mirror, camera = layout.mirrors[mirror_index], layout.camera
+    mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
     along = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
     border = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
     border = camera.normalized_from_pixels(border)
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
-    seen = shapely.get_coordinates(sensor.intersection(Polygon(mirror.outline_normalized)))[:-1]
+    seen = shapely.get_coordinates(sensor.intersection(Polygon(layout.mirrors[mirror_index].usable_normalized)))[:-1]
     if len(seen) < 3:
         raise InputError(f"mirror {mirror_index} lies outside the image, expected each mirror to be seen")
     window = mirror.cut(seen) @ layout.view_from_rig.T
@@ -155,18 +179,31 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Vie
     return views
 
 
-def sources(layout: Layout, views: Views, margin_px: float) -> tuple[FloatArray, NDArray[np.float32]]:
+def shown_px(layout: Layout, mirror_index: int, points_per_edge: int = 64) -> FloatArray:
+    """The part (n, 2) of the sensor on which a mirror shows the scene: its usable outline, edges bent by the lens."""
+    corners = layout.mirrors[mirror_index].usable_normalized
+    along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
+    edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
+    return layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
+
+
+def sources(
+    layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
+) -> tuple[FloatArray, NDArray[np.float32]]:
     """Where on the sensor each decoded pixel comes from (t, s, v, u, 2), and its weight (t, s, v, u).
 
-    A pixel looks at its point of the reference plane: the direction to it, reflected, is where the camera sees it.
+    A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
+    direction in which the mirror shows that point, through its sheet where it has one, is where the camera sees it.
     """
+    depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
     shape = (len(layout.mirrors), views.height_px, views.width_px)
     pixels, weights = np.empty((*shape, 2)), np.zeros(shape, dtype=np.float32)
-    plane = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid())
     limits = np.array([layout.camera.width_px - 1.0, layout.camera.height_px - 1.0])
-    for index in range(len(layout.mirrors)):
-        pixels[index] = layout.project(plane, index)
-        outline = layout.outline_px(index, points_per_edge=64)
+    grid = views.pixel_grid()
+    for index, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
+        plane = views.plane_points_in_rig(depth_mm, grid, (t, s))
+        pixels[index] = layout.camera.project(layout.mirrors[index].image_of(plane))
+        outline = shown_px(layout, index)
         inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
         if inside.is_empty:
             continue
@@ -175,5 +212,5 @@ def sources(layout: Layout, views: Views, margin_px: float) -> tuple[FloatArray,
         near = ((pixels[index] >= low) & (pixels[index] <= high)).all(axis=-1)
         shapely.prepare(inside)
         weights[index][near] = shapely.contains_xy(inside, pixels[index][near])
-    grid = (views.rows, views.cols, views.height_px, views.width_px)
-    return pixels.reshape(*grid, 2), weights.reshape(grid)
+    out = (views.rows, views.cols, views.height_px, views.width_px)
+    return pixels.reshape(*out, 2), weights.reshape(out)
