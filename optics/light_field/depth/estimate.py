@@ -1,0 +1,190 @@
+"""Depth of a light field: a sweep of planes at half size, semi-global aggregation, refinement at full size."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.light_field.depth import cost
+from optics.light_field.depth.cost import Planes
+from optics.light_field.depth.depth_map import DepthMap
+from optics.light_field.depth.geometry import halved as halved_views
+from optics.light_field.depth.geometry import other_views, plane_inverse_distances, reference_index
+from optics.light_field.depth.photometry import encoded, halved, normalised
+from optics.light_field.depth.refine import (
+    REACH_PX,
+    SMOOTH_RADIUS_PX,
+    SMOOTH_STEPS,
+    Evidence,
+    Refiner,
+    enlarged,
+    guided,
+)
+from optics.light_field.depth.semiglobal import aggregate
+from optics.light_field.light_field import LightField, Views
+from optics.values import InputError
+
+Float32 = NDArray[np.float32]
+
+NEAR, FAR = 0.6, 2.0
+"""Nearest and farthest depth that is looked for unless told, in reference depths."""
+STEP_PX = 1.0
+"""How far the farthest view moves, at half size, from one plane to the next."""
+COST_PX = 3
+"""Side of the square over which costs are averaged."""
+NEXT_PLANE = 4 * cost.UNITS
+ANY_PLANE = 100 * cost.UNITS
+EDGE_GREY = 20.0
+STEPS = 2
+SMALLEST_PX = 16
+QUANTISATION = 1.0 / 6.0
+"""Variance of the difference of two rounded numbers."""
+
+
+class DepthEstimator:
+    """Finds the depth of light fields of one geometry; all that does not change from frame to frame is built once.
+
+    Args:
+        light_field: one of those to come: views and weights are taken from it.
+        near_mm, far_mm: depths, from the pupil along view z, between which is looked; by default 0.6 and 2 times that
+            of the reference plane. Infinity is a depth.
+        workers: threads; by default as many as OpenCV uses.
+
+    Raises:
+        InputError: fewer than two views, views in one place, views too small, depths that do not grow or lie within the
+            views.
+    """
+
+    def __init__(
+        self,
+        light_field: LightField,
+        *,
+        near_mm: float | None = None,
+        far_mm: float | None = None,
+        workers: int | None = None,
+    ) -> None:
+        geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
+        self.views = Views(**geometry)
+        self.weights = light_field.weights
+        near = NEAR * self.views.reference_depth_mm if near_mm is None else near_mm
+        far = FAR * self.views.reference_depth_mm if far_mm is None else far_mm
+        _check(self.views, near, far)
+        self.near_mm, self.far_mm = float(near), float(far)
+        self.reference, self.others = reference_index(self.views), other_views(self.views)
+        self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        small = halved_views(self.views)
+        self._inverse_distances = plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX)
+        weights = np.zeros((small.rows, small.cols, small.height_px, small.width_px), np.float32)
+        for index in np.ndindex(small.rows, small.cols):
+            weights[index] = halved(encoded(light_field, index))[1]
+        self._planes = Planes(small, weights, self._inverse_distances)
+        self._refiner = Refiner(self.views, self._run)
+        self._weights = [np.ascontiguousarray(self.weights[index] > 0, dtype=np.float32) for index in self.others]
+
+    @property
+    def planes(self) -> int:
+        """How many planes are looked at."""
+        return len(self._inverse_distances)
+
+    def estimate(self, light_field: LightField) -> DepthMap:
+        """The depth of the reference view of a light field of this estimator's geometry.
+
+        Raises InputError for a light field of other views or weights.
+        """
+        self._check_same(light_field)
+        encode = [self.reference, *self.others]
+        reference, *pictures = self._run(lambda index: encoded(light_field, index), encode)
+        coarse, distinct = self._coarse(reference, pictures)
+        step = float(self._inverse_distances[1] - self._inverse_distances[0])
+        shape = reference.shape[:2]
+        near, far = (method(coarse, np.ones((REACH_PX, REACH_PX), np.uint8)) for method in (cv2.dilate, cv2.erode))
+        candidates = [enlarged(np.asarray(small), shape) for small in (coarse, near, far)]
+        pictures = self._refiner.matched(pictures, reference, candidates[0])
+        grey = np.asarray(cv2.cvtColor(reference, cv2.COLOR_RGBA2GRAY)).astype(np.float32)
+        greys = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)).astype(np.float32) for picture in pictures]
+        found = self._refiner.chosen(candidates, pictures, reference, grey)
+        for _ in range(STEPS):
+            found, evidence = self._refiner.stepped(found, greys, self._weights, grey, step)
+        scaled = found * np.float32(1.0 / step)
+        trust = evidence.information / max(float(np.median(evidence.information)), 1e-30)
+        found = guided(scaled, scaled, SMOOTH_RADIUS_PX, SMOOTH_STEPS, trust) * np.float32(step)
+        return self._told(found, evidence, enlarged(distinct, shape), reference, step)
+
+    def _coarse(self, reference: Any, pictures: list[Any]) -> tuple[Float32, Float32]:
+        """Inverse distances (v, u) at half size, to part of a plane, and how much the next best is worse."""
+        own, *others = self._run(lambda picture: normalised(*halved(picture)), [reference, *pictures])
+        count = self.planes
+        volume = np.empty((own.shape[0], count, own.shape[1]), np.uint16)
+
+        def fill(plane: int) -> None:
+            cv2.blur(self._planes.cost(plane, others, own), (COST_PX, COST_PX), volume[:, plane])
+
+        list(self._run(fill, range(count)))
+        edge = np.hypot(*(cv2.Sobel(own, cv2.CV_32F, *way, scale=0.125) for way in ((1, 0), (0, 1))))
+        jump = np.maximum(NEXT_PLANE, ANY_PLANE / (1.0 + edge / EDGE_GREY)).astype(np.uint16)
+        total = aggregate(volume, NEXT_PLANE, jump, self._run)
+        # The least cost and where it is, in one pass: the plane's number is the lower half of each word.
+        words = total.astype(np.uint32) << np.uint32(16)
+        words |= np.arange(count, dtype=np.uint32)[:, None]
+        best = words.min(axis=1)
+        plane = (best & np.uint32(0xFFFF)).astype(np.int64)
+        inner = np.clip(plane, 1, count - 2)
+        before, at, after = (
+            np.take_along_axis(total, (inner + offset)[:, None], axis=1)[:, 0].astype(np.float32)
+            for offset in (-1, 0, 1)
+        )
+        part = np.clip((before - after) / (2.0 * np.maximum(before - 2.0 * at + after, 1.0)), -1.0, 1.0)
+        first, step = self._inverse_distances[0], self._inverse_distances[1] - self._inverse_distances[0]
+        for offset in (-2, -1, 0, 1, 2):
+            np.put_along_axis(total, np.clip(plane + offset, 0, count - 1)[:, None], np.uint16(0xFFFF), axis=1)
+        least, next_best = (best >> np.uint32(16)).astype(np.float32), total.min(axis=1).astype(np.float32)
+        distinct = 1.0 - least / np.maximum(next_best, 1.0)
+        return (first + step * (inner + part)).astype(np.float32), distinct
+
+    def _told(self, found: Float32, evidence: Evidence, distinct: Float32, reference: Any, step: float) -> DepthMap:
+        """The depth map of inverse distances (v, u) and what is known of them."""
+        low, high = self._inverse_distances[[0, -1]]
+        found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
+        known = (evidence.seeing >= min(2, len(self.others))) & (reference[..., 3] == 255)
+        deviation = np.sqrt((evidence.variance + QUANTISATION) / np.maximum(evidence.information, 1e-30))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.float32(1.0) / found
+            behind = np.float32(self.views.reference_depth_mm - self.views.reference_distance_mm)
+            depth, sigma = distance + behind, deviation * np.square(distance)
+        agreeing = np.minimum(2.0 * evidence.agreeing / len(self.others), 1.0)
+        sharp = 1.0 / (1.0 + np.square(deviation / np.float32(step)))
+        confidence = agreeing * sharp * np.clip(distinct / 0.25, 0.0, 1.0)
+        return DepthMap(
+            views=self.views,
+            view=self.reference,
+            depth_mm=np.where(known, depth, np.float32(np.nan)),
+            sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
+            confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
+        )
+
+    def _check_same(self, light_field: LightField) -> None:
+        same = all(
+            np.array_equal(getattr(light_field, field.name), getattr(self.views, field.name)) for field in fields(Views)
+        )
+        if not same or not np.array_equal(light_field.weights, self.weights):
+            raise InputError("light field has other views or weights than the one the estimator was built for")
+
+
+def _check(views: Views, near_mm: float, far_mm: float) -> None:
+    if views.rows * views.cols < 2:
+        raise InputError("light field has one view, expected two or more to tell depth")
+    if np.abs(views.positions_mm[..., :2]).max() < 1e-9:
+        raise InputError("all views are in one place, expected some distance between them to tell depth")
+    if min(views.width_px, views.height_px) < SMALLEST_PX:
+        raise InputError(
+            f"views are {views.width_px}x{views.height_px} px, expected {SMALLEST_PX} or more along each side"
+        )
+    behind = views.reference_depth_mm - views.reference_distance_mm
+    least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
+    if not least < near_mm < far_mm:
+        raise InputError(f"depths {near_mm:g} to {far_mm:g} mm, expected two that grow, beyond {least:.0f} mm")
