@@ -26,7 +26,7 @@ UNSEEN = TRUNCATION // 2
 """What a view adds that does not see the place: neither for nor against."""
 UNITS = 4
 """Costs are in parts of a grey level, one UNITS-th each."""
-ONE_SIDE = 2 * UNITS
+ONE_SIDE = 6 * UNITS
 """Surcharge on views of one side alone, so that without need all views decide."""
 AXIS_SHARE = 0.25
 """A view lies to a side if it is that part of the farthest view's offset away along the axis."""
@@ -43,13 +43,15 @@ def sides(views: Views) -> list[list[int]]:
 def best_half(costs: Sequence[Grey], groups: Sequence[Sequence[int]]) -> Cost:
     """The least mean (v, u) of all costs, up to TRUNCATION, and with a surcharge of each group, in UNITS-ths."""
 
+    wide = [cost.astype(np.uint16) for cost in costs]
+
     def mean(members: Sequence[int]) -> Cost:
-        # The sum times 2^16 / count would not fit 16 bits; the sum times 2^8 / count does.
-        total = costs[members[0]].astype(np.uint16)
-        for member in members[1:]:
-            np.add(total, costs[member], out=total)
+        total = wide[members[0]] + wide[members[1]] if len(members) > 1 else wide[members[0]].copy()
+        for member in members[2:]:
+            total += wide[member]
+        # The sum times 2^8 / count fits 16 bits, whatever the count.
         total *= np.uint16(round(256 / len(members)))
-        total //= np.uint16(256 // UNITS)
+        total >>= np.uint16(8 - UNITS.bit_length() + 1)
         return total
 
     best = mean(range(len(costs)))
@@ -60,23 +62,28 @@ def best_half(costs: Sequence[Grey], groups: Sequence[Sequence[int]]) -> Cost:
 
 
 class Planes:
-    """Planes across the view axis, and which of their pixels the views do not see; built once for views and weights.
+    """Planes across the view axis, and which of their pixels the views do not see; built once for a geometry.
 
     Args:
-        views: of the size of the weights.
-        weights: (t, s, v, u) float32, 0 for no sample.
+        views: of the size of the pictures to come.
+        seen: (t, s, v, u) float32, 1 where a view has a sample and 0 elsewhere.
         inverse_distances: of the planes (n,).
     """
 
-    def __init__(self, views: Views, weights: NDArray[np.float32], inverse_distances: FloatArray):
+    def __init__(self, views: Views, seen: NDArray[np.float32], inverse_distances: FloatArray):
         self.size = views.width_px, views.height_px
         self.others = other_views(views)
         self.groups = sides(views)
         self.matrices = [[parallax(views, index).affine(q) for index in self.others] for q in inverse_distances]
         self.unseen = [
-            [self._warped(weights[index], matrix) < 1.0 - 1e-3 for index, matrix in zip(self.others, row, strict=True)]
+            [self._gap(seen[index], matrix) for index, matrix in zip(self.others, row, strict=True)]
             for row in self.matrices
         ]
+
+    def _gap(self, seen: NDArray[np.float32], matrix: FloatArray) -> NDArray[np.bool_] | None:
+        """Which pixels (v, u) of a plane a view does not see; None where it sees all."""
+        gap = np.asarray(self._warped(seen, matrix) < 1.0 - 1e-3)
+        return gap if gap.any() else None
 
     def _warped(self, picture: Any, matrix: FloatArray) -> Any:
         return cv2.warpAffine(picture, matrix, self.size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
@@ -87,6 +94,7 @@ class Planes:
         for picture, matrix, unseen in zip(pictures, self.matrices[plane], self.unseen[plane], strict=True):
             cost: Any = cv2.absdiff(self._warped(picture, matrix), reference)
             np.minimum(cost, np.uint8(TRUNCATION), out=cost)
-            np.copyto(cost, np.uint8(UNSEEN), where=unseen)
+            if unseen is not None:
+                np.copyto(cost, np.uint8(UNSEEN), where=unseen)
             costs.append(cost)
         return best_half(costs, self.groups)

@@ -13,18 +13,9 @@ from numpy.typing import NDArray
 from optics.light_field.depth import cost
 from optics.light_field.depth.cost import Planes
 from optics.light_field.depth.depth_map import DepthMap
-from optics.light_field.depth.geometry import halved as halved_views
-from optics.light_field.depth.geometry import other_views, plane_inverse_distances, reference_index
-from optics.light_field.depth.photometry import encoded, halved, normalised
-from optics.light_field.depth.refine import (
-    REACH_PX,
-    SMOOTH_RADIUS_PX,
-    SMOOTH_STEPS,
-    Evidence,
-    Refiner,
-    enlarged,
-    guided,
-)
+from optics.light_field.depth.geometry import halved, other_views, plane_inverse_distances, reference_index
+from optics.light_field.depth.photometry import grey, normalised
+from optics.light_field.depth.refine import Evidence, Refiner, enlarged, guided
 from optics.light_field.depth.semiglobal import aggregate
 from optics.light_field.light_field import LightField, Views
 from optics.values import InputError
@@ -38,9 +29,15 @@ STEP_PX = 1.0
 COST_PX = 3
 """Side of the square over which costs are averaged."""
 NEXT_PLANE = 4 * cost.UNITS
-ANY_PLANE = 100 * cost.UNITS
-EDGE_GREY = 20.0
+ANY_PLANE = 150 * cost.UNITS
+REACH_PX = 7
+"""Side of the square of half-size pixels whose nearest and farthest depths a pixel may take."""
 STEPS = 2
+SMOOTH_RADIUS_PX = 5
+SMOOTH_PLANES = 0.7
+"""Waves of a surface up to that part of the distance between planes are smoothed, larger ones kept."""
+DISTINCT = 0.25
+"""By what part the next best depth must be worse for full confidence."""
 SMALLEST_PX = 16
 QUANTISATION = 1.0 / 6.0
 """Variance of the difference of two rounded numbers."""
@@ -77,14 +74,13 @@ class DepthEstimator:
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
-        small = halved_views(self.views)
+        small = halved(self.views)
         self._inverse_distances = plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX)
-        weights = np.zeros((small.rows, small.cols, small.height_px, small.width_px), np.float32)
+        seen = np.zeros((small.rows, small.cols, small.height_px, small.width_px), np.float32)
         for index in np.ndindex(small.rows, small.cols):
-            weights[index] = halved(encoded(light_field, index))[1]
-        self._planes = Planes(small, weights, self._inverse_distances)
+            seen[index] = _half(grey(light_field, index)) >= 0
+        self._planes = Planes(small, seen, self._inverse_distances)
         self._refiner = Refiner(self.views, self._run)
-        self._weights = [np.ascontiguousarray(self.weights[index] > 0, dtype=np.float32) for index in self.others]
 
     @property
     def planes(self) -> int:
@@ -97,27 +93,26 @@ class DepthEstimator:
         Raises InputError for a light field of other views or weights.
         """
         self._check_same(light_field)
-        encode = [self.reference, *self.others]
-        reference, *pictures = self._run(lambda index: encoded(light_field, index), encode)
+        reference, *pictures = self._run(lambda index: grey(light_field, index), [self.reference, *self.others])
         coarse, distinct = self._coarse(reference, pictures)
-        step = float(self._inverse_distances[1] - self._inverse_distances[0])
-        shape = reference.shape[:2]
-        near, far = (method(coarse, np.ones((REACH_PX, REACH_PX), np.uint8)) for method in (cv2.dilate, cv2.erode))
-        candidates = [enlarged(np.asarray(small), shape) for small in (coarse, near, far)]
+        square = np.ones((REACH_PX, REACH_PX), np.uint8)
+        candidates = [coarse, np.asarray(cv2.dilate(coarse, square)), np.asarray(cv2.erode(coarse, square))]
+        candidates = [enlarged(candidate, reference.shape) for candidate in candidates]
         pictures = self._refiner.matched(pictures, reference, candidates[0])
-        grey = np.asarray(cv2.cvtColor(reference, cv2.COLOR_RGBA2GRAY)).astype(np.float32)
-        greys = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)).astype(np.float32) for picture in pictures]
-        found = self._refiner.chosen(candidates, pictures, reference, grey)
+        known = reference >= 0
+        reference = np.where(known, reference, np.float32(0.0))
+        found = self._refiner.chosen(candidates, pictures, reference)
+        step = float(self._inverse_distances[1] - self._inverse_distances[0])
         for _ in range(STEPS):
-            found, evidence = self._refiner.stepped(found, greys, self._weights, grey, step)
-        scaled = found * np.float32(1.0 / step)
-        trust = evidence.information / max(float(np.median(evidence.information)), 1e-30)
-        found = guided(scaled, scaled, SMOOTH_RADIUS_PX, SMOOTH_STEPS, trust) * np.float32(step)
-        return self._told(found, evidence, enlarged(distinct, shape), reference, step)
+            found, evidence = self._refiner.stepped(found, pictures, reference, step)
+        planes = found * np.float32(1.0 / step)
+        trust = evidence.information * np.float32(1.0 / max(float(np.median(evidence.information)), 1e-30))
+        found = guided(planes, planes, SMOOTH_RADIUS_PX, SMOOTH_PLANES, trust) * np.float32(step)
+        return self._told(found, evidence, enlarged(distinct, reference.shape), known, step)
 
-    def _coarse(self, reference: Any, pictures: list[Any]) -> tuple[Float32, Float32]:
-        """Inverse distances (v, u) at half size, to part of a plane, and how much the next best is worse."""
-        own, *others = self._run(lambda picture: normalised(*halved(picture)), [reference, *pictures])
+    def _coarse(self, reference: Float32, pictures: list[Float32]) -> tuple[Float32, Float32]:
+        """Inverse distances (v, u) at half size, to part of a plane, and by what part the next best is worse."""
+        own, *others = self._run(lambda picture: normalised(_half(picture)), [reference, *pictures])
         count = self.planes
         volume = np.empty((own.shape[0], count, own.shape[1]), np.uint16)
 
@@ -125,32 +120,36 @@ class DepthEstimator:
             cv2.blur(self._planes.cost(plane, others, own), (COST_PX, COST_PX), volume[:, plane])
 
         list(self._run(fill, range(count)))
-        edge = np.hypot(*(cv2.Sobel(own, cv2.CV_32F, *way, scale=0.125) for way in ((1, 0), (0, 1))))
-        jump = np.maximum(NEXT_PLANE, ANY_PLANE / (1.0 + edge / EDGE_GREY)).astype(np.uint16)
-        total = aggregate(volume, NEXT_PLANE, jump, self._run)
+        total = aggregate(volume, NEXT_PLANE, ANY_PLANE, self._run)
         # The least cost and where it is, in one pass: the plane's number is the lower half of each word.
-        words = total.astype(np.uint32) << np.uint32(16)
+        words = total.astype(np.uint32)
+        words <<= np.uint32(16)
         words |= np.arange(count, dtype=np.uint32)[:, None]
         best = words.min(axis=1)
-        plane = (best & np.uint32(0xFFFF)).astype(np.int64)
-        inner = np.clip(plane, 1, count - 2)
+        plane = (best & np.uint32(0xFFFF)).astype(np.int16)
+        inner = np.clip(plane, 1, count - 2).astype(np.int64)
         before, at, after = (
             np.take_along_axis(total, (inner + offset)[:, None], axis=1)[:, 0].astype(np.float32)
             for offset in (-1, 0, 1)
         )
-        part = np.clip((before - after) / (2.0 * np.maximum(before - 2.0 * at + after, 1.0)), -1.0, 1.0)
+        curvature = np.maximum(before - 2.0 * at + after, np.float32(1.0))
+        part = np.clip((before - after) / (2.0 * curvature), np.float32(-1.0), np.float32(1.0))
         first, step = self._inverse_distances[0], self._inverse_distances[1] - self._inverse_distances[0]
-        for offset in (-2, -1, 0, 1, 2):
-            np.put_along_axis(total, np.clip(plane + offset, 0, count - 1)[:, None], np.uint16(0xFFFF), axis=1)
-        least, next_best = (best >> np.uint32(16)).astype(np.float32), total.min(axis=1).astype(np.float32)
-        distinct = 1.0 - least / np.maximum(next_best, 1.0)
+        next_best = np.full(plane.shape, 0xFFFF, np.uint16)
+        for number in range(count):
+            apart = np.abs(plane - np.int16(number)) > 2
+            np.minimum(next_best, total[:, number], out=next_best, where=apart)
+        least = (best >> np.uint32(16)).astype(np.float32)
+        distinct = 1.0 - least / np.maximum(next_best, np.uint16(1)).astype(np.float32)
         return (first + step * (inner + part)).astype(np.float32), distinct
 
-    def _told(self, found: Float32, evidence: Evidence, distinct: Float32, reference: Any, step: float) -> DepthMap:
+    def _told(
+        self, found: Float32, evidence: Evidence, distinct: Float32, known: NDArray[np.bool_], step: float
+    ) -> DepthMap:
         """The depth map of inverse distances (v, u) and what is known of them."""
         low, high = self._inverse_distances[[0, -1]]
         found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
-        known = (evidence.seeing >= min(2, len(self.others))) & (reference[..., 3] == 255)
+        known = known & (evidence.seeing >= min(2, len(self.others)))
         deviation = np.sqrt((evidence.variance + QUANTISATION) / np.maximum(evidence.information, 1e-30))
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / found
@@ -158,7 +157,7 @@ class DepthEstimator:
             depth, sigma = distance + behind, deviation * np.square(distance)
         agreeing = np.minimum(2.0 * evidence.agreeing / len(self.others), 1.0)
         sharp = 1.0 / (1.0 + np.square(deviation / np.float32(step)))
-        confidence = agreeing * sharp * np.clip(distinct / 0.25, 0.0, 1.0)
+        confidence = agreeing * sharp * np.clip(distinct / DISTINCT, 0.0, 1.0)
         return DepthMap(
             views=self.views,
             view=self.reference,
@@ -173,6 +172,12 @@ class DepthEstimator:
         )
         if not same or not np.array_equal(light_field.weights, self.weights):
             raise InputError("light field has other views or weights than the one the estimator was built for")
+
+
+def _half(picture: Float32) -> Float32:
+    """A grey picture with two by two pixels joined to one, negative where any has no sample."""
+    rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
+    return np.asarray(cv2.resize(picture[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA))
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

@@ -46,15 +46,12 @@ class Parallax:
         return across, down
 
     def slopes(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
-        """Derivatives of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), and alike for v."""
+        """Derivatives (v, u) of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), and alike for v."""
         x, y, z = (np.float32(length) for length in self.position_mm)
         (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
         front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
         along = front / np.square(np.float32(1.0) - z * inverse_distance)
-        return (
-            along * (z * (columns - np.float32(cx)) - focal * x),
-            along * (z * (rows - np.float32(cy)) - focal * y),
-        )
+        return along * (z * (columns - np.float32(cx)) - focal * x), along * (z * (rows - np.float32(cy)) - focal * y)
 
 
 def reference_index(views: Views) -> tuple[int, int]:

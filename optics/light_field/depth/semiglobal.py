@@ -1,4 +1,4 @@
-"""Semi-global aggregation of a cost volume along eight directions (Hirschmueller, PAMI 30(2), 2008)."""
+"""Semi-global aggregation of a cost volume along four directions (Hirschmueller, PAMI 30(2), 2008)."""
 
 from __future__ import annotations
 
@@ -10,71 +10,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 Cost = NDArray[np.uint16]
-Map = Callable[..., object]
+Map = Callable[..., Any]
 
 
-def _step(cost: Cost, before: Cost, small: int, jump: Cost) -> Cost:
-    """Path costs (k, n, m) one pixel on: own cost plus the cheapest way from the pixel before (k, n, m).
-
-    `small` is the price of a neighbouring plane and `jump` (..., m) that of any other one.
-    """
-    least = before.min(axis=-2, keepdims=True)
-    on = np.minimum(before, least + jump)
-    dearer = before + np.uint16(small)
-    np.minimum(on[..., 1:, :], dearer[..., :-1, :], out=on[..., 1:, :])
-    np.minimum(on[..., :-1, :], dearer[..., 1:, :], out=on[..., :-1, :])
-    on -= least
-    on += cost
-    return on
-
-
-def _sweep(volume: Cost, total: Cost, small: int, jump: Cost, diagonals: bool, order: range) -> None:
-    """Add to `total` the path costs of `volume` (rows, planes, columns) from row to row in the given order."""
-    count = 3 if diagonals else 1
-    paths = np.repeat(volume[order[0]][None], count, axis=0)
-    total[order[0]] += np.uint16(count) * volume[order[0]]
+def _add_paths(volume: Cost, total: Cost, next_plane: int, any_plane: int, order: range) -> None:
+    """Add to `total` the costs of the cheapest paths through `volume` (rows, planes, columns), row after row."""
+    path, dearer, on = (np.empty_like(volume[0]) for _ in range(3))
+    path[:] = volume[order[0]]
+    total[order[0]] += path
     for row in order[1:]:
-        before = paths
-        if diagonals:
-            before = np.empty_like(paths)
-            before[0] = paths[0]
-            before[1, :, 1:], before[1, :, 0] = paths[1, :, :-1], paths[1, :, 0]
-            before[2, :, :-1], before[2, :, -1] = paths[2, :, 1:], paths[2, :, -1]
-        paths = _step(volume[row], before, small, jump[row])
-        for path in paths:
-            total[row] += path
+        least = path.min(axis=0)
+        np.minimum(path, least + np.uint16(any_plane), out=on)
+        np.add(path, np.uint16(next_plane), out=dearer)
+        np.minimum(on[1:], dearer[:-1], out=on[1:])
+        np.minimum(on[:-1], dearer[1:], out=on[:-1])
+        on -= least
+        np.add(on, volume[row], out=path)
+        total[row] += path
 
 
-def aggregate(volume: Cost, small: int, jump: Cost, run: Map = map) -> Cost:
-    """The summed path costs (v, n, u) of a cost volume (v, n, u): eight paths to each pixel.
+def _turned(volume: Cost) -> Cost:
+    """The volume (u, n, v) of one of (v, n, u)."""
+    rows, planes, columns = volume.shape
+    turned = np.empty((columns, planes, rows), np.uint16)
+    for plane in range(planes):
+        cv2.transpose(volume[:, plane], turned[:, plane])
+    return turned
+
+
+def aggregate(volume: Cost, next_plane: int, any_plane: int, run: Map = map) -> Cost:
+    """The summed path costs (v, n, u) of a cost volume (v, n, u): along rows and columns, both ways.
 
     Args:
-        volume: matching costs; eight times (the largest + the largest `jump`) must fit 16 bits.
-        small: price of going on to a neighbouring plane.
-        jump: price (v, u) of going on to any other plane, at least `small`; less where the picture has an edge.
+        volume: matching costs; four times (the largest + `any_plane`) must fit 16 bits.
+        next_plane: price of going on to a neighbouring plane.
+        any_plane: price of going on to any other plane.
         run: `map`, or the one of a pool of threads.
     """
-    rows, planes, columns = volume.shape
-    across = np.empty((columns, planes, rows), np.uint16)
-    for plane in range(planes):
-        across[:, plane] = cv2.transpose(volume[:, plane])
-    turned = np.ascontiguousarray(jump.T)
-    parts = [np.zeros_like(volume), np.zeros_like(volume), np.zeros_like(across), np.zeros_like(across)]
-    list(
-        run(  # type: ignore[call-overload]
-            _sweep,
-            (volume, volume, across, across),
-            parts,
-            (small,) * 4,
-            (jump, jump, turned, turned),
-            (True, True, False, False),
-            (range(rows), range(rows - 1, -1, -1), range(columns), range(columns - 1, -1, -1)),
-        )
-    )
-    parts[2] += parts[3]
-    total = parts[0]
-    total += parts[1]
-    for plane in range(planes):
-        back: Any = cv2.transpose(parts[2][:, plane])
-        total[:, plane] += back
+    rows, _, columns = volume.shape
+    across = _turned(volume)
+    sums = [np.zeros_like(volume), np.zeros_like(volume), np.zeros_like(across), np.zeros_like(across)]
+    volumes = (volume, volume, across, across)
+    ways = (range(rows), range(rows - 1, -1, -1), range(columns), range(columns - 1, -1, -1))
+    list(run(_add_paths, volumes, sums, (next_plane,) * 4, (any_plane,) * 4, ways))
+    sums[2] += sums[3]
+    total = _turned(sums[2])
+    total += sums[0]
+    total += sums[1]
     return total
