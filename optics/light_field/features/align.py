@@ -8,15 +8,15 @@ offset moved by -f p (n.o). Left out, a slant would move patches by unlike amoun
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.values import FloatArray
+from optics.values import FloatArray, InputError
 
 RADIUS_PX = 4
 SIDE = 2 * RADIUS_PX + 1
@@ -33,8 +33,9 @@ LEAST_CONTRAST_GREY = 1.5
 # Views that look less like the reference's patch say nothing of its slant.
 LEAST_ALIKE_FOR_SLANT = 0.7
 # Standard deviation of tan(slant) of surfaces before anything is seen of them: 60 degrees.
-USUAL_SLANT = 1.7
+USUAL_TAN_SLANT = 1.7
 LEVELS = 5
+FRAME_PX = RADIUS_PX + 3
 
 Floats = NDArray[np.float32]
 
@@ -43,28 +44,42 @@ OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
 
 
 class Pyramid:
-    """The views (n, v, u) in grey, each level half as large; pixel x of level l is pixel x * 2**l of the views."""
+    """The views (t, s, v, u) in grey, side by side; pixel x of level l is pixel x * 2**l of the views.
 
-    def __init__(self, images: NDArray[np.uint8], run: Callable[..., Any]) -> None:
-        def halved(image: NDArray[np.uint8]) -> list[Any]:
-            levels: list[Any] = [image.astype(np.float32)]
-            while len(levels) < LEVELS and min(levels[-1].shape) > 8 * RADIUS_PX:
-                levels.append(cv2.pyrDown(levels[-1]))
-            return levels
+    Views are framed by what is at their border, so that a patch amid a view's outermost pixels is of that view alone.
 
-        self.levels: list[list[Any]] = list(run(halved, images))
+    Raises InputError for views that side by side are larger than OpenCV's tables address.
+    """
+
+    def __init__(self, images: NDArray[np.uint8]) -> None:
+        rows, cols, *size = images.shape
+        if max(rows * (size[0] + 2 * FRAME_PX), cols * (size[1] + 2 * FRAME_PX)) >= 2**15 - 1:
+            raise InputError(f"{rows}x{cols} views of {size[1]}x{size[0]} px, expected less than 32767 px side by side")
+        self.mosaics: list[Floats] = []
+        self.origins: list[Floats] = []
+        views: list[Any] = [np.float32(image) for image in images.reshape(-1, *size)]
+        while len(self.mosaics) < LEVELS and (not self.mosaics or min(views[0].shape) > 8 * RADIUS_PX):
+            views = [cv2.pyrDown(view) for view in views] if self.mosaics else views
+            high, wide = views[0].shape[0] + 2 * FRAME_PX, views[0].shape[1] + 2 * FRAME_PX
+            mosaic = np.empty((rows * high, cols * wide), np.float32)
+            places = mosaic.reshape(rows, high, cols, wide).transpose(0, 2, 1, 3)
+            for place, view in zip(np.ndindex(rows, cols), views, strict=True):
+                places[place] = cv2.copyMakeBorder(view, FRAME_PX, FRAME_PX, FRAME_PX, FRAME_PX, cv2.BORDER_REPLICATE)
+            t, s = np.divmod(np.arange(rows * cols), cols)
+            self.mosaics.append(mosaic)
+            self.origins.append((np.stack([s * wide, t * high], axis=1) + FRAME_PX).astype(np.float32))
 
     def level_of(self, scale_px: FloatArray) -> NDArray[np.int64]:
         """The level (n,) on which a pixel is nearest to a scale (n,)."""
-        return np.clip(np.rint(np.log2(scale_px)), 0, len(self.levels[0]) - 1).astype(np.int64)
+        return np.clip(np.rint(np.log2(scale_px)), 0, len(self.mosaics) - 1).astype(np.int64)
 
-    def samples(self, view: int, level: int, where_px: Floats) -> Floats:
-        """Samples (n, k) of a level at pixels (n, k, 2) of that level."""
-        image, parts, second_map = self.levels[view][level], [], cast(Any, None)
-        for start in range(0, len(where_px), 2**14):
-            part = where_px[start : start + 2**14]
-            parts.append(cv2.remap(image, part, second_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-        return np.concatenate(parts) if parts else np.zeros(where_px.shape[:2], np.float32)
+    def samples(self, level: int, across: Floats, down: Floats) -> Floats:
+        """Samples (n, k) of a mosaic at its pixels (n, k)."""
+        parts = [
+            cv2.remap(self.mosaics[level], across[start:end], down[start:end], cv2.INTER_LINEAR)
+            for start, end in itertools.pairwise([*range(0, len(across), 2**14), len(across)])
+        ]
+        return np.concatenate(parts) if parts else np.zeros(across.shape, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +112,12 @@ def templates(pyramid: Pyramid, view: int, pixels: FloatArray, scale_px: FloatAr
     ]
 
 
-def _templates(
-    pyramid: Pyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray
-) -> Templates:
+def _templates(pyramid: Pyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
     offset = np.arange(-RADIUS_PX - 1, RADIUS_PX + 2, dtype=np.float32)
-    around = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
-    where = (pixels[index, None] / 2**level).astype(np.float32) + around
-    wide = pyramid.samples(view, level, where).reshape(len(index), SIDE + 2, SIDE + 2)
+    across, down = (each.ravel() for each in np.meshgrid(offset, offset))
+    centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
+    wide = pyramid.samples(level, centre[:, :1] + across, centre[:, 1:] + down)
+    wide = wide.reshape(len(index), SIDE + 2, SIDE + 2)
     patches, length = _normalized(wide[:, 1:-1, 1:-1].reshape(len(index), SAMPLES))
     gradients = np.stack([wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2], wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]], axis=1)
     gradients = gradients.reshape(len(index), 2, SAMPLES) / (2.0 * length[:, None, None])
@@ -133,7 +147,6 @@ def align(
     start_px: FloatArray,
     across_mm: FloatArray,
     distance_mm: FloatArray,
-    run: Callable[..., Any],
 ) -> tuple[FloatArray, FloatArray]:
     """Where in views the patches of keypoints are, from starts (views, n, 2), and how like them it looks there.
 
@@ -142,7 +155,6 @@ def align(
         start_px: NaN where a view is not to be looked at.
         across_mm: positions (views, 2) of the views.
         distance_mm: (n,) about how far away the keypoints are.
-        run: `map`, or that of a pool of threads.
 
     Returns:
         Pixels (views, n, 2); the likeness (views, n), the normalized cross-correlation: 0 for keypoints without a start
@@ -150,53 +162,64 @@ def align(
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
     for each in given:
-        _align_level(pyramid, each, pixels, alike, across_mm, distance_mm[each.index], run)
+        found, alike[:, each.index] = _align_level(
+            pyramid, each, start_px[:, each.index], across_mm.astype(np.float32), distance_mm[each.index]
+        )
+        pixels[:, each.index] = found
     return pixels, alike
 
 
 def _align_level(
-    pyramid: Pyramid,
-    each: Templates,
-    pixels: FloatArray,
-    alike: FloatArray,
-    across_mm: FloatArray,
-    distance_mm: FloatArray,
-    run: Callable[..., Any],
-) -> None:
-    """Improve `pixels` and `alike`, in place, of the keypoints of one level."""
-    slant = np.zeros((len(each.index), 2))
-    step_px = 2.0**each.level
-
-    def one(view: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Move patches in a view; the sides of the equations for the slant that it adds, and its squared differences."""
-        rows = np.flatnonzero(np.isfinite(pixels[view, each.index, 0]))
-        keypoints, position = each.index[rows], across_mm[view].astype(np.float32)
-        where = (pixels[view, keypoints] / step_px).astype(np.float32)[:, None] + OFFSETS.T
-        where -= (slant[rows].astype(np.float32) @ OFFSETS)[..., None] * position
-        seen, _ = _normalized(pyramid.samples(view, each.level, where))
-        difference = seen - each.patches[rows]
-        like = np.einsum("np,np->n", seen, each.patches[rows])
-        alike[view, keypoints] = like
-        step = np.einsum("nkp,np->nk", each.steps[rows], difference).astype(np.float64)
-        length = np.hypot(step[:, 0], step[:, 1])[:, None]
-        pixels[view, keypoints] -= step * (step_px * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, 1e-9)))
-        told = rows[like >= LEAST_ALIKE_FOR_SLANT]
-        right, left, squares = np.zeros_like(slant), np.zeros((*slant.shape, 2)), np.zeros(len(slant))
-        difference = difference[like >= LEAST_ALIKE_FOR_SLANT]
-        right[told] = -np.einsum("j,njkp,np->nk", position, each.slants[told], difference)
-        left[told] = np.einsum("i,nijkl,k->njl", position, each.products[told], position)
-        squares[told] = np.einsum("np,np->n", difference, difference)
-        return right, left, squares
-
-    views = range(len(pixels))
+    pyramid: Pyramid, each: Templates, start_px: FloatArray, across_mm: Floats, distance_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `align`, of the keypoints of one level."""
+    views, count = start_px.shape[:2]
+    looked = np.isfinite(start_px[..., 0])
+    origin = pyramid.origins[each.level][:, None]
+    # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
+    centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
+    slant = np.zeros((count, 2), np.float32)
+    alike = np.zeros((views, count), np.float32)
+    across, down = (np.empty((views, count, SAMPLES), np.float32) for _ in range(2))
     for number in range(MOVING_ROUNDS + SLANTING_ROUNDS + 1):
-        parts = list(run(one, views))
+        np.add(centre[..., :1], OFFSETS[0], out=across)
+        np.add(centre[..., 1:], OFFSETS[1], out=down)
+        if number > MOVING_ROUNDS:
+            moved = slant @ OFFSETS
+            across -= across_mm[:, 0, None, None] * moved
+            down -= across_mm[:, 1, None, None] * moved
+        flat = pyramid.samples(each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES))
+        difference, _ = _normalized(flat)
+        difference = difference.reshape(views, count, SAMPLES)
+        alike = np.einsum("vnp,np->vn", difference, each.patches)
+        difference -= each.patches
         if MOVING_ROUNDS <= number < MOVING_ROUNDS + SLANTING_ROUNDS:
-            right, left, squares = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
-            count = np.maximum(sum((part[2] > 0).astype(np.float64) for part in parts), 1.0)
-            noise = squares / (count * SAMPLES)
-            prior = noise * (distance_mm / USUAL_SLANT) ** 2
-            slant -= np.linalg.solve(left + (prior[:, None, None] + 1e-12) * np.eye(2), right[..., None])[..., 0]
+            told = (looked & (alike >= LEAST_ALIKE_FOR_SLANT)).astype(np.float32)
+            slant -= _slant_step(each, difference, told, across_mm, distance_mm)
+        step = np.einsum("nkp,vnp->vnk", each.steps, difference)
+        length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
+        centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
+    pixels = (centre - origin).astype(np.float64) * 2**each.level
+    return np.where(looked[..., None], pixels, np.nan), np.where(looked, alike, 0.0).astype(np.float64)
+
+
+def _slant_step(
+    each: Templates, difference: Floats, told: Floats, across_mm: Floats, distance_mm: FloatArray
+) -> Floats:
+    """By how much the slants (n, 2) are to be taken back, of differences (views, n, SAMPLES) in the views that tell it.
+
+    Least squares over views and samples, with a prior: surfaces are not seen edge-on.
+    """
+    weighted = told[..., None] * across_mm[:, None]
+    right = -np.einsum("njkp,njp->nk", each.slants, np.einsum("vnj,vnp->njp", weighted, difference))
+    positions = np.einsum("vni,vj->nij", weighted, across_mm)
+    left = np.einsum("nij,nikjl->nkl", positions, each.products).astype(np.float64)
+    squares = np.einsum("vn,vnp,vnp->n", told, difference, difference)
+    noise = squares / (np.maximum(told.sum(axis=0), 1.0) * SAMPLES)
+    # tan(slant) is the slant's coefficient, 1/mm, times the distance.
+    prior = np.maximum(noise, 1e-9) * (distance_mm / USUAL_TAN_SLANT) ** 2
+    left += prior[:, None, None] * np.eye(2)
+    return np.linalg.solve(left, right[..., None].astype(np.float64))[..., 0].astype(np.float32)
 
 
 def _normalized(patches: Floats) -> tuple[Floats, Floats]:

@@ -46,26 +46,25 @@ def detector(name: DetectorName, keypoints: int) -> Any:
     Raises InputError where this OpenCV comes without AKAZE (since version 5 it is among the contributed modules).
     """
     if name == "SIFT":
-        return cv2.SIFT_create(keypoints, contrastThreshold=0.015)
+        return cv2.SIFT.create(keypoints, contrastThreshold=0.015)
     if name == "ORB":
-        return cv2.ORB_create(keypoints, scaleFactor=ORB_SCALE_STEP, edgeThreshold=8, fastThreshold=7)
+        return cv2.ORB.create(keypoints, scaleFactor=ORB_SCALE_STEP, edgeThreshold=8, fastThreshold=7)
     if not hasattr(cv2, "xfeatures2d"):
         raise InputError(
             "detector AKAZE is not in this OpenCV, expected opencv-contrib-python-headless in place of "
             "opencv-python-headless"
         )
-    return cv2.xfeatures2d.AKAZE_create(threshold=2e-4, max_points=keypoints)
+    return cv2.xfeatures2d.AKAZE.create(threshold=2e-4, max_points=keypoints)
 
 
 def grey_views(light_field: LightField) -> NDArray[np.uint8]:
     """The views in 8-bit grey (t * s, v, u)."""
-    samples = light_field.samples.reshape(-1, light_field.width_px, light_field.samples.shape[-1])
+    samples: Any = light_field.samples.reshape(-1, *light_field.samples.shape[2:])
     if samples.dtype == np.float32:
         samples = np.rint(np.clip(samples, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
-    rows_per_block = 2**15 - 2
-    blocks = [samples[start : start + rows_per_block] for start in range(0, len(samples), rows_per_block)]
-    grey = blocks if samples.shape[-1] == 1 else [cv2.cvtColor(block, cv2.COLOR_RGB2GRAY) for block in blocks]
-    return np.concatenate(grey).reshape(-1, light_field.height_px, light_field.width_px)
+    if samples.shape[-1] == 1:
+        return np.asarray(samples[..., 0])
+    return np.stack([np.asarray(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for view in samples])
 
 
 def inner_masks(light_field: LightField) -> NDArray[np.uint8]:
@@ -84,7 +83,7 @@ def detect(
     name: DetectorName,
     run: Callable[..., Any],
 ) -> list[Keypoints]:
-    """Keypoints of every image (n, v, u) by its own detector; `run` is `map` or that of a pool of threads."""
+    """Keypoints of every image (n, v, u) by its own detector; `run` is `map`, or that of a pool of threads."""
 
     def one(image: NDArray[np.uint8], mask: NDArray[np.uint8], with_: Any) -> Keypoints:
         found, descriptors = with_.detectAndCompute(image, mask)

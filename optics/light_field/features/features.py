@@ -1,8 +1,9 @@
 """Features of a light field: 2-D keypoints of the reference view that all views agree on, with slope and place.
 
-As in the paper (Light Field Features): keypoints are matched into every other view; a match tells a slope, and with it
-where the feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least
-N_MIN views must find it; all that do, consolidate its slope.
+As in the paper (Light Field Features): one match of a keypoint in another view tells a slope, and with it where the
+feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least N_MIN
+views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and at
+the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from optics.light_field.features.slope import Fit, Geometry, TwoSlopes, fit, fit
 from optics.light_field.light_field import Axis, LightField, Views
 from optics.values import FloatArray, InputError
 
-# Views whose descriptors must agree on a slope before it is tried in all of them.
-LEAST_VOTES = 2
+# How far, in pixels of its scale, a keypoint may be found from where it is.
+MATCH_PX = 1.0
 # How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
-LEAST_ALIKE = 0.8
+LEAST_ALIKE = 0.85
 # Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
 PRIOR_FREEDOM = 6.0
 
@@ -102,7 +103,7 @@ class FeatureFinder:
         name: SIFT, ORB or AKAZE.
         keypoints: about how many of each view's strongest keypoints are kept.
         max_distance_px: farther from where its slope expects it, a view does not see the feature.
-        min_views: N_MIN, in how many views beside the reference view a feature must be found.
+        min_views: N_MIN, in how many views beside the reference view a feature must be found. Default: in most.
         nearest_mm, farthest_mm: depths between which features are sought. Default: from half the distance of the
             reference plane to infinity.
         two_slope_sigma: features whose slopes are more standard deviations apart are flagged.
@@ -117,17 +118,18 @@ class FeatureFinder:
         name: DetectorName = "SIFT",
         *,
         keypoints: int = 600,
-        max_distance_px: float = 1.0,
-        min_views: int = 4,
+        max_distance_px: float = 0.5,
+        min_views: int | None = None,
         nearest_mm: float | None = None,
         farthest_mm: float = np.inf,
         two_slope_sigma: float = 5.0,
     ) -> None:
         count = views.rows * views.cols
-        if not 2 <= min_views <= count - 1:
-            raise InputError(
-                f"features in at least {min_views} of {count - 1} views beside the reference, expected 2 to {count - 1}"
-            )
+        if count < 2:
+            raise InputError("features of one view, expected at least two views")
+        least = (count - 1) // 2 + 1 if min_views is None else min_views
+        if not 1 <= least <= count - 1:
+            raise InputError(f"features in {least} views beside the reference view, expected 1 to {count - 1}")
         if not (np.isfinite(max_distance_px) and max_distance_px > 0):
             raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
         pupil_mm = views.reference_depth_mm - views.reference_distance_mm
@@ -137,23 +139,24 @@ class FeatureFinder:
                 f"depths {nearest:g} to {farthest_mm:g} mm, expected the nearer one first and in front of every view"
             )
         self.views, self.name = views, name
-        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, min_views, two_slope_sigma
+        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, least, two_slope_sigma
         self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
         self.geometry = Geometry.of(views)
-        self._detectors = [detector(name, keypoints) for _ in range(count)]
-        self._pool = ThreadPoolExecutor(min(count, os.cpu_count() or 1))
+        self._described = [self.geometry.reference, *_ends(views, self.geometry.reference)]
+        self._detectors = [detector(name, keypoints) for _ in self._described]
+        self._pool = ThreadPoolExecutor(min(len(self._described), os.cpu_count() or 1))
 
     def find(self, light_field: LightField) -> Features:
         """The features of a light field; raises InputError for one of other views."""
         self._check(light_field)
-        run, reference = self._pool.map, self.geometry.reference
+        run, described = self._pool.map, self._described
         images, inner = grey_views(light_field), inner_masks(light_field)
-        keypoints = detect(images, inner, self._detectors, self.name, run)
-        at = keypoints[reference]
-        tolerance = self.max_distance_px * at.scale_px
-        found = candidates(self.geometry, keypoints, self.name, self.inverse_range_mm, tolerance, run)
+        keypoints = detect(images[described], inner[described], self._detectors, self.name, run)
+        at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
+        tolerance = MATCH_PX * at.scale_px
+        found = candidates(self.geometry, at, others, self.name, self.inverse_range_mm, tolerance, run)
         votes = vote(found, tolerance)
-        tried = np.flatnonzero((votes.views >= LEAST_VOTES) & ~votes.ambiguous & np.isfinite(votes.inverse_mm))
+        tried = np.flatnonzero((votes.views > 0) & ~votes.ambiguous)
         seen_px = self._aligned(images, inner, at, tried, votes.inverse_mm[tried])
         return self._consolidated(at, tried, seen_px, votes.inverse_mm[tried])
 
@@ -179,14 +182,14 @@ class FeatureFinder:
         inverse_mm: FloatArray,
     ) -> FloatArray:
         """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else."""
-        geometry, run = self.geometry, self._pool.map
-        pyramid = Pyramid(images, run)
+        geometry = self.geometry
+        pyramid = Pyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
         given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
         start = np.stack([geometry.predict(view, directions, inverse_mm) for view in range(len(images))])
         start[geometry.reference] = np.nan
         start[~_shown(inner, start)] = np.nan
-        seen_px, alike = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6), run)
+        seen_px, alike = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6))
         seen_px[(alike < LEAST_ALIKE) | ~_shown(inner, seen_px)] = np.nan
         told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
         seen_px[geometry.reference, told] = pixels[told]
@@ -252,6 +255,14 @@ class FeatureFinder:
             descriptors=at.descriptors[chosen],
             layout_identity=views.layout_identity,
         )
+
+
+def _ends(views: Views, reference: int) -> list[int]:
+    """The views at the ends of the reference view's row and column: the widest that move along s or t alone."""
+    t, s = divmod(reference, views.cols)
+    row = [t * views.cols + end for end in (0, views.cols - 1)]
+    column = [end * views.cols + s for end in (0, views.rows - 1)]
+    return [view for view in dict.fromkeys([*row, *column]) if view != reference]
 
 
 def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:

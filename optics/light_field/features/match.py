@@ -27,7 +27,7 @@ MOST_OTHER_VOTES = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """For each of n keypoints of the reference view up to KEPT matches in every other view; NaN where there are fewer.
+    """For each of n keypoints of the reference view up to KEPT matches in other views; NaN where there are fewer.
 
     Attributes:
         inverse_mm: (n, views, KEPT) the slope that each match tells.
@@ -42,19 +42,21 @@ class Candidates:
 
 def candidates(
     geometry: Geometry,
-    keypoints: list[Keypoints],
+    reference: Keypoints,
+    others: dict[int, Keypoints],
     name: DetectorName,
     inverse_range_mm: tuple[float, float],
     tolerance_px: FloatArray,
     run: Callable[..., Any],
 ) -> Candidates:
-    """Matches of the reference view's keypoints between two inverse distances, at most `tolerance_px` (n,) off the line."""
-    count = len(keypoints[geometry.reference].pixels)
-    arrays = [np.full((count, len(keypoints), KEPT), np.nan) for _ in range(3)]
+    """Matches of the reference view's keypoints between two inverse distances, by the numbers of the other views.
 
-    def one(view: int) -> None:
-        first, second = _near_the_line(geometry, keypoints, view, inverse_range_mm, tolerance_px)
-        reference, other = keypoints[geometry.reference], keypoints[view]
+    At most `tolerance_px` (n,) off the line; `run` is `map`, or that of a pool of threads.
+    """
+    arrays = [np.full((len(reference.pixels), len(others), KEPT), np.nan) for _ in range(3)]
+
+    def one(place: int, view: int, other: Keypoints) -> None:
+        first, second = _near_the_line(geometry, reference, other, view, inverse_range_mm, tolerance_px)
         unlike = distances(reference.descriptors[first], other.descriptors[second])
         alike = unlike <= MOST_UNLIKE[name]
         first, second, unlike = first[alike], second[alike], unlike[alike]
@@ -64,9 +66,9 @@ def candidates(
         first, second, rank = first[rank < KEPT], second[rank < KEPT], rank[rank < KEPT]
         told = _told(geometry, view, reference.pixels[first], other.pixels[second])
         for array, values in zip(arrays, told, strict=True):
-            array[first, view, rank] = values
+            array[first, place, rank] = values
 
-    list(run(one, [view for view in range(len(keypoints)) if view != geometry.reference]))
+    list(run(one, range(len(others)), others.keys(), others.values()))
     return Candidates(*arrays)
 
 
@@ -85,13 +87,13 @@ def _told(
 
 def _near_the_line(
     geometry: Geometry,
-    keypoints: list[Keypoints],
+    reference: Keypoints,
+    other: Keypoints,
     view: int,
     inverse_range_mm: tuple[float, float],
     tolerance_px: FloatArray,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs (reference keypoint, keypoint of a view) of like scale and angle, on the line and between its ends."""
-    reference, other = keypoints[geometry.reference], keypoints[view]
     directions = geometry.directions(reference.pixels)
     ends = np.stack([geometry.predict(view, directions, inverse) for inverse in inverse_range_mm])
     x, y = geometry.across_mm[view]
@@ -118,7 +120,10 @@ def _near_the_line(
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """Per keypoint (n,): the inverse distance most views agree on (NaN: none), how many do, and whether others compete."""
+    """Per keypoint (n,): the inverse distance most views agree on (NaN: none), how many do, and whether others compete.
+
+    A keypoint of which no view knows anything has no views.
+    """
 
     inverse_mm: FloatArray
     views: NDArray[np.int64]
