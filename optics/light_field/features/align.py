@@ -94,6 +94,7 @@ class Templates:
         slants: (m, 2, 2, SAMPLES) how it changes, along u and v, by a move in proportion to the offset along u and v;
             less what a move of the whole patch explains.
         products: (m, 2, 2, 2, 2) of the slants with each other.
+        leaning: (m, 2, 2, 2) px of the level along u and v that a patch would seem to move by each of these moves.
     """
 
     level: int
@@ -102,6 +103,7 @@ class Templates:
     steps: Floats
     slants: Floats
     products: Floats
+    leaning: Floats
 
 
 def templates(pyramid: Pyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
@@ -136,9 +138,27 @@ def _templates(pyramid: Pyramid, view: int, level: int, index: NDArray[np.int64]
     told = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
     steps = np.linalg.inv(squares[told]).astype(np.float32) @ gradients[told]
     slants = slants[told]
-    slants -= np.einsum("nijk,nkp->nijp", np.einsum("nijp,nkp->nijk", slants, steps), gradients[told])
+    leaning = np.einsum("nkp,nijp->nkij", steps, slants)
+    slants -= np.einsum("nkij,nkp->nijp", leaning, gradients[told])
     products = np.einsum("nijp,nklp->nijkl", slants, slants)
-    return Templates(int(level), index[told], patches[told], steps, slants, products)
+    return Templates(int(level), index[told], patches[told], steps, slants, products, leaning)
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Where views see the patches of keypoints.
+
+    Attributes:
+        pixels: (views, n, 2); NaN where a view was not looked at.
+        alike: (views, n) how like the patch it looks there, the normalized cross-correlation; 0 where not looked at and
+            for keypoints without a template.
+        slant_covariance: (n, 3, 3) of w, d, e (see `slope`) from not knowing the slants better, in px/mm of the views:
+            of the whole movement per mm that a view moves. It is one error in all views, which no residual shows.
+    """
+
+    pixels: FloatArray
+    alike: FloatArray
+    slant_covariance: FloatArray
 
 
 def align(
@@ -147,38 +167,34 @@ def align(
     start_px: FloatArray,
     across_mm: FloatArray,
     distance_mm: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Where in views the patches of keypoints are, from starts (views, n, 2), and how like them it looks there.
+) -> Aligned:
+    """Move and slant the patches of keypoints until views look like them.
 
     Args:
         pyramid, given: of the views; the patches of the reference view.
-        start_px: NaN where a view is not to be looked at.
+        start_px: where views are expected to see the keypoints (views, n, 2); NaN where not to look.
         across_mm: positions (views, 2) of the views.
         distance_mm: (n,) about how far away the keypoints are.
-
-    Returns:
-        Pixels (views, n, 2); the likeness (views, n), the normalized cross-correlation: 0 for keypoints without a start
-        or a template.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
+    covariance = np.zeros((start_px.shape[1], 3, 3))
     for each in given:
-        found, alike[:, each.index] = _align_level(
+        pixels[:, each.index], alike[:, each.index], covariance[each.index] = _align_level(
             pyramid, each, start_px[:, each.index], across_mm.astype(np.float32), distance_mm[each.index]
         )
-        pixels[:, each.index] = found
-    return pixels, alike
+    return Aligned(pixels, alike, covariance)
 
 
 def _align_level(
     pyramid: Pyramid, each: Templates, start_px: FloatArray, across_mm: Floats, distance_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """As `align`, of the keypoints of one level."""
     views, count = start_px.shape[:2]
     looked = np.isfinite(start_px[..., 0])
     origin = pyramid.origins[each.level][:, None]
     # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
     centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
-    slant = np.zeros((count, 2), np.float32)
+    slant, covariance = np.zeros((count, 2), np.float32), np.zeros((count, 2, 2))
     alike = np.zeros((views, count), np.float32)
     across, down = (np.empty((views, count, SAMPLES), np.float32) for _ in range(2))
     for number in range(MOVING_ROUNDS + SLANTING_ROUNDS + 1):
@@ -195,20 +211,31 @@ def _align_level(
         difference -= each.patches
         if MOVING_ROUNDS <= number < MOVING_ROUNDS + SLANTING_ROUNDS:
             told = (looked & (alike >= LEAST_ALIKE_FOR_SLANT)).astype(np.float32)
-            slant -= _slant_step(each, difference, told, across_mm, distance_mm)
+            step, covariance = _slant_step(each, difference, told, across_mm, distance_mm)
+            slant -= step
         step = np.einsum("nkp,vnp->vnk", each.steps, difference)
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
         centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
     pixels = (centre - origin).astype(np.float64) * 2**each.level
-    return np.where(looked[..., None], pixels, np.nan), np.where(looked, alike, 0.0).astype(np.float64)
+    leaning = each.leaning.astype(np.float64) * 2**each.level
+    told_by_slant = np.stack(
+        [
+            leaning[:, 0, 0] + leaning[:, 1, 1],
+            leaning[:, 0, 0] - leaning[:, 1, 1],
+            leaning[:, 0, 1] + leaning[:, 1, 0],
+        ],
+        axis=1,
+    )
+    covariance = told_by_slant @ covariance @ told_by_slant.transpose(0, 2, 1) / 4.0
+    return np.where(looked[..., None], pixels, np.nan), np.where(looked, alike, 0.0).astype(np.float64), covariance
 
 
 def _slant_step(
     each: Templates, difference: Floats, told: Floats, across_mm: Floats, distance_mm: FloatArray
-) -> Floats:
-    """By how much the slants (n, 2) are to be taken back, of differences (views, n, SAMPLES) in the views that tell it.
+) -> tuple[Floats, FloatArray]:
+    """By how much the slants (n, 2) are to be taken back, and their covariance (n, 2, 2).
 
-    Least squares over views and samples, with a prior: surfaces are not seen edge-on.
+    Of differences (views, n, SAMPLES) in the views that tell it; least squares over views and samples, with a prior: surfaces are not seen edge-on.
     """
     weighted = told[..., None] * across_mm[:, None]
     right = -np.einsum("njkp,njp->nk", each.slants, np.einsum("vnj,vnp->njp", weighted, difference))
@@ -219,7 +246,8 @@ def _slant_step(
     # tan(slant) is the slant's coefficient, 1/mm, times the distance.
     prior = np.maximum(noise, 1e-9) * (distance_mm / USUAL_TAN_SLANT) ** 2
     left += prior[:, None, None] * np.eye(2)
-    return np.linalg.solve(left, right[..., None].astype(np.float64))[..., 0].astype(np.float32)
+    inverse = np.linalg.inv(left)
+    return np.einsum("nkl,nl->nk", inverse, right).astype(np.float32), noise[:, None, None] * inverse
 
 
 def _normalized(patches: Floats) -> tuple[Floats, Floats]:

@@ -35,7 +35,11 @@ MATCH_PX = 1.0
 # How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
 LEAST_ALIKE = 0.85
 # Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
-PRIOR_FREEDOM = 6.0
+PRIOR_FREEDOM = 4.0
+# What the bend of surfaces within a patch, and views that are not equally soft, leave of error: this many pixels (of a
+# keypoint's scale) in the views farthest from the reference view, in proportion in the others, so that no residual
+# shows it; and how much less it makes the slopes along s and t differ. Measured on rendered desks.
+COMMON_PX, COMMON_APART_PX = 0.03, 0.015
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,7 +126,7 @@ class FeatureFinder:
         min_views: int | None = None,
         nearest_mm: float | None = None,
         farthest_mm: float = np.inf,
-        two_slope_sigma: float = 5.0,
+        two_slope_sigma: float = 4.0,
     ) -> None:
         count = views.rows * views.cols
         if count < 2:
@@ -157,8 +161,8 @@ class FeatureFinder:
         found = candidates(self.geometry, at, others, self.name, self.inverse_range_mm, tolerance, run)
         votes = vote(found, tolerance)
         tried = np.flatnonzero((votes.views > 0) & ~votes.ambiguous)
-        seen_px = self._aligned(images, inner, at, tried, votes.inverse_mm[tried])
-        return self._consolidated(at, tried, seen_px, votes.inverse_mm[tried])
+        seen_px, covariance = self._aligned(images, inner, at, tried, votes.inverse_mm[tried])
+        return self._consolidated(at, tried, seen_px, votes.inverse_mm[tried], covariance)
 
     def _check(self, light_field: LightField) -> None:
         same = (
@@ -180,8 +184,11 @@ class FeatureFinder:
         at: Keypoints,
         tried: NDArray[np.int64],
         inverse_mm: FloatArray,
-    ) -> FloatArray:
-        """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else.
+
+        And what not knowing slants better adds to the covariance (n, 3, 3) of w, d, e.
+        """
         geometry = self.geometry
         pyramid = Pyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
@@ -189,14 +196,20 @@ class FeatureFinder:
         start = np.stack([geometry.predict(view, directions, inverse_mm) for view in range(len(images))])
         start[geometry.reference] = np.nan
         start[~_shown(inner, start)] = np.nan
-        seen_px, alike = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6))
-        seen_px[(alike < LEAST_ALIKE) | ~_shown(inner, seen_px)] = np.nan
+        aligned = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6))
+        seen_px = aligned.pixels
+        seen_px[(aligned.alike < LEAST_ALIKE) | ~_shown(inner, seen_px)] = np.nan
         told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
         seen_px[geometry.reference, told] = pixels[told]
-        return seen_px
+        return seen_px, aligned.slant_covariance / self.views.focal_px**2
 
     def _consolidated(
-        self, at: Keypoints, tried: NDArray[np.int64], seen_px: FloatArray, inverse_mm: FloatArray
+        self,
+        at: Keypoints,
+        tried: NDArray[np.int64],
+        seen_px: FloatArray,
+        inverse_mm: FloatArray,
+        covariance: FloatArray,
     ) -> Features:
         """Features of the keypoints that enough views see where one slope expects them."""
         shown = np.isfinite(seen_px[..., 0])
@@ -213,7 +226,7 @@ class FeatureFinder:
         keep[keep] = _first_of_same(at.pixels[tried[keep]], used[:, keep].sum(axis=0))
         solved = fit(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
         apart = fit_two_slopes(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
-        return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart)
+        return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, covariance[keep])
 
     def _features(
         self,
@@ -223,19 +236,24 @@ class FeatureFinder:
         used: NDArray[np.bool_],
         solved: Fit,
         apart: TwoSlopes,
+        covariance: FloatArray,
     ) -> Features:
         views, grid = self.views, (self.views.rows, self.views.cols)
         axis: Axis = "s" if views.cols > 1 else "t"
         px_mm = views.focal_px * views.step_mm(axis)
         scale = at.scale_px[chosen]
         squares = scale**2
+        widest = np.hypot(*self.geometry.across_mm.T).max()
+        common = np.diag([COMMON_PX, COMMON_APART_PX, COMMON_APART_PX]) / (views.focal_px * widest)
+        covariance = covariance + squares[:, None, None] * common**2
         noise = moderated_variance(solved.squares_px2 / squares, solved.freedom, PRIOR_FREEDOM) * squares
         own_noise = moderated_variance(apart.squares_px2 / squares, apart.freedom, PRIOR_FREEDOM) * squares
-        sigma_w = np.sqrt(noise / solved.information)
+        sigma_w = np.sqrt(noise / solved.information + covariance[:, 0, 0])
         distance = 1.0 / solved.inverse_mm
         points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
         seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
-        two_slope_sigma = apart.apart / np.sqrt(own_noise)
+        own = own_noise[:, None, None] * apart.apart_covariance + covariance[:, 1:, 1:]
+        two_slope_sigma = np.sqrt(np.einsum("ni,nij,nj->n", apart.apart_mm, np.linalg.inv(own), apart.apart_mm))
         along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
         return Features(
             detector=self.name,

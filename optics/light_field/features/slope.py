@@ -121,13 +121,15 @@ class TwoSlopes:
 
     Attributes:
         matrices_mm: W (n, 2, 2), 1/mm; NaN where the views used do not tell it.
-        apart: (n,) how far (d, e) is from zero, as a Mahalanobis distance for noise of one pixel.
+        apart_mm: (n, 2) d and e, 1/mm.
+        apart_covariance: (n, 2, 2) of these for noise of one pixel.
         squares_px2: (n,) sum of squared distances that remain.
         freedom: (n,) numbers beyond the five unknowns.
     """
 
     matrices_mm: FloatArray
-    apart: FloatArray
+    apart_mm: FloatArray
+    apart_covariance: FloatArray
     squares_px2: FloatArray
     freedom: NDArray[np.int64]
 
@@ -156,12 +158,12 @@ def fit_two_slopes(
     normal[~told] = np.eye(3)
     unknown = np.linalg.solve(normal, right[..., None])[..., 0]
     squares = np.einsum("vn,vnk,vnk->n", use, rest, rest) - (unknown * right).sum(axis=1)
-    covariance = np.linalg.inv(normal)[:, 1:, 1:]
-    apart = np.einsum("ni,nij,nj->n", unknown[:, 1:], np.linalg.inv(covariance), unknown[:, 1:])
-    w, d, e = np.where(told[:, None], unknown, UNDECIDED).T
+    unknown[~told] = UNDECIDED
+    w, d, e = unknown.T
     return TwoSlopes(
         matrices_mm=np.stack([np.stack([w + d, e], -1), np.stack([e, w - d], -1)], axis=-2),
-        apart=np.where(told, np.sqrt(apart), UNDECIDED),
+        apart_mm=unknown[:, 1:],
+        apart_covariance=np.linalg.inv(normal)[:, 1:, 1:],
         squares_px2=np.maximum(squares, 0.0),
         freedom=freedom,
     )
