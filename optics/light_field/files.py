@@ -59,3 +59,20 @@ def from_arrays(arrays: dict[str, Any], where: str) -> LightField:
         return LightField(**(arrays | scalars))
     except (ValueError, TypeError) as error:
         raise InputError(f"{where}: not a light field: {error}") from None
+
+
+def read_light_field(path: Path, frame: int = 0) -> LightField:
+    """The light field of an .npz file, or that of a frame (counted from 0) of a recording in Zarr.
+
+    Raises InputError in one line for anything else, and for a frame that the recording does not have.
+    """
+    if not path.is_dir():
+        if frame != 0:
+            raise InputError(f"{path}: has one frame, expected no frame {frame}")
+        return load_npz(path)
+    from optics.light_field.zarr_store import StoredLightFields
+
+    stored = StoredLightFields(path)
+    if not 0 <= frame < len(stored):
+        raise InputError(f"{path}: has {len(stored)} frames, expected no frame {frame}")
+    return stored[frame]
