@@ -26,7 +26,20 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam import interruption
-from mirrorcam.commands import board, cad, calibrate, decode, design, picture, render, run, scene, sweep, validate
+from mirrorcam.commands import (
+    board,
+    cad,
+    calibrate,
+    decode,
+    depth,
+    design,
+    picture,
+    render,
+    run,
+    scene,
+    sweep,
+    validate,
+)
 from optics.camera import Camera
 from optics.values import InputError
 
@@ -43,6 +56,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
+    depth.DepthOptions: depth.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -62,6 +76,7 @@ class Command:
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
+        | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False

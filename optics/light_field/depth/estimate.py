@@ -18,24 +18,26 @@ from optics.light_field.depth.photometry import grey, normalised
 from optics.light_field.depth.refine import Evidence, Refiner, enlarged, guided
 from optics.light_field.depth.semiglobal import aggregate
 from optics.light_field.light_field import LightField, Views
-from optics.values import InputError
+from optics.values import FloatArray, InputError
 
 Float32 = NDArray[np.float32]
 
 NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is looked for unless told, in reference depths."""
-STEP_PX = 1.0
-"""How far the farthest view moves, at half size, from one plane to the next."""
+FULL_STEP_PX, HALF_STEP_PX = 0.5, 1.0
+"""How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
+MOST_PLANES = 64
+"""More planes than that are not searched at full size but at half."""
 COST_PX = 3
 """Side of the square over which costs are averaged."""
 NEXT_PLANE = 4 * cost.UNITS
-ANY_PLANE = 150 * cost.UNITS
+ANY_PLANE = 120 * cost.UNITS
 REACH_PX = 7
-"""Side of the square of half-size pixels whose nearest and farthest depths a pixel may take."""
+"""Side of the square of searched pixels whose nearest and farthest depths a pixel may take."""
 STEPS = 2
 SMOOTH_RADIUS_PX = 5
-SMOOTH_PLANES = 0.7
-"""Waves of a surface up to that part of the distance between planes are smoothed, larger ones kept."""
+SMOOTH_PX = 0.3
+"""Waves of a surface up to that many px of the farthest view are smoothed, larger ones kept."""
 DISTINCT = 0.25
 """By what part the next best depth must be worse for full confidence."""
 SMALLEST_PX = 16
@@ -74,30 +76,53 @@ class DepthEstimator:
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
-        small = halved(self.views)
-        self._inverse_distances = plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX)
-        seen = np.zeros((small.rows, small.cols, small.height_px, small.width_px), np.float32)
-        for index in np.ndindex(small.rows, small.cols):
-            seen[index] = _half(grey(light_field, index)) >= 0
-        self._planes = Planes(small, seen, self._inverse_distances)
+        self._halve = False
+        searched, self._inverse_distances = self.views, self._spaced(self.views, FULL_STEP_PX)
+        if self.planes > MOST_PLANES:
+            self._halve = True
+            searched = halved(self.views)
+            self._inverse_distances = self._spaced(searched, HALF_STEP_PX)
+        seen = np.zeros((searched.rows, searched.cols, searched.height_px, searched.width_px), np.float32)
+        for index in np.ndindex(searched.rows, searched.cols):
+            seen[index] = self._sized(grey(light_field, index)) >= 0
+        self._planes = Planes(searched, seen, self._inverse_distances)
         self._refiner = Refiner(self.views, self._run)
+
+    def _spaced(self, views: Views, step_px: float) -> FloatArray:
+        return plane_inverse_distances(views, self.near_mm, self.far_mm, step_px)
+
+    def _sized(self, picture: Float32) -> Float32:
+        """A grey picture at the size searched at: two by two pixels joined, negative where one has no sample."""
+        if not self._halve:
+            return picture
+        rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
+        even = picture[: 2 * rows, : 2 * columns]
+        return np.asarray(cv2.resize(even, (columns, rows), interpolation=cv2.INTER_AREA))
 
     @property
     def planes(self) -> int:
         """How many planes are looked at."""
         return len(self._inverse_distances)
 
+    def fits(self, light_field: LightField) -> bool:
+        """Whether a light field has the views and weights that this estimator was built for."""
+        names = [field.name for field in fields(Views)]
+        same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
+        return same and np.array_equal(light_field.weights, self.weights)
+
     def estimate(self, light_field: LightField) -> DepthMap:
         """The depth of the reference view of a light field of this estimator's geometry.
 
         Raises InputError for a light field of other views or weights.
         """
-        self._check_same(light_field)
+        if not self.fits(light_field):
+            raise InputError("light field has other views or weights than the one the estimator was built for")
         reference, *pictures = self._run(lambda index: grey(light_field, index), [self.reference, *self.others])
         coarse, distinct = self._coarse(reference, pictures)
         square = np.ones((REACH_PX, REACH_PX), np.uint8)
-        candidates = [coarse, np.asarray(cv2.dilate(coarse, square)), np.asarray(cv2.erode(coarse, square))]
-        candidates = [enlarged(candidate, reference.shape) for candidate in candidates]
+        candidates: list[Any] = [coarse, np.asarray(cv2.dilate(coarse, square)), np.asarray(cv2.erode(coarse, square))]
+        if self._halve:
+            *candidates, distinct = (enlarged(small, reference.shape) for small in (*candidates, distinct))
         pictures = self._refiner.matched(pictures, reference, candidates[0])
         known = reference >= 0
         reference = np.where(known, reference, np.float32(0.0))
@@ -105,14 +130,15 @@ class DepthEstimator:
         step = float(self._inverse_distances[1] - self._inverse_distances[0])
         for _ in range(STEPS):
             found, evidence = self._refiner.stepped(found, pictures, reference, step)
-        planes = found * np.float32(1.0 / step)
+        px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
+        moved = found * np.float32(px)
         trust = evidence.information * np.float32(1.0 / max(float(np.median(evidence.information)), 1e-30))
-        found = guided(planes, planes, SMOOTH_RADIUS_PX, SMOOTH_PLANES, trust) * np.float32(step)
-        return self._told(found, evidence, enlarged(distinct, reference.shape), known, step)
+        found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)
+        return self._told(found, evidence, distinct, known, step)
 
     def _coarse(self, reference: Float32, pictures: list[Float32]) -> tuple[Float32, Float32]:
-        """Inverse distances (v, u) at half size, to part of a plane, and by what part the next best is worse."""
-        own, *others = self._run(lambda picture: normalised(_half(picture)), [reference, *pictures])
+        """Inverse distances (v, u) to part of a plane, at the size searched at, and how much worse the next best is."""
+        own, *others = self._run(lambda picture: normalised(self._sized(picture)), [reference, *pictures])
         count = self.planes
         volume = np.empty((own.shape[0], count, own.shape[1]), np.uint16)
 
@@ -165,19 +191,6 @@ class DepthEstimator:
             sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
         )
-
-    def _check_same(self, light_field: LightField) -> None:
-        same = all(
-            np.array_equal(getattr(light_field, field.name), getattr(self.views, field.name)) for field in fields(Views)
-        )
-        if not same or not np.array_equal(light_field.weights, self.weights):
-            raise InputError("light field has other views or weights than the one the estimator was built for")
-
-
-def _half(picture: Float32) -> Float32:
-    """A grey picture with two by two pixels joined to one, negative where any has no sample."""
-    rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
-    return np.asarray(cv2.resize(picture[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA))
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

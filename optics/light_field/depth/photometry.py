@@ -22,7 +22,7 @@ WINDOW_PX = 7
 NOISE = 4.0
 """Standard deviation, of 255, below which contrast is not raised further."""
 CONTRAST = 50.0
-GAIN_LIMITS = (0.4, 2.5)
+LEAST_GAIN, MOST_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
 FEWEST_SAMPLES = 50
@@ -91,4 +91,4 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)
     rows = np.arange(height, dtype=np.float32)[:, None] / np.float32(height) - np.float32(0.5)
     plane = (np.float32(gain[0]) + np.float32(gain[1]) * columns) + np.float32(gain[2]) * rows
-    return np.asarray(np.clip(plane, *np.float32(GAIN_LIMITS)) * picture)
+    return np.asarray(np.clip(plane, LEAST_GAIN, MOST_GAIN) * picture)

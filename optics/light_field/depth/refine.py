@@ -90,8 +90,10 @@ class Refiner:
     def _look(self, view: Parallax, picture: Float32, found: Float32) -> Float32:
         """What a view (v, u) shows of the places at inverse distances (v, u); negative where it does not see them."""
         across, down = view.pixels(self.columns, self.rows, found)
-        beyond = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": NO_SAMPLE}
-        return np.asarray(cv2.remap(picture, across, down, cv2.INTER_LINEAR, **beyond))
+        shown: Any = cv2.remap(
+            picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NO_SAMPLE
+        )
+        return np.asarray(shown)
 
     def chosen(self, candidates: Sequence[Float32], pictures: Sequence[Float32], reference: Float32) -> Float32:
         """Of several inverse distances (v, u), at each pixel the one on which the best half of the views agrees."""
@@ -100,11 +102,11 @@ class Refiner:
         def cost(job: tuple[int, int]) -> NDArray[np.uint8]:
             candidate, number = job
             shown = self._look(self.parallaxes[number], pictures[number], candidates[candidate])
-            difference = np.asarray(cv2.absdiff(shown, reference))
+            difference: Any = cv2.absdiff(shown, reference)
             np.minimum(difference, np.float32(TRUNCATION_GREY), out=difference)
             difference *= np.float32(TRUNCATION / TRUNCATION_GREY)
             difference[shown < 0] = UNSEEN
-            return difference.astype(np.uint8)
+            return np.asarray(difference.astype(np.uint8))
 
         costs = list(
             self.run(cost, [(candidate, number) for candidate in range(len(candidates)) for number in numbers])
