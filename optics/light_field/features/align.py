@@ -27,7 +27,7 @@ SLANTING_ROUNDS = 2
 # A step of more than a pixel of its scale is cut: the patches' gradients tell no more.
 MOST_STEP_PX = 1.0
 # Of the two directions of a patch, the worse one must tell this part of what the better one tells.
-LEAST_ROUNDNESS = 0.03
+LEAST_ROUNDNESS = 0.015
 # A patch of less contrast (standard deviation in grey levels) shows noise.
 LEAST_CONTRAST_GREY = 1.5
 # Views that look less like the reference's patch say nothing of its slant.
@@ -235,7 +235,8 @@ def _slant_step(
 ) -> tuple[Floats, FloatArray]:
     """By how much the slants (n, 2) are to be taken back, and their covariance (n, 2, 2).
 
-    Of differences (views, n, SAMPLES) in the views that tell it; least squares over views and samples, with a prior: surfaces are not seen edge-on.
+    Least squares over differences (views, n, SAMPLES) in the views that tell it (views, n), with a prior: surfaces are
+    not seen edge-on.
     """
     weighted = told[..., None] * across_mm[:, None]
     right = -np.einsum("njkp,njp->nk", each.slants, np.einsum("vnj,vnp->njp", weighted, difference))

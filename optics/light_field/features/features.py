@@ -2,8 +2,8 @@
 
 As in the paper (Light Field Features): one match of a keypoint in another view tells a slope, and with it where the
 feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least N_MIN
-views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and at
-the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
+views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and
+at the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
 """
 
 from __future__ import annotations
@@ -159,10 +159,12 @@ class FeatureFinder:
         at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
         tolerance = MATCH_PX * at.scale_px
         found = candidates(self.geometry, at, others, self.name, self.inverse_range_mm, tolerance, run)
-        votes = vote(found, tolerance)
-        tried = np.flatnonzero((votes.views > 0) & ~votes.ambiguous)
-        seen_px, covariance = self._aligned(images, inner, at, tried, votes.inverse_mm[tried])
-        return self._consolidated(at, tried, seen_px, votes.inverse_mm[tried], covariance)
+        agreed, competing = vote(found, tolerance)
+        # Where two slopes compete, what all views show decides; where it shows both, the keypoint tells neither.
+        tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
+        inverse = np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
+        seen_px, covariance = self._aligned(images, inner, at, tried, inverse)
+        return self._consolidated(at, tried, seen_px, inverse, covariance)
 
     def _check(self, light_field: LightField) -> None:
         same = (
@@ -223,7 +225,15 @@ class FeatureFinder:
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
         keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
         keep &= (solved.inverse_mm > far) & (solved.inverse_mm <= near)
-        keep[keep] = _first_of_same(at.pixels[tried[keep]], used[:, keep].sum(axis=0))
+        widest = np.hypot(*self.geometry.across_mm.T).max() * self.views.focal_px
+        keep[keep] = _one_of_each(
+            at.pixels[tried[keep]],
+            used[:, keep].sum(axis=0),
+            widest * solved.inverse_mm[keep],
+            2.0 * self.max_distance_px,
+        )
+        # In the order of keypoints, whichever of their slopes it is.
+        keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
         solved = fit(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
         apart = fit_two_slopes(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
         return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, covariance[keep])
@@ -293,10 +303,19 @@ def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
     return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
 
 
-def _first_of_same(pixels: FloatArray, views: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Of keypoints (n, 2) at the very same place (SIFT's with several orientations), the one most views see."""
-    order = np.lexsort((np.arange(len(pixels)), -views, pixels[:, 1], pixels[:, 0]))
-    new = np.r_[True, (np.diff(pixels[order], axis=0) != 0).any(axis=1)] if len(order) else np.zeros(0, bool)
-    first = np.zeros(len(pixels), dtype=bool)
-    first[order[new]] = True
-    return first
+def _one_of_each(
+    pixels: FloatArray, views: NDArray[np.int64], moved_px: FloatArray, most_px: float
+) -> NDArray[np.bool_]:
+    """Of keypoints (n, 2) at the very same place (tried with two slopes, or SIFT's with two orientations), one at most.
+
+    The one that most views see; none where the moves that their slopes tell (n,) differ by more than `most_px`.
+    """
+    chosen = np.zeros(len(pixels), dtype=bool)
+    if len(pixels) == 0:
+        return chosen
+    _, place = np.unique(pixels, axis=0, return_inverse=True)
+    order = np.lexsort((np.arange(len(pixels)), -views, place.ravel()))
+    starts = np.flatnonzero(np.diff(place.ravel()[order], prepend=-1))
+    spread = np.maximum.reduceat(moved_px[order], starts) - np.minimum.reduceat(moved_px[order], starts)
+    chosen[order[starts[spread <= most_px]]] = True
+    return chosen

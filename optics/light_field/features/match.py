@@ -20,9 +20,9 @@ MOST_TURN_DEG = 25.0
 KEPT = 3
 # How unlike two descriptors of one point may be: bits of 256, bits of 488, 1 less the cosine of RootSIFT.
 MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
-# A slope is ambiguous where another one, that far away in the view it moves most in, has nearly as many votes.
+# Another slope competes where it is that far away in the view that moves most, and has nearly as many votes.
 OTHER_PX = 3.0
-MOST_OTHER_VOTES = 0.8
+ENOUGH_VOTES = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,27 +118,15 @@ def _near_the_line(
     return first[keep], second[keep]
 
 
-@dataclass(frozen=True, eq=False)
-class Votes:
-    """Per keypoint (n,): the inverse distance most views agree on (NaN: none), how many do, and whether others compete.
+def vote(found: Candidates, tolerance_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The inverse distance (n,) on which most views agree, and one that competes with it; NaN where there is none.
 
-    A keypoint of which no view knows anything has no views.
-    """
-
-    inverse_mm: FloatArray
-    views: NDArray[np.int64]
-    ambiguous: NDArray[np.bool_]
-
-
-def vote(found: Candidates, tolerance_px: FloatArray) -> Votes:
-    """Each match of a keypoint proposes its slope; every view votes by how near its nearest match is to that.
-
-    At `tolerance_px` (n,) or more a view has no vote; the slope with the most is refined by those that voted for it.
+    Each match of a keypoint proposes its slope; every view votes by how near its nearest match is to that: at
+    `tolerance_px` (n,) or more not at all. The slope with the most votes is refined by the matches that gave them.
     """
     count, views, kept = found.inverse_mm.shape
     proposed = found.inverse_mm.reshape(count, views * kept)
     votes = np.zeros_like(proposed)
-    agreeing = np.zeros(proposed.shape, dtype=np.int64)
     weighted, weights = np.zeros_like(proposed), np.zeros_like(proposed)
     square = tolerance_px[:, None, None] ** 2
     for view in range(views):
@@ -153,18 +141,16 @@ def vote(found: Candidates, tolerance_px: FloatArray) -> Votes:
         weight = np.where(share > 0, np.take_along_axis(np.broadcast_to(rate, distance.shape), best, 2)[..., 0] ** 2, 0)
         chosen = np.take_along_axis(np.broadcast_to(inverse, distance.shape), best, 2)[..., 0]
         votes += share
-        agreeing += share > 0
         weights += weight
         weighted += np.where(weight > 0, weight * chosen, 0.0)
     best = votes.argmax(axis=1)[:, None]
     winner, most = np.take_along_axis(proposed, best, 1), np.take_along_axis(votes, best, 1)
     fastest = np.nanmax(np.where(np.isnan(found.rate_px_mm), 0.0, found.rate_px_mm), axis=(1, 2), initial=0.0)[:, None]
-    far = np.abs(proposed - winner) * fastest > OTHER_PX * tolerance_px[:, None]
-    second = np.where(far, votes, 0.0).max(axis=1)
     total = np.take_along_axis(weights, best, 1)
     inverse = np.where(total > 0, np.take_along_axis(weighted, best, 1) / np.where(total > 0, total, 1.0), np.nan)
-    return Votes(
-        inverse_mm=inverse[:, 0],
-        views=np.take_along_axis(agreeing, best, 1)[:, 0],
-        ambiguous=second > MOST_OTHER_VOTES * most[:, 0],
-    )
+    with np.errstate(invalid="ignore"):
+        far = np.abs(proposed - winner) * fastest > OTHER_PX * tolerance_px[:, None]
+    others = np.where(far, votes, 0.0)
+    second = others.argmax(axis=1)[:, None]
+    competes = np.take_along_axis(others, second, 1) > ENOUGH_VOTES * most
+    return inverse[:, 0], np.where(competes, np.take_along_axis(proposed, second, 1), np.nan)[:, 0]

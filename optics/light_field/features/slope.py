@@ -95,7 +95,7 @@ def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     use = used.astype(np.float64)
-    ff = (use * focal**2).sum(axis=0)
+    ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
     fa = np.einsum("vn,vn,vnk->nk", use, focal, a_)
     fb = np.einsum("vn,vn,vnk->nk", use, focal, b)
     information = np.einsum("vn,vnk,vnk->n", use, a_, a_) - (fa * fa).sum(axis=1) / ff
@@ -143,7 +143,7 @@ def fit_two_slopes(
     # Columns of the unknowns w, d, e in the two rows of each view, less what a, free too, takes up of them.
     x, y = a_[..., 0], a_[..., 1]
     columns = np.stack([np.stack([x, y], -1), np.stack([x, -y], -1), np.stack([y, x], -1)], axis=-1)
-    ff = (use * focal**2).sum(axis=0)
+    ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
 
     def less_direction(rows: FloatArray) -> FloatArray:
         taken = np.einsum("vn,vn,vnk...->nk...", use, focal, rows) / ff.reshape(-1, *(1,) * (rows.ndim - 2))
