@@ -30,10 +30,10 @@ MOST_PLANES = 64
 """More planes than that are not searched at full size but at half."""
 COST_PX = 3
 """Side of the square over which costs are averaged."""
-NEXT_PLANE = 4 * cost.UNITS
-ANY_PLANE = 120 * cost.UNITS
-REACH_PX = 7
-"""Side of the square of searched pixels whose nearest and farthest depths a pixel may take."""
+NEXT_PLANE = 6 * cost.UNITS
+ANY_PLANE = 45 * cost.UNITS
+NEAR_REACH_PX, FAR_REACHES_PX = 7, (9, 25)
+"""Sides of the squares whose nearest, or farthest, depth a pixel may take: what is near comes out too wide."""
 STEPS = 2
 SMOOTH_RADIUS_PX = 5
 SMOOTH_PX = 0.3
@@ -119,8 +119,10 @@ class DepthEstimator:
             raise InputError("light field has other views or weights than the one the estimator was built for")
         reference, *pictures = self._run(lambda index: grey(light_field, index), [self.reference, *self.others])
         coarse, distinct = self._coarse(reference, pictures)
-        square = np.ones((REACH_PX, REACH_PX), np.uint8)
-        candidates: list[Any] = [coarse, np.asarray(cv2.dilate(coarse, square)), np.asarray(cv2.erode(coarse, square))]
+        nearest, *farthest = (
+            _square(side // 2 + 1 if self._halve else side) for side in (NEAR_REACH_PX, *FAR_REACHES_PX)
+        )
+        candidates: list[Any] = [coarse, cv2.dilate(coarse, nearest), *(cv2.erode(coarse, far) for far in farthest)]
         if self._halve:
             *candidates, distinct = (enlarged(small, reference.shape) for small in (*candidates, distinct))
         pictures = self._refiner.matched(pictures, reference, candidates[0])
@@ -191,6 +193,10 @@ class DepthEstimator:
             sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
         )
+
+
+def _square(side_px: int) -> NDArray[np.uint8]:
+    return np.ones((side_px, side_px), np.uint8)
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

@@ -18,7 +18,7 @@ from optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 
-TRUNCATION_GREY = 16
+TRUNCATION_GREY = 10
 """Difference of brightness, of 255, that counts as `cost.TRUNCATION`."""
 EDGE_RADIUS_PX = 3
 EDGE_GREY = 4.5
