@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from statistics import harmonic_mean
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
@@ -36,12 +37,11 @@ class Decoder:
             depths the layout was designed for, or 400 mm.
         field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
         margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
-        equalisation: the factors that make the views equally bright, applied to every frame.
         regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
             what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
 
     Raises:
-        InputError: views that share no field; a plane nearer than a mirror; an equalisation of another layout.
+        InputError: views that share no field; a reference plane nearer than a mirror.
 
     Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
     so nothing depends on depth. Of second-surface mirrors each ray is followed through its sheet to the reference
@@ -55,7 +55,6 @@ class Decoder:
         reference_depth_mm: float | None = None,
         field: Field = "common",
         margin_px: float = OUTLINE_MARGIN_PX,
-        equalisation: Equalisation | None = None,
         regular_grid_at_mm: float | None = None,
     ) -> None:
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
@@ -63,15 +62,20 @@ class Decoder:
         self.views = choose_views(layout, depth, field)
         if regular_grid_at_mm is not None:
             self.views = self.views.on_regular_grid()
-        self.equalisation = equalisation
-        if equalisation is not None:
-            equalisation.check_belongs_to(self.views)
+        self.equalisation: Equalisation | None = None
         pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
         rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
         blocks = [table[start : start + rows_per_block] for start in range(0, len(table), rows_per_block)]
         self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
+
+    def equalised(self, equalisation: Equalisation) -> Self:
+        """The same decoder, which makes views equally bright; raises InputError for factors of another layout."""
+        equalisation.check_belongs_to(self.views)
+        decoder = copy(self)
+        decoder.equalisation = equalisation
+        return decoder
 
     def decode(self, frame: Samples) -> LightField:
         """The light field of one frame (h, w, 3) in RGB or (h, w) in grey, uint8 or float32.

@@ -16,8 +16,9 @@ from optics.files import read_model, write_text
 from optics.light_field.light_field import LightField, Samples, Views
 from optics.values import FloatArray, InputError, Shaped, Value
 
-# Views are compared at a quarter of their size: no detail is asked for, and neighbours average the noise away.
+# Views are compared at a part of their size, a quarter at least: no detail is asked for, and noise averages out.
 SHRINK = 4
+LEAST_SIDE_PX = 70
 WINDOW_PX = 9
 # Depths that are tried, in parts of the reference distance; beyond the last, things hardly move any more.
 NEAREST, FARTHEST = 0.6, 4.0
@@ -78,7 +79,7 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
 
     Every place of a view is compared with the place of the central view that shows the same: of many depths, the one at
     which the two correlate best. Textured places that match count; where there are too few, as of a plain sheet, those
-    without texture. The factor is the median over all places of all light fields.
+    without texture. The factor is the median over the light fields of the medians over their places.
 
     Raises InputError for a view that has too few places to compare, light fields of different layouts, and none at all.
     """
@@ -95,15 +96,19 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
         raise InputError("no light field to measure the brightness of views in, expected at least one")
     gain = np.ones((views.rows, views.cols, views.samples.shape[4]))
     for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
-        textured = np.concatenate([places[number].textured for places in found])
-        plain = np.concatenate([places[number].plain for places in found])
-        chosen = textured if len(textured) >= LEAST_PLACES else plain
-        if len(chosen) < LEAST_PLACES:
+        medians, most = [], 0
+        for places in found:
+            textured, plain = places[number].textured, places[number].plain
+            chosen = textured if len(textured) >= LEAST_PLACES else plain
+            most = max(most, len(chosen))
+            if len(chosen) >= LEAST_PLACES:
+                medians.append(np.median(chosen, axis=0))
+        if not medians:
             raise InputError(
-                f"view ({t}, {s}) has {len(chosen)} places to compare its brightness in, expected {LEAST_PLACES}: "
+                f"view ({t}, {s}) has {most} places to compare its brightness in, expected {LEAST_PLACES}: "
                 "give frames of a scene that is neither dark nor overexposed"
             )
-        gain[t, s] = np.exp(np.median(chosen, axis=0))
+        gain[t, s] = np.exp(np.median(medians, axis=0))
     return Equalisation(layout_identity=views.layout_identity, gain=gain)
 
 
@@ -116,21 +121,22 @@ class _Places:
 
 
 def _small(light_field: LightField) -> tuple[NDArray[np.float32], NDArray[np.bool_], FloatArray]:
-    """Views (n, v, u, c) in 0 to 255 at a quarter of their size, where a whole pixel counts, and matrices (n, 3, 3)."""
+    """Views (n, v, u, c) in 0 to 255 at a part of their size, where a whole pixel counts, and matrices (n, 3, 3)."""
     rows, cols, height, width, colours = light_field.samples.shape
-    size = width // SHRINK, height // SHRINK
+    shrink = min(SHRINK, max(1, min(width, height) // LEAST_SIDE_PX))
+    size = width // shrink, height // shrink
     scale = 1.0 if light_field.samples.dtype == np.uint8 else 255.0
     views, usable = [], []
     for t, s in np.ndindex(rows, cols):
-        view = light_field.samples[t, s, : size[1] * SHRINK, : size[0] * SHRINK].astype(np.float32) * scale
+        view = light_field.samples[t, s, : size[1] * shrink, : size[0] * shrink].astype(np.float32) * scale
         good = (light_field.weights[t, s, : view.shape[0], : view.shape[1]] > 0) & (view < BRIGHT).all(axis=2)
         small = cv2.resize(view, size, interpolation=cv2.INTER_AREA)
         views.append(np.asarray(small, dtype=np.float32).reshape(size[1], size[0], colours))
         share = np.asarray(cv2.resize(good.astype(np.float32), size, interpolation=cv2.INTER_AREA))
         usable.append((share > 0.999) & (views[-1] > DARK).all(axis=2))
     matrices = light_field.matrices.reshape(-1, 3, 3).copy()
-    matrices[:, :2] /= SHRINK
-    matrices[:, :2, 2] -= (SHRINK - 1) / (2 * SHRINK)
+    matrices[:, :2] /= shrink
+    matrices[:, :2, 2] -= (shrink - 1) / (2 * shrink)
     return np.stack(views), np.stack(usable), matrices
 
 

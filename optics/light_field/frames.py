@@ -178,11 +178,17 @@ class Device:
         number: int,
         width_px: int,
         height_px: int,
-        capture: Callable[[int], Any] = cv2.VideoCapture,
+        capture: Callable[[int], Any] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.number, self.width_px, self.height_px = number, width_px, height_px
-        self._capture, self._clock = capture(number), clock
+        # OpenCV would say on standard error how it tried; that it failed is ours to say.
+        level = cv2.utils.logging.getLogLevel()
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            self._capture, self._clock = (capture or cv2.VideoCapture)(number), clock
+        finally:
+            cv2.utils.logging.setLogLevel(level)
         if not self._capture.isOpened():
             raise InputError(f"camera {number} cannot be opened, expected one on this machine (/dev/video{number})")
         # Uncompressed pictures of this size do not fit through USB 2 at a camera's rate.

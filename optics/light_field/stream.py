@@ -35,13 +35,14 @@ def record(
     source: Source,
     recording: Recording,
     *,
-    on_frame: Callable[[int], None] | None = None,
+    on_frame: Callable[[int, LightField | None], None] | None = None,
     limit: int | None = None,
 ) -> None:
     """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
 
-    `on_frame` hears how many are done. Decoding is in a thread of its own too: OpenCV, the video's decoder and the
-    writing of files leave Python to others while they work. The recording is neither finished nor closed here.
+    `on_frame` hears how many are done, and gets the light field of the last unless it was lost. Decoding is in a thread
+    of its own too: OpenCV, the video's decoder and the writing of files leave Python to others while they work. The
+    recording is neither finished nor closed here.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)
     more = None if limit is None else max(0, limit - done)
@@ -52,4 +53,4 @@ def record(
             recording.add(*item)
         done += 1
         if on_frame is not None:
-            on_frame(done)
+            on_frame(done, None if isinstance(item, Lost) else item[1])

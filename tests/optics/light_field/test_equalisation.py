@@ -56,7 +56,7 @@ def test_a_decoder_with_the_factors_gives_equal_views(crooked_layout: Layout) ->
     frame = photographed(crooked_layout, 600.0, plain)
     for (hit, _, _), factor in zip(reflected_rays(crooked_layout), GAIN.reshape(-1, 3), strict=True):
         frame[hit] *= factor
-    decoder = Decoder(crooked_layout, equalisation=equalisation)
+    decoder = Decoder(crooked_layout).equalised(equalisation)
     for samples, tolerance in (
         (decoder.decode(frame).samples, 0.007),
         (decoder.decode(np.rint(frame * 255).astype(np.uint8)).samples / 255.0, 0.012),
@@ -93,12 +93,12 @@ def test_what_cannot_be_measured_or_applied_is_refused(crooked_layout: Layout, p
         measure([first, other])
     found = measure([first])
     with pytest.raises(InputError, match=r"^equalisation was measured with layout"):
-        Decoder(parabola_layout, equalisation=found)
+        Decoder(parabola_layout).equalised(found)
     with pytest.raises(InputError, match=r"^frame has 1 colours, expected 3 of the equalisation"):
-        Decoder(crooked_layout, equalisation=found).decode(np.zeros((height, width), np.uint8))
+        Decoder(crooked_layout).equalised(found).decode(np.zeros((height, width), np.uint8))
     cut = Equalisation(layout_identity=found.layout_identity, gain=found.gain[:, :2])
     with pytest.raises(InputError, match=r"^equalisation is of \(2, 2\) views, expected \(2, 3\)$"):
-        Decoder(crooked_layout, equalisation=cut)
+        Decoder(crooked_layout).equalised(cut)
 
 
 def test_factors_are_kept_in_a_file(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def new_sink(request: pytest.FixtureRequest) -> Callable[[], Sink]:
 def test_a_recording_gives_back_every_light_field(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     counted: list[int] = []
-    record(decoder, video, recording, on_frame=counted.append)
+    record(decoder, video, recording, on_frame=lambda done, _: counted.append(done))
     assert not (tmp_path / "a.zarr").exists()
     recording.finish()
     assert counted == list(range(1, COUNT + 1))
