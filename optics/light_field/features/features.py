@@ -36,10 +36,10 @@ MATCH_PX = 1.0
 LEAST_ALIKE = 0.85
 # Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
 PRIOR_FREEDOM = 4.0
-# What the bend of surfaces within a patch, and views that are not equally soft, leave of error: this many pixels (of a
-# keypoint's scale) in the views farthest from the reference view, in proportion in the others, so that no residual
-# shows it; and how much less it makes the slopes along s and t differ. Measured on rendered desks.
-COMMON_PX, COMMON_APART_PX = 0.03, 0.015
+# Errors of a patch are in part alike in all views (surfaces bend within it, views are not equally soft): in the views
+# farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
+# residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered desks.
+COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,6 +136,10 @@ class FeatureFinder:
             raise InputError(f"features in {least} views beside the reference view, expected 1 to {count - 1}")
         if not (np.isfinite(max_distance_px) and max_distance_px > 0):
             raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
+        if keypoints < 1:
+            raise InputError(f"at most {keypoints} keypoints a view, expected at least 1")
+        if not two_slope_sigma > 0:
+            raise InputError(f"two slopes {two_slope_sigma:g} standard deviations apart, expected a positive number")
         pupil_mm = views.reference_depth_mm - views.reference_distance_mm
         nearest = pupil_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
         if not max(views.positions_mm[..., 2].max(), 0.0) < nearest - pupil_mm < farthest_mm - pupil_mm:
@@ -253,16 +257,15 @@ class FeatureFinder:
         px_mm = views.focal_px * views.step_mm(axis)
         scale = at.scale_px[chosen]
         squares = scale**2
-        widest = np.hypot(*self.geometry.across_mm.T).max()
-        common = np.diag([COMMON_PX, COMMON_APART_PX, COMMON_APART_PX]) / (views.focal_px * widest)
-        covariance = covariance + squares[:, None, None] * common**2
         noise = moderated_variance(solved.squares_px2 / squares, solved.freedom, PRIOR_FREEDOM) * squares
         own_noise = moderated_variance(apart.squares_px2 / squares, apart.freedom, PRIOR_FREEDOM) * squares
-        sigma_w = np.sqrt(noise / solved.information + covariance[:, 0, 0])
+        farthest = views.focal_px * np.hypot(*self.geometry.across_mm.T).max()
+        sigma_w = np.sqrt(noise * (1.0 / solved.information + (COMMON_SHARE / farthest) ** 2) + covariance[:, 0, 0])
         distance = 1.0 / solved.inverse_mm
         points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
         seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
-        own = own_noise[:, None, None] * apart.apart_covariance + covariance[:, 1:, 1:]
+        own = apart.apart_covariance + np.eye(2) * (COMMON_SHARE_APART / farthest) ** 2
+        own = own_noise[:, None, None] * own + covariance[:, 1:, 1:]
         two_slope_sigma = np.sqrt(np.einsum("ni,nij,nj->n", apart.apart_mm, np.linalg.inv(own), apart.apart_mm))
         along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
         return Features(

@@ -16,8 +16,11 @@ from optics.values import FloatArray
 # Views are parallel and near each other: what a keypoint shows neither grows nor turns from one to the other.
 MOST_SCALE_RATIO = 1.5
 MOST_TURN_DEG = 25.0
-# Candidates kept for a keypoint in a view: the likest ones; consistency over the views chooses between them.
-KEPT = 3
+# Most candidates for a keypoint in a view, the likest ones; consistency over the views chooses between them.
+KEPT = 4
+# More of them that are as like as that to the likest (in parts of its distance, and of the limit), in any view, show that
+# a keypoint is part of a pattern that repeats along the line, and tells nothing.
+REPEATED = (1.25, 0.1)
 # How unlike two descriptors of one point may be: bits of 256, bits of 488, 1 less the cosine of RootSIFT.
 MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
 # Another slope competes where it is that far away in the view that moves most, and has nearly as many votes.
@@ -27,7 +30,7 @@ ENOUGH_VOTES = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """For each of n keypoints of the reference view up to KEPT matches in other views; NaN where there are fewer.
+    """For each of n keypoints of the reference view matches in other views; NaN where there are fewer.
 
     Attributes:
         inverse_mm: (n, views, KEPT) the slope that each match tells.
@@ -54,6 +57,7 @@ def candidates(
     At most `tolerance_px` (n,) off the line; `run` is `map`, or that of a pool of threads.
     """
     arrays = [np.full((len(reference.pixels), len(others), KEPT), np.nan) for _ in range(3)]
+    repeating = np.zeros(len(reference.pixels), dtype=bool)
 
     def one(place: int, view: int, other: Keypoints) -> None:
         first, second = _near_the_line(geometry, reference, other, view, inverse_range_mm, tolerance_px)
@@ -63,12 +67,17 @@ def candidates(
         order = np.lexsort((second, unlike, first))
         first, second = first[order], second[order]
         rank = np.arange(len(first)) - np.searchsorted(first, first)
+        likest = unlike[order][np.searchsorted(first, first)]
+        as_like = unlike[order] <= REPEATED[0] * likest + REPEATED[1] * MOST_UNLIKE[name]
+        repeating[first[(rank == KEPT) & as_like]] = True
         first, second, rank = first[rank < KEPT], second[rank < KEPT], rank[rank < KEPT]
         told = _told(geometry, view, reference.pixels[first], other.pixels[second])
         for array, values in zip(arrays, told, strict=True):
             array[first, place, rank] = values
 
     list(run(one, range(len(others)), others.keys(), others.values()))
+    for array in arrays:
+        array[repeating] = np.nan
     return Candidates(*arrays)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
 from optics.layout import FOLD_90_VIEW_FROM_RIG
 from optics.light_field.light_field import LightField, Views
@@ -51,8 +52,19 @@ def noise(seed: int) -> FloatArray:
 
 def painted(x: FloatArray, y: FloatArray, seed: int) -> FloatArray:
     """The texture at (x, y) in mm."""
-    where = np.array([y, x]) / MM_PER_TEXEL + 500.0
-    return np.asarray(map_coordinates(noise(seed), where, order=1, mode="grid-wrap"), dtype=np.float64)
+    across, down = ((each.reshape(-1, x.shape[-1]) / MM_PER_TEXEL + 500.0).astype(np.float32) for each in (x, y))
+    picture = noise(seed).astype(np.float32)
+    parts = [
+        cv2.remap(
+            picture,
+            across[start : start + 2**14],
+            down[start : start + 2**14],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_WRAP,
+        )
+        for start in range(0, len(across), 2**14)
+    ]
+    return np.concatenate(parts).reshape(x.shape).astype(np.float64)
 
 
 def rays(views: Views, t: int, s: int) -> FloatArray:
@@ -100,7 +112,7 @@ def of_planes(views: Views, planes: list[Plane], noise_grey: float = 0.0) -> tup
 def astigmatic(views: Views, slopes_mm: FloatArray, seed: int = 1) -> LightField:
     """What is seen where every point has the slopes W (2, 2) in 1/mm; of views without positions along z.
 
-    u = f (a - W p) + c for a point in direction a, so that the pixel u shows what lies in the direction (u - c) / f + W p.
+    u = f (a - W p) + c for a point in direction a, so that pixel u shows direction (u - c) / f + W p.
     """
     grey = np.zeros((views.rows, views.cols, views.height_px, views.width_px))
     for t, s in np.ndindex(views.rows, views.cols):

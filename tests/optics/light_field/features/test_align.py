@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from optics.light_field.features import align as alignment
 from optics.light_field.features.align import Aligned, Pyramid, align, templates
@@ -15,7 +16,10 @@ from tests.optics.light_field.features.scenes import of_planes, uneven_views
 PIXELS = np.stack(np.meshgrid(np.arange(40.0, 221.0, 9.0), np.arange(40.0, 141.0, 9.0)), axis=-1).reshape(-1, 2)
 
 
-def grey(light_field: LightField) -> FloatArray:
+Bytes = NDArray[np.uint8]
+
+
+def grey(light_field: LightField) -> Bytes:
     images = grey_views(light_field)
     return images.reshape(light_field.rows, light_field.cols, *images.shape[1:])
 
@@ -28,8 +32,8 @@ def true_pixels(light_field: LightField, depth_mm: FloatArray, pixels: FloatArra
     return light_field.project_in_view(points).reshape(-1, len(pixels), 2)
 
 
-def aligned(light_field: LightField, start_px: FloatArray, images: FloatArray | None = None) -> Aligned:
-    pyramid = Pyramid(np.uint8(grey(light_field) if images is None else images))
+def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None = None) -> Aligned:
+    pyramid = Pyramid(grey(light_field) if images is None else images)
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     return align(pyramid, given, start_px, across, np.full(len(PIXELS), 450.0))
@@ -81,11 +85,10 @@ def test_slant_is_found_with_the_move(slanted: tuple[LightField, FloatArray], mo
 
 def test_brightness_and_contrast_of_views_do_not_matter(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
-    images = grey(light_field).astype(float)
-    start = expected + 0.5
+    images, start = grey(light_field), expected + 0.5
     straight = aligned(light_field, start, images)
-    images[0] = 0.6 * images[0] + 20
-    dimmed = aligned(light_field, start, np.rint(images))
+    images[0] = np.rint(0.6 * images[0] + 20)
+    dimmed = aligned(light_field, start, images)
     usual = straight.alike > 0.9
     assert np.median(np.abs(straight.pixels - dimmed.pixels)[usual]) < 0.01
     assert dimmed.alike[usual].min() > 0.85
@@ -93,7 +96,7 @@ def test_brightness_and_contrast_of_views_do_not_matter(facing: tuple[LightField
 
 def test_other_things_do_not_look_alike(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
-    found = aligned(light_field, expected + [25.0, 10.0])
+    found = aligned(light_field, expected + np.array([25.0, 10.0]))
     others = [view for view in range(9) if view != 4]
     assert np.mean(found.alike[others] > 0.85) < 0.05
     assert np.mean(aligned(light_field, expected).alike[others] > 0.85) > 0.8
@@ -119,7 +122,7 @@ def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
 
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
-    pyramid = Pyramid(np.uint8(grey(light_field)))
+    pyramid = Pyramid(grey(light_field))
     assert pyramid.level_of(np.array([1.0, 1.4, 1.5, 2.0, 4.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
     given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 2.0))
     assert [each.level for each in given] == [1]

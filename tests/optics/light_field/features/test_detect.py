@@ -66,7 +66,7 @@ def test_grey_is_the_same_of_colours_bytes_and_floats(light_field: LightField) -
     images = grey_views(light_field)
     assert images.shape == (9, 180, 260)
     assert images.dtype == np.uint8
-    floats = LightField.of(light_field, np.float32(light_field.samples / np.float32(255)), light_field.weights)
+    floats = LightField.of(light_field, (light_field.samples / np.float32(255)).astype(np.float32), light_field.weights)
     one = LightField.of(light_field, light_field.samples[..., :1], light_field.weights)
     assert (grey_views(floats) == images).all()
     assert (grey_views(one) == images).all()

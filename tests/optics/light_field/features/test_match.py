@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optics.light_field.features.detect import Keypoints
-from optics.light_field.features.match import Candidates, candidates, vote
+from optics.light_field.features.match import KEPT, Candidates, candidates, vote
 from optics.light_field.features.slope import Geometry
 from optics.values import FloatArray
 from tests.optics.light_field.features.scenes import uneven_views
@@ -15,7 +15,7 @@ RANGE = (1 / 5000.0, 1 / 200.0)
 
 def keypoints(pixels: FloatArray, descriptors: FloatArray, scale: float = 1.0, angle: float = 0.0) -> Keypoints:
     count = len(pixels)
-    return Keypoints(pixels, np.full(count, scale), np.full(count, angle), np.float32(descriptors))
+    return Keypoints(pixels, np.full(count, scale), np.full(count, angle), descriptors.astype(np.float32))
 
 
 def unit(count: int) -> FloatArray:
@@ -36,7 +36,7 @@ def test_matches_tell_the_inverse_distance_wherever_views_stand() -> None:
     shuffled = np.random.default_rng(1).permutation(30)
     others = {view: keypoints(seen[view][shuffled], looks[shuffled]) for view in (0, 3, 7)}
     found = candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
-    assert found.inverse_mm.shape == (30, 3, 3)
+    assert found.inverse_mm.shape == (30, 3, KEPT)
     assert np.allclose(found.inverse_mm[..., 0], inverse[:, None], rtol=1e-9)
     assert np.abs(found.off_line_px[..., 0]).max() < 1e-9
     # How fast a match moves: by differences of the prediction.
@@ -68,19 +68,23 @@ def test_matches_off_the_line_beyond_the_range_or_of_other_looks_are_left_out() 
     assert matched(keypoints(near, looks)) == 0
 
 
-def test_of_many_alike_the_likest_are_kept() -> None:
+def test_alike_ones_are_kept_in_order_and_too_many_tell_nothing() -> None:
     geometry, _, seen = scene(1)
     looks = unit(1)
-    steps = np.linspace(1 / 4000.0, 1 / 300.0, 8)
+    steps = np.linspace(1 / 4000.0, 1 / 300.0, KEPT + 1)
     pixels = np.concatenate([geometry.predict(1, geometry.directions(seen[4]), step) for step in steps])
-    worse = np.array([5, 3, 0, 6, 1, 7, 2, 4])
-    described = np.repeat(looks, 8, axis=0)
-    described[:, 0] += 0.01 * worse
+    other = geometry.predict(3, geometry.directions(seen[4]), steps[1])
+    described = np.repeat(looks, KEPT + 1, axis=0)
+    described[:, 0] += 0.01 * np.array([3, 1, 0, 2, 4])
     described /= np.linalg.norm(described, axis=1, keepdims=True)
-    found = candidates(
-        geometry, keypoints(seen[4], looks), {1: keypoints(pixels, described)}, "SIFT", RANGE, np.ones(1), map
-    )
-    assert np.allclose(found.inverse_mm[0, 0], steps[[2, 4, 6]])
+
+    def found(count: int) -> Candidates:
+        others = {1: keypoints(pixels[:count], described[:count]), 3: keypoints(other, looks)}
+        return candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
+
+    assert np.allclose(found(KEPT).inverse_mm[0, 0], steps[[2, 1, 3, 0]])
+    assert np.allclose(found(KEPT).inverse_mm[0, 1, 0], steps[1])
+    assert np.isnan(found(KEPT + 1).inverse_mm).all()
 
 
 def found_of(inverse: FloatArray, off: FloatArray | float = 0.0) -> Candidates:

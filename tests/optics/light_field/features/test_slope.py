@@ -85,7 +85,7 @@ def test_the_information_is_that_of_drawn_errors() -> None:
 def test_two_slopes_are_found_along_any_directions() -> None:
     geometry = Geometry.of(level(uneven_views()))
     random = np.random.default_rng(4)
-    parts = random.uniform(-2e-4, 2e-4, (30, 3)) + [1 / 450.0, 0, 0]
+    parts = random.uniform(-2e-4, 2e-4, (30, 3)) + np.array([1 / 450.0, 0, 0])
     w, d, e = parts.T
     slopes = np.array([[w + d, e], [e, w - d]]).transpose(2, 0, 1)
     seen = astigmatic_pixels(geometry, random.uniform(-0.1, 0.1, (30, 2)), slopes)
