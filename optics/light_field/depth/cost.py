@@ -43,16 +43,16 @@ def sides(views: Views) -> list[list[int]]:
 def best_half(costs: Sequence[Grey], groups: Sequence[Sequence[int]]) -> Cost:
     """The least mean (v, u) of all costs, up to TRUNCATION, and with a surcharge of each group, in UNITS-ths."""
 
-    wide = [cost.astype(np.uint16) for cost in costs]
+    kind = np.uint16 if TRUNCATION * UNITS * len(costs) < 2**16 else np.uint32
+    wide = [cost.astype(kind) for cost in costs]
 
     def mean(members: Sequence[int]) -> Cost:
-        total = wide[members[0]] + wide[members[1]] if len(members) > 1 else wide[members[0]].copy()
-        for member in members[2:]:
+        total = wide[members[0]].copy()
+        for member in members[1:]:
             total += wide[member]
-        # The sum times 2^8 / count fits 16 bits, whatever the count.
-        total *= np.uint16(round(256 / len(members)))
-        total >>= np.uint16(8 - UNITS.bit_length() + 1)
-        return total
+        total *= kind(UNITS)
+        total //= kind(len(members))
+        return total.astype(np.uint16, copy=False)
 
     best = mean(range(len(costs)))
     for group in groups:

@@ -134,7 +134,9 @@ class DepthEstimator:
             found, evidence = self._refiner.stepped(found, pictures, reference, step)
         px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
         moved = found * np.float32(px)
-        trust = evidence.information * np.float32(1.0 / max(float(np.median(evidence.information)), 1e-30))
+        # Where nothing is told, a little trust lets the surroundings in.
+        usual = max(float(evidence.information.mean()), float(np.finfo(np.float32).tiny))
+        trust = evidence.information * np.float32(1.0 / usual) + np.float32(1e-3)
         found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)
         return self._told(found, evidence, distinct, known, step)
 
@@ -178,7 +180,10 @@ class DepthEstimator:
         low, high = self._inverse_distances[[0, -1]]
         found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
         known = known & (evidence.seeing >= min(2, len(self.others)))
-        deviation = np.sqrt((evidence.variance + QUANTISATION) / np.maximum(evidence.information, 1e-30))
+        # Where nothing is told, any depth of the range is as likely as any other.
+        flat = np.float32((high - low) / np.sqrt(12.0))
+        deviation = np.sqrt((evidence.variance + np.float32(QUANTISATION)) / np.maximum(evidence.information, 1e-30))
+        deviation = np.minimum(deviation, flat)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / found
             behind = np.float32(self.views.reference_depth_mm - self.views.reference_distance_mm)

@@ -26,8 +26,8 @@ LEAST_GAIN, MOST_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
 FEWEST_SAMPLES = 50
-HIDDEN = 6.0
-"""Difference, of 255, from which on two samples probably do not show the same place."""
+HIDDEN = (24.0, 12.0, 6.0, 6.0)
+"""Difference, of 255, from which on two samples probably do not show the same place, round after round."""
 
 
 def grey(light_field: LightField, index: tuple[int, int]) -> Float32:
@@ -67,7 +67,7 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     """A grey view (v, u) brought to the brightness of the reference view.
 
     The gain is a plane over the view, g = a + b u + c v, fitted to what both show of the same places; places that
-    differ too much, hidden in one of them, lose their say in three rounds (Geman-McClure weights).
+    differ too much, hidden in one of them, lose their say round after round (Geman-McClure weights).
 
     Args:
         across, down: pixels (m, n) of the view that show the places.
@@ -83,11 +83,11 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     basis = np.stack([np.ones_like(across), across / width - 0.5, down / height - 0.5], axis=-1)[both].astype(float)
     target = reference[both].astype(float)
     terms, weight = basis * theirs[both].astype(float)[:, None], np.ones(len(target))
-    for _ in range(3):
+    for hidden in HIDDEN:
         weighted = terms * weight[:, None]
         # A trifle of a gain of one, so that a black picture has a gain.
         gain = np.linalg.solve(weighted.T @ terms + np.eye(3), weighted.T @ target + [1.0, 0.0, 0.0])
-        weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / HIDDEN))
+        weight = 1.0 / np.square(1.0 + np.square((terms @ gain - target) / hidden))
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)
     rows = np.arange(height, dtype=np.float32)[:, None] / np.float32(height) - np.float32(0.5)
     plane = (np.float32(gain[0]) + np.float32(gain[1]) * columns) + np.float32(gain[2]) * rows

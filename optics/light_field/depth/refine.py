@@ -26,6 +26,10 @@ EDGE_GREY = 4.5
 PATCH_PX = 5
 """Side of the square over which one step is solved for."""
 OUTLIER_GREY = 6.0
+NOISE_SLOPE = 236.0 / 1024.0
+"""Variance of a Scharr slope, per px, of noise of variance one."""
+FAKE = 1.5
+"""Slopes are told from noise where their squares exceed those that noise is expected to have by that factor."""
 RIDGE = 0.01
 MEDIAN_PX = 5
 
@@ -35,7 +39,8 @@ class Evidence:
     """What the pictures say of an inverse distance (v, u), from the last step towards it.
 
     Attributes:
-        information: sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2.
+        information: sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less
+            what noise alone would fake.
         variance: of the differences between views, grey^2.
         agreeing: how many other views show the same there, as a sum of weights from 0 to 1.
         seeing: how many other views look there.
@@ -136,7 +141,7 @@ class Refiner:
             np.asarray(cv2.Scharr(reference, cv2.CV_32F, *way, scale=1.0 / 32.0)) for way in ((1, 0), (0, 1))
         )
 
-        def one(view: Parallax, picture: Float32) -> tuple[Float32, Float32, Float32, Float32, Float32]:
+        def one(view: Parallax, picture: Float32) -> tuple[Float32, ...]:
             shown = self._look(view, picture, found)
             seen = (shown >= 0).astype(np.float32)
             residual = (shown - reference) * seen
@@ -150,16 +155,20 @@ class Refiner:
             unlike += np.float32(1.0)
             trust = seen / np.square(unlike)
             weighted = trust * slope
-            return weighted * slope, weighted * residual, trust, trust * square, seen
+            motion = np.float32(view.focal_px**2 * (view.position_mm[0] ** 2 + view.position_mm[1] ** 2))
+            return weighted * slope, weighted * residual, trust, trust * square, seen, trust * motion
 
-        curvature, gradient, agreeing, squares, seeing = (
+        curvature, gradient, agreeing, squares, seeing, motion = (
             sum(part[1:], part[0]) for part in zip(*self.run(one, self.parallaxes, pictures), strict=True)
         )
         curvature, gradient = cv2.boxFilter(curvature, -1, size), cv2.boxFilter(gradient, -1, size)
         ridge = np.float32(RIDGE * float(np.median(curvature))) + np.finfo(np.float32).tiny
         step = np.clip(gradient / (curvature + ridge), np.float32(-longest), np.float32(longest))
         variance = cv2.boxFilter(squares, -1, size) / np.maximum(cv2.boxFilter(agreeing, -1, size), np.float32(1e-6))
-        return found - step, Evidence(curvature * np.float32(PATCH_PX**2), variance, agreeing, seeing)
+        # A difference has the noise of two pictures.
+        fake = cv2.boxFilter(motion, -1, size) * variance * np.float32(FAKE * NOISE_SLOPE / 2.0)
+        information = np.maximum(curvature - fake, np.float32(0.0)) * np.float32(PATCH_PX**2)
+        return found - step, Evidence(information, variance, agreeing, seeing)
 
 
 def enlarged(small: Float32, shape: tuple[int, int]) -> Float32:
