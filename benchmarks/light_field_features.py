@@ -1,14 +1,14 @@
 """Features of desks beside plain pairwise matching: `python -m benchmarks.light_field_features DESK...`.
 
-DESK: folders of `mirrorcam scene`. For each detector prints, over all desks: how many features are accepted, how many of
-them are where the surface at their pixel is (inliers), the part they are of all (precision), and the time of a frame.
-A feature is an inlier where its depth is within 2 % (also printed: 1 %) of the true depth of its pixel or one of the
+DESK: folders of `mirrorcam scene`. For each detector prints, over all desks: how many features are accepted, how many
+of them are where the surface at their pixel is (inliers), the part they are of all (precision), and the time of a
+frame. A feature is an inlier where its depth is within 2 % (also printed: 1 %) of the true depth of its pixel or one of the
 eight around it, in whatever material; what is seen by glass or in a glossy surface hardly ever is.
 
 The baseline detects alike, and matches the reference view's descriptors with those of one other view: two nearest
-neighbours and the ratio test (.8), then the depth that the match tells. `pair`: the other view with the most inliers (as
-if one knew); `pair, on line`: also within a pixel of the epipolar line; `all pairs, on line`: whatever is matched into
-any view, at the median of its slopes. All within the same range of depths.
+neighbours and the ratio test (.8), then the depth that the match tells. `pair`: the other view with the most inliers
+(as if one knew); `pair, on line`: also within a pixel of the epipolar line; `all pairs, on line`: whatever is matched
+into any view, at the median of its slopes. All within the same range of depths.
 """
 
 from __future__ import annotations

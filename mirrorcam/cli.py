@@ -33,6 +33,7 @@ from mirrorcam.commands import (
     decode,
     depth,
     design,
+    features,
     picture,
     render,
     run,
@@ -57,6 +58,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
     depth.DepthOptions: depth.run,
+    features.FeaturesOptions: features.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -77,6 +79,7 @@ class Command:
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
+        | Annotated[features.FeaturesOptions, subcommand("features")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False

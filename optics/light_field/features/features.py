@@ -156,7 +156,11 @@ class FeatureFinder:
 
     def find(self, light_field: LightField) -> Features:
         """The features of a light field; raises InputError for one of other views."""
-        self._check(light_field)
+        if not self.fits(light_field):
+            raise InputError(
+                f"light field of layout {light_field.layout_identity} has other views than those of layout "
+                f"{self.views.layout_identity} that features are sought in"
+            )
         run, described = self._pool.map, self._described
         images, inner = grey_views(light_field), inner_masks(light_field)
         keypoints = detect(images[described], inner[described], self._detectors, self.name, run)
@@ -170,18 +174,14 @@ class FeatureFinder:
         seen_px, covariance = self._aligned(images, inner, at, tried, inverse)
         return self._consolidated(at, tried, seen_px, inverse, covariance)
 
-    def _check(self, light_field: LightField) -> None:
-        same = (
+    def fits(self, light_field: LightField) -> bool:
+        """Whether a light field is of the views that this one is for."""
+        return (
             light_field.layout_identity == self.views.layout_identity
-            and light_field.weights.shape == (self.views.rows, self.views.cols, *light_field.weights.shape[2:])
-            and np.array_equal(light_field.matrices, self.views.matrices)
+            and light_field.weights.shape[2:] == (self.views.height_px, self.views.width_px)
             and np.array_equal(light_field.positions_mm, self.views.positions_mm)
+            and np.array_equal(light_field.matrices, self.views.matrices)
         )
-        if not same:
-            raise InputError(
-                f"light field of layout {light_field.layout_identity} has other views than those of layout "
-                f"{self.views.layout_identity} that features are sought in"
-            )
 
     def _aligned(
         self,
