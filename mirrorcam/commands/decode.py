@@ -57,6 +57,9 @@ class DecodeOptions(Value):
     field: Literal["common", "union"] = Field(
         default="common", description="show what all views see at the reference depth, or what any view sees"
     )
+    width_px: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(as sharp as the frame)")] = Field(
+        default=None, ge=2, description="width of every view; its height follows"
+    )
     reference_depth_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(midway between the design's)")
     ] = Field(default=None, gt=0, allow_inf_nan=False, description="depth of zero disparity, from the pupil")
@@ -259,6 +262,7 @@ def run(options: DecodeOptions) -> int:
     decoder = Decoder(
         layout,
         field=options.field,
+        width_px=options.width_px,
         reference_depth_mm=options.reference_depth_mm,
         regular_grid_at_mm=options.regular_grid_at_mm,
     )

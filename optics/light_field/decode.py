@@ -36,6 +36,8 @@ class Decoder:
         reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
             depths the layout was designed for, or 400 mm.
         field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
+        width_px: width of every view; the height follows from the field. Default: the resolution of the sub-images
+            themselves, which more pixels do not add to, and of which fewer leave out some.
         margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
         regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
             what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
@@ -54,12 +56,13 @@ class Decoder:
         *,
         reference_depth_mm: float | None = None,
         field: Field = "common",
+        width_px: int | None = None,
         margin_px: float = OUTLINE_MARGIN_PX,
         regular_grid_at_mm: float | None = None,
     ) -> None:
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
-        self.views = choose_views(layout, depth, field)
+        self.views = choose_views(layout, depth, field, width_px)
         if regular_grid_at_mm is not None:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
@@ -148,8 +151,8 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     return Polygon(points[:, :2]), float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
 
 
-def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Views:
-    """The output grid: the sub-images' own resolution (median over mirrors), on the box of the field."""
+def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
+    """The output grid on the box of the field, of a width, or in the sub-images' own resolution (median of mirrors)."""
     if not np.isfinite(reference_depth_mm):
         raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
     indices = range(len(layout.mirrors))
@@ -159,6 +162,10 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Vie
         raise InputError(f"the views share no field at depth {reference_depth_mm:g} mm, expected an overlap")
     left, top, right, bottom = area.bounds
     px_per_mm = float(np.median([np.sqrt(px / shown.area) for px, shown in zip(areas_px, footprints, strict=True)]))
+    if width_px is not None:
+        if width_px < 2:
+            raise InputError(f"views of {width_px} px in width, expected at least 2")
+        px_per_mm = (width_px - 0.5) / (right - left)
     width, height = (1 + int((end - start) * px_per_mm) for start, end in ((left, right), (top, bottom)))
     if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > LONGEST_TABLE_SIDE:
         raise InputError(f"the {field} field would take {width}x{height} px a view, more than the whole sensor")

@@ -245,6 +245,19 @@ def test_the_grid_is_chosen_from_the_layout(parabola_layout: Layout) -> None:
     assert central[:, -1].any()
 
 
+@pytest.mark.parametrize("width_px", [2, 77, 400])
+def test_views_can_be_given_a_width(crooked_layout: Layout, width_px: int) -> None:
+    own, chosen = Decoder(crooked_layout).views, Decoder(crooked_layout, width_px=width_px).views
+    assert chosen.width_px == width_px
+    # The same field: a pixel less than what lies between the borders of either, at most.
+    for before, after in ((own.width_px, chosen.width_px), (own.height_px, chosen.height_px)):
+        assert (after - 1) / chosen.focal_px <= before / own.focal_px
+        assert after / chosen.focal_px >= (before - 1) / own.focal_px
+    middle = [(np.array([each.width_px, each.height_px]) - 1) / 2 for each in (own, chosen)]
+    found = [each.plane_points_in_rig(442.1, at) for each, at in zip((own, chosen), middle, strict=True)]
+    assert np.allclose(found[0], found[1], atol=1e-6)
+
+
 def test_the_common_field_is_seen_by_all_views(parabola_layout: Layout) -> None:
     decoder = Decoder(parabola_layout, reference_depth_mm=500.0)
     assert (decoder.weights > 0).all(axis=(0, 1)).mean() > 0.5
@@ -310,6 +323,12 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         Decoder(parabola_layout, reference_depth_mm=5.0)
     with pytest.raises(InputError, match=r"^reference depth is nan mm, expected a finite number$"):
         Decoder(parabola_layout, reference_depth_mm=float("nan"))
+    with pytest.raises(InputError, match=r"^views of 1 px in width, expected at least 2$"):
+        Decoder(parabola_layout, width_px=1)
+    with pytest.raises(
+        InputError, match=r"^the common field would take 9000x\d+ px a view, more than the whole sensor$"
+    ):
+        Decoder(parabola_layout, width_px=9000)
     with pytest.raises(InputError, match=r"^the views share no field at depth 120 mm, expected an overlap$"):
         Decoder(parabola_layout, reference_depth_mm=120.0)
     with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed, expected s to the right"):
