@@ -20,7 +20,7 @@ Float32 = NDArray[np.float32]
 
 TRUNCATION_GREY = 10
 """Difference of brightness, of 255, that counts as `cost.TRUNCATION`."""
-EDGE_RADIUS_PX = 3
+EDGE_RADIUS_PX = 1
 EDGE_GREY = 4.5
 """Contrast that makes an edge of the picture when costs are gathered."""
 PATCH_PX = 5

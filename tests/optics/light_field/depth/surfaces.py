@@ -4,24 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from optics.layout import FOLD_90_VIEW_FROM_RIG
 from optics.light_field.light_field import LightField, Views
 from optics.values import FloatArray
 
 SUBPIXELS = 2
-WAVES = 24
+TEXELS, TEXEL_MM = 512, 0.5
+
+
+@cache
+def pattern(seed: int, grain_mm: float) -> NDArray[np.float32]:
+    """Colours (TEXELS, TEXELS, 3) without mean and of variance one: noise in grains of several sizes, that repeats."""
+    random = np.random.default_rng(seed)
+    total = np.zeros((TEXELS, TEXELS, 3))
+    for octave in (1.0, 2.0, 4.0):
+        grains = random.normal(size=total.shape)
+        soft = gaussian_filter(grains, (octave * grain_mm / TEXEL_MM,) * 2 + (0.0,), mode="wrap")
+        total += soft / soft.std()
+    return (total / total.std()).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class Surface:
     """The plane Z = distance + slope . (X, Y) in the view frame, mm, within `bounds` (left, top, right, bottom).
 
-    Its brightness is `mean` plus waves between `wave_mm` long, of the given contrast.
+    Its brightness is `mean` and a pattern of the given contrast.
     """
 
     distance_mm: float
@@ -30,16 +45,20 @@ class Surface:
     seed: int = 0
     mean: float = 0.5
     contrast: float = 0.12
-    wave_mm: tuple[float, float] = (4.0, 20.0)
+    grain_mm: float = 1.0
 
     def colours(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Brightness (..., 3) at places on the surface."""
-        random = np.random.default_rng(self.seed)
-        lengths = np.exp(random.uniform(*np.log(self.wave_mm), WAVES))
-        angles, phases = random.uniform(0, 2 * np.pi, (2, WAVES))
-        tints = random.normal(size=(WAVES, 3)) * self.contrast / np.sqrt(WAVES / 2)
-        along = np.multiply.outer(x, np.cos(angles) / lengths) + np.multiply.outer(y, np.sin(angles) / lengths)
-        return self.mean + np.sin(2 * np.pi * along + phases) @ tints
+        """Brightness (n, 3) at places (n,) on the surface."""
+        texels = [np.mod(place / TEXEL_MM, TEXELS).astype(np.float32)[None] for place in (x, y)]
+        wrapped = np.pad(pattern(self.seed, self.grain_mm), ((0, 1), (0, 1), (0, 0)), mode="wrap")
+        step = 2**14
+        rows = [
+            cv2.remap(wrapped, *(t[:, at : at + step] for t in texels), cv2.INTER_LINEAR)
+            for at in range(0, len(x), step)
+        ]
+        return (
+            self.mean + self.contrast * np.concatenate(rows, axis=1)[0].astype(np.float64) if rows else np.zeros((0, 3))
+        )
 
 
 def grid_views(rows: int = 3, cols: int = 3, *, step_mm: float = 20.0, uneven: bool = True, **changes: Any) -> Views:

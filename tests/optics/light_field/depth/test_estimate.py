@@ -104,7 +104,7 @@ def test_uneven_positions_are_used_as_they_are(scene: Any, found: DepthMap) -> N
     def error(depth_map: DepthMap) -> float:
         return float(np.median(np.abs(depth_map.depth_mm - depth)[sure] / depth[sure]))
 
-    assert error(found) < 0.1 * error(assumed)
+    assert error(found) < 0.2 * error(assumed)
 
 
 def test_what_fewer_than_two_other_views_see_has_no_depth(scene: Any) -> None:
