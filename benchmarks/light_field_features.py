@@ -2,8 +2,8 @@
 
 DESK: folders of `mirrorcam scene`. For each detector prints, over all desks: how many features are accepted, how many
 of them are where the surface at their pixel is (inliers), the part they are of all (precision), and the time of a
-frame. A feature is an inlier where its depth is within 2 % (also printed: 1 %) of the true depth of its pixel or one of the
-eight around it, in whatever material; what is seen by glass or in a glossy surface hardly ever is.
+frame. A feature is an inlier where its depth is within 2 % (also printed: 1 %) of the true depth of its pixel or one of
+the eight around it, in whatever material; what is seen by glass or in a glossy surface hardly ever is.
 
 The baseline detects alike, and matches the reference view's descriptors with those of one other view: two nearest
 neighbours and the ratio test (.8), then the depth that the match tells. `pair`: the other view with the most inliers

@@ -9,7 +9,8 @@ offset moved by -f p (n.o). Left out, a slant would move patches by unlike amoun
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Any
 
 import cv2
@@ -35,6 +36,7 @@ LEAST_ALIKE_FOR_SLANT = 0.7
 # Standard deviation of tan(slant) of surfaces before anything is seen of them: 60 degrees.
 USUAL_TAN_SLANT = 1.7
 LEVELS = 5
+KEYPOINTS_AT_ONCE = 128
 FRAME_PX = RADIUS_PX + 3
 
 Floats = NDArray[np.float32]
@@ -164,39 +166,64 @@ class Aligned:
 def align(
     pyramid: Pyramid,
     given: list[Templates],
+    views: NDArray[np.int64],
     start_px: FloatArray,
     across_mm: FloatArray,
     distance_mm: FloatArray,
+    run: Callable[..., Any] = map,
 ) -> Aligned:
     """Move and slant the patches of keypoints until views look like them.
 
     Args:
-        pyramid, given: of the views; the patches of the reference view.
-        start_px: where views are expected to see the keypoints (views, n, 2); NaN where not to look.
-        across_mm: positions (views, 2) of the views.
+        pyramid, given: of all views; the patches of the reference view.
+        views: numbers of the views to look at.
+        start_px: where these are expected to see the keypoints (views, n, 2); NaN where not to look.
+        across_mm: their positions (views, 2).
         distance_mm: (n,) about how far away the keypoints are.
+        run: `map`, or that of a pool of threads.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
     covariance = np.zeros((start_px.shape[1], 3, 3))
-    for each in given:
-        pixels[:, each.index], alike[:, each.index], covariance[each.index] = _align_level(
-            pyramid, each, start_px[:, each.index], across_mm.astype(np.float32), distance_mm[each.index]
+    parts = [part for each in given for part in _parts(each)]
+
+    def one(part: Templates) -> None:
+        index = part.index
+        pixels[:, index], alike[:, index], covariance[index] = _align_level(
+            pyramid, part, views, start_px[:, index], across_mm.astype(np.float32), distance_mm[index]
         )
+
+    list(run(one, parts))
     return Aligned(pixels, alike, covariance)
 
 
+def _parts(given: Templates) -> list[Templates]:
+    """Templates in parts that fit into the caches of a processor's core, and keep several busy."""
+    cuts = itertools.pairwise([*range(0, len(given.index), KEYPOINTS_AT_ONCE), len(given.index)])
+    arrays = {field.name: getattr(given, field.name) for field in fields(given)}
+    return [
+        Templates(**{name: value if name == "level" else value[start:end] for name, value in arrays.items()})
+        for start, end in cuts
+    ]
+
+
 def _align_level(
-    pyramid: Pyramid, each: Templates, start_px: FloatArray, across_mm: Floats, distance_mm: FloatArray
+    pyramid: Pyramid,
+    each: Templates,
+    views: NDArray[np.int64],
+    start_px: FloatArray,
+    across_mm: Floats,
+    distance_mm: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """As `align`, of the keypoints of one level."""
-    views, count = start_px.shape[:2]
+    shape = (*start_px.shape[:2], SAMPLES)
+    count = shape[1]
     looked = np.isfinite(start_px[..., 0])
-    origin = pyramid.origins[each.level][:, None]
+    origin = pyramid.origins[each.level][views, None]
     # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
     centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
     slant, covariance = np.zeros((count, 2), np.float32), np.zeros((count, 2, 2))
-    alike = np.zeros((views, count), np.float32)
-    across, down = (np.empty((views, count, SAMPLES), np.float32) for _ in range(2))
+    alike = np.zeros(shape[:2], np.float32)
+    across, down = (np.empty(shape, np.float32) for _ in range(2))
     for number in range(MOVING_ROUNDS + SLANTING_ROUNDS + 1):
         np.add(centre[..., :1], OFFSETS[0], out=across)
         np.add(centre[..., 1:], OFFSETS[1], out=down)
@@ -206,7 +233,7 @@ def _align_level(
             down -= across_mm[:, 1, None, None] * moved
         flat = pyramid.samples(each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES))
         difference, _ = _normalized(flat)
-        difference = difference.reshape(views, count, SAMPLES)
+        difference = difference.reshape(shape)
         alike = np.einsum("vnp,np->vn", difference, each.patches)
         difference -= each.patches
         if MOVING_ROUNDS <= number < MOVING_ROUNDS + SLANTING_ROUNDS:

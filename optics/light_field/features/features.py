@@ -199,12 +199,14 @@ class FeatureFinder:
         pyramid = Pyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
         given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
-        start = np.stack([geometry.predict(view, directions, inverse_mm) for view in range(len(images))])
-        start[geometry.reference] = np.nan
-        start[~_shown(inner, start)] = np.nan
-        aligned = align(pyramid, given, start, geometry.across_mm, 1.0 / np.maximum(inverse_mm, 1e-6))
-        seen_px = aligned.pixels
-        seen_px[(aligned.alike < LEAST_ALIKE) | ~_shown(inner, seen_px)] = np.nan
+        others = np.delete(np.arange(len(images)), geometry.reference)
+        start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in others])
+        start[~_shown(inner[others], start)] = np.nan
+        distance = 1.0 / np.maximum(inverse_mm, 1e-6)
+        aligned = align(pyramid, given, others, start, geometry.across_mm[others], distance, self._pool.map)
+        sure = (aligned.alike >= LEAST_ALIKE) & _shown(inner[others], aligned.pixels)
+        seen_px = np.full((len(images), len(tried), 2), np.nan)
+        seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
         told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
         seen_px[geometry.reference, told] = pixels[told]
         return seen_px, aligned.slant_covariance / self.views.focal_px**2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -36,7 +38,7 @@ def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None 
     pyramid = Pyramid(grey(light_field) if images is None else images)
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
-    return align(pyramid, given, start_px, across, np.full(len(PIXELS), 450.0))
+    return align(pyramid, given, np.arange(9), start_px, across, np.full(len(PIXELS), 450.0))
 
 
 def depths_at(true_mm: FloatArray) -> FloatArray:
@@ -127,7 +129,7 @@ def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, F
     given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 2.0))
     assert [each.level for each in given] == [1]
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
-    found = align(pyramid, given, expected + 2.0, across, np.full(len(PIXELS), 450.0))
+    found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))
     told = found.alike > 0.9
     assert np.median(np.linalg.norm(found.pixels - expected, axis=2)[told]) < 0.05
 
@@ -135,3 +137,20 @@ def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, F
 def test_views_too_large_for_tables_are_refused() -> None:
     with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
         Pyramid(np.zeros((100, 1, 400, 40), np.uint8))
+
+
+def test_views_and_parts_do_not_depend_on_each_other(
+    facing: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light_field, expected = facing
+    whole = aligned(light_field, expected + 0.5)
+    monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
+    assert np.allclose(aligned(light_field, expected + 0.5).pixels, whole.pixels, rtol=0, atol=1e-3)
+    pyramid, views = Pyramid(grey(light_field)), np.array([8, 2])
+    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
+    across = light_field.positions_mm.reshape(-1, 3)[views, :2]
+    with ThreadPoolExecutor(2) as pool:
+        two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
+    usual = (whole.alike[views] > 0.95) & (two.alike > 0.95)
+    assert usual.mean() > 0.5
+    assert np.median(np.linalg.norm(two.pixels - whole.pixels[views], axis=2)[usual]) < 0.01
