@@ -43,16 +43,16 @@ def sides(views: Views) -> list[list[int]]:
 def best_half(costs: Sequence[Grey], groups: Sequence[Sequence[int]]) -> Cost:
     """The least mean (v, u) of all costs, up to TRUNCATION, and with a surcharge of each group, in UNITS-ths."""
 
-    kind = np.uint16 if TRUNCATION * UNITS * len(costs) < 2**16 else np.uint32
+    kind: Any = np.uint16 if TRUNCATION * UNITS * len(costs) < 2**16 else np.uint32
     wide = [cost.astype(kind) for cost in costs]
 
     def mean(members: Sequence[int]) -> Cost:
-        total = wide[members[0]].copy()
+        total: Any = wide[members[0]].copy()
         for member in members[1:]:
             total += wide[member]
         total *= kind(UNITS)
         total //= kind(len(members))
-        return total.astype(np.uint16, copy=False)
+        return np.asarray(total, dtype=np.uint16)
 
     best = mean(range(len(costs)))
     for group in groups:

@@ -49,16 +49,12 @@ class Surface:
 
     def colours(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Brightness (n, 3) at places (n,) on the surface."""
-        texels = [np.mod(place / TEXEL_MM, TEXELS).astype(np.float32)[None] for place in (x, y)]
         wrapped = np.pad(pattern(self.seed, self.grain_mm), ((0, 1), (0, 1), (0, 0)), mode="wrap")
-        step = 2**14
-        rows = [
-            cv2.remap(wrapped, *(t[:, at : at + step] for t in texels), cv2.INTER_LINEAR)
-            for at in range(0, len(x), step)
-        ]
-        return (
-            self.mean + self.contrast * np.concatenate(rows, axis=1)[0].astype(np.float64) if rows else np.zeros((0, 3))
-        )
+        columns, rows = (np.mod(place / TEXEL_MM, TEXELS).astype(np.float32)[None] for place in (x, y))
+        # The longest side that cv2.remap takes.
+        parts = [slice(start, start + 2**14) for start in range(0, len(x), 2**14)]
+        shown = [cv2.remap(wrapped, columns[:, part], rows[:, part], cv2.INTER_LINEAR)[0] for part in parts]
+        return self.mean + self.contrast * np.concatenate([np.zeros((0, 3)), *shown])
 
 
 def grid_views(rows: int = 3, cols: int = 3, *, step_mm: float = 20.0, uneven: bool = True, **changes: Any) -> Views:

@@ -200,12 +200,13 @@ def test_a_light_field_of_other_views_or_weights_is_refused(scene: Any) -> None:
 
 
 def test_depth_maps_check_themselves_and_are_read_only(found: DepthMap) -> None:
+    wrong: Any = found.sigma_mm.astype(float)
     with pytest.raises(ValueError, match=r"sigma_mm is float64 of shape \(90, 120\), expected float32"):
         Map(
             views=found.views,
             view=found.view,
             depth_mm=found.depth_mm,
-            sigma_mm=found.sigma_mm.astype(float),  # type: ignore[arg-type]  # the very thing that must fail
+            sigma_mm=wrong,
             confidence=found.confidence,
         )
     with pytest.raises(ValueError, match="read-only"):

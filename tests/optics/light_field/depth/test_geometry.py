@@ -27,11 +27,11 @@ def test_pixels_move_as_the_pinholes_say() -> None:
 
 
 def test_slopes_are_the_derivatives_of_pixels() -> None:
-    q, small = np.float32(1.0 / 400.0), np.float32(1e-5)
+    q, small = np.full((1, 1), 1.0 / 400.0, np.float32), np.float32(1e-5)
     for index in other_views(VIEWS):
         view = parallax(VIEWS, index)
         after, before = view.pixels(COLUMNS, ROWS, q + small), view.pixels(COLUMNS, ROWS, q - small)
-        for slope, high, low in zip(view.slopes(COLUMNS, ROWS, np.full((1, 1), q)), after, before, strict=True):
+        for slope, high, low in zip(view.slopes(COLUMNS, ROWS, q), after, before, strict=True):
             assert np.allclose(slope, (high - low) / (2 * small), atol=20.0, rtol=5e-3)
             assert np.abs(slope).max() > 100.0
 

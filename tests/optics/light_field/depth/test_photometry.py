@@ -27,7 +27,7 @@ def texture(seed: int = 3) -> np.ndarray:
 
 def test_brightness_and_contrast_do_not_matter_to_the_search() -> None:
     picture = texture()
-    same = normalised(0.7 * picture + 20.0)
+    same = normalised(np.float32(0.7) * picture + np.float32(20.0))
     assert np.abs(normalised(picture).astype(int) - same).max() <= 24
     assert np.abs(normalised(picture).astype(int) - same).mean() < 4
     assert normalised(picture).std() > 30

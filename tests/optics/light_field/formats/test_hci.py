@@ -62,8 +62,8 @@ def test_even_light_fields_survive_the_round_trip_without_what_is_ours(
     parser = ConfigParser()
     parser.read(plain / "parameters.cfg", encoding="utf-8")
     parser.remove_section("mirrorcam")
-    with (plain / "parameters.cfg").open("w", encoding="utf-8") as file:
-        parser.write(file)
+    with (plain / "parameters.cfg").open("w", encoding="utf-8") as text:
+        parser.write(text)
     read = read_hci(plain)
     assert np.array_equal(read.light_field.samples, light_field.samples)
     for name in ("positions_mm", "centre_px", "focal_px"):
@@ -99,11 +99,11 @@ def test_disparities_are_the_benchmarks_own_of_its_parameters(nine: tuple[Path, 
     folder = nine[0]
     parser = ConfigParser()
     parser.read(folder / "parameters.cfg", encoding="utf-8")
-    inside, outside = parser["intrinsics"], parser["extrinsics"]
+    numbers = {key: float(parser[section][key]) for section in ("intrinsics", "extrinsics") for key in parser[section]}
     depth_m = read_pfm(folder / "gt_depth_lowres.pfm").astype(float)
-    scale = outside.getfloat("baseline_mm") / 1000 * inside.getfloat("focal_length_mm") * SIDE
-    focus_m = outside.getfloat("focus_distance_m")
-    theirs = (scale * focus_m / depth_m - scale) / focus_m / inside.getfloat("sensor_size_mm")
+    scale = numbers["baseline_mm"] / 1000 * numbers["focal_length_mm"] * SIDE
+    focus_m = numbers["focus_distance_m"]
+    theirs = (scale * focus_m / depth_m - scale) / focus_m / numbers["sensor_size_mm"]
     assert np.abs(theirs - read_pfm(folder / "gt_disp_lowres.pfm")).max() < 1e-4
 
 
@@ -116,11 +116,14 @@ def test_pictures_move_as_their_disparities_say(nine: tuple[Path, LightField, Fl
     inside = slice(20, -20)
     for name, across, down in (("044", 4, 0), ("036", -4, 0), ("076", 0, 4), ("004", 0, -4)):
         other = read_image(folder / f"input_Cam{name}.png")
-        maps = [(u - across * disparity).astype(np.float32), (v - down * disparity).astype(np.float32)]
-        moved = np.abs(cv2.remap(other, *maps, cv2.INTER_LINEAR) - centre)[inside, inside]
-        wrong = [(u + across * disparity).astype(np.float32), (v + down * disparity).astype(np.float32)]
-        assert np.median(moved) < 6.0
-        assert np.median(moved) < 0.5 * np.median(np.abs(cv2.remap(other, *wrong, cv2.INTER_LINEAR) - centre))
+
+        def unlike(sign: int, other: Any = other, across: int = across, down: int = down) -> float:
+            columns, rows = u - sign * across * disparity, v - sign * down * disparity
+            moved = cv2.remap(other, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR)
+            return float(np.median(np.abs(moved - centre)[inside, inside]))
+
+        assert unlike(1) < 6.0
+        assert unlike(1) < 0.5 * unlike(-1)
 
 
 def test_every_fourth_view_has_four_times_the_disparity(nine: tuple[Path, LightField, FloatArray]) -> None:

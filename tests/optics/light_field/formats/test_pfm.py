@@ -23,7 +23,9 @@ def test_maps_survive_the_round_trip_to_the_bit(tmp_path: Path) -> None:
 
 def test_opencv_reads_ours_and_we_read_its(tmp_path: Path) -> None:
     write_pfm(tmp_path / "ours.pfm", VALUES)
-    assert np.array_equal(cv2.imread(str(tmp_path / "ours.pfm"), cv2.IMREAD_UNCHANGED), VALUES)
+    read = cv2.imread(str(tmp_path / "ours.pfm"), cv2.IMREAD_UNCHANGED)
+    assert read is not None
+    assert np.array_equal(read, VALUES)
     assert cv2.imwrite(str(tmp_path / "theirs.pfm"), VALUES)
     assert np.array_equal(read_pfm(tmp_path / "theirs.pfm"), VALUES)
 
