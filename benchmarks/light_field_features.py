@@ -9,6 +9,9 @@ The baseline detects alike, and matches the reference view's descriptors with th
 neighbours and the ratio test (.8), then the depth that the match tells. `pair`: the other view with the most inliers
 (as if one knew); `pair, on line`: also within a pixel of the epipolar line; `all pairs, on line`: whatever is matched
 into any view, at the median of its slopes. All within the same range of depths.
+
+The light field's features are those that the two-slope test lets pass. Last, how many it flags: of features on matte
+things, none of which should be, and of those on glossy things and glass.
 """
 
 from __future__ import annotations
@@ -24,16 +27,17 @@ from typing import Any, cast, get_args
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from optics.files import read_image
 from optics.layout import Layout
 from optics.light_field.decode import Decoder
-from optics.light_field.features import DetectorName, FeatureFinder
+from optics.light_field.features import DetectorName, FeatureFinder, Features
 from optics.light_field.features.detect import detector, grey_views, inner_masks
 from optics.light_field.features.slope import Geometry
 from optics.light_field.light_field import LightField
 from optics.values import FloatArray, InputError
-from render_scenes.desk.desk_set import DeskSet, read_map
+from render_scenes.desk.desk_set import MASK, DeskSet, read_map
 
 RATIO = 0.8
 ON_LINE_PX = 1.0
@@ -43,12 +47,13 @@ ROUNDS = 15
 
 @dataclass(frozen=True)
 class Desk:
-    """A rendered desk: what the camera photographs, and true depths (v, u) of the central view."""
+    """A rendered desk: what the camera photographs, and of the true central view depths (v, u) and kinds of surface."""
 
     name: str
     frame: Any
     decoder: Decoder
     depth_mm: FloatArray
+    kind: NDArray[np.uint8]
 
 
 def read_desk(folder: Path) -> Desk:
@@ -57,7 +62,8 @@ def read_desk(folder: Path) -> Desk:
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
     t, s = manifest.central_view
     depth = read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
-    return Desk(folder.name, read_image(folder / manifest.frame_name), decoder, depth)
+    kind = read_image(folder / f"truth/mask/{t}_{s}.png", grey=True)
+    return Desk(folder.name, read_image(folder / manifest.frame_name), decoder, depth, kind)
 
 
 def relative_error(pixels: FloatArray, depth_mm: FloatArray, true_mm: FloatArray) -> FloatArray:
@@ -122,6 +128,14 @@ def counts(pixels: FloatArray, depth_mm: FloatArray, desk: Desk) -> tuple[int, .
     return (len(first), *(int((error <= within).sum()) for within in WITHIN))
 
 
+def flagged(features: Features, desk: Desk) -> tuple[int, int, int, int]:
+    """How many features with two slopes, of how many: on matte things, and on glossy ones and glass."""
+    u, v = np.rint(features.pixels).astype(np.int64).T
+    matte = desk.kind[v, u] == MASK["matte"]
+    marked = features.refracted
+    return int((marked & matte).sum()), int(matte.sum()), int((marked & ~matte).sum()), int((~matte).sum())
+
+
 def baseline(desk: Desk, light_field: LightField, name: DetectorName, keypoints: int) -> dict[str, tuple[int, ...]]:
     """Counts of every way to match, of the view with the most inliers."""
     pupil_mm = light_field.reference_depth_mm - light_field.reference_distance_mm
@@ -170,6 +184,7 @@ def main() -> None:
             continue
         plain: dict[str, list[tuple[int, ...]]] = {}
         found: list[tuple[int, ...]] = []
+        marked: list[tuple[int, ...]] = []
         times: list[tuple[float, float, float]] = []
         for desk in desks:
             light_field = desk.decoder.decode(desk.frame)
@@ -178,6 +193,7 @@ def main() -> None:
             finder = FeatureFinder(desk.decoder.views, name, keypoints=given.keypoints)
             features = finder.find(light_field)
             sure = ~features.refracted
+            marked.append(flagged(features, desk))
             found.append(counts(features.pixels[sure], features.depth_mm[sure], desk))
             times.append(
                 (
@@ -190,6 +206,10 @@ def main() -> None:
         for way, each in plain.items():
             row(f"{name:6}{way}", each, pairs_ms if way.startswith("all") else None)
         row(f"{name:6}light field", found, find_ms, whole_ms)
+        matte, all_matte, other, all_other = np.sum(marked, axis=0)
+        print(
+            f"{'':6}two slopes: {matte} of {all_matte} on matte things, {other} of {all_other} on glossy ones and glass"
+        )
 
 
 if __name__ == "__main__":
