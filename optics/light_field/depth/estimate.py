@@ -144,10 +144,11 @@ class DepthEstimator:
         """Inverse distances (v, u) to part of a plane, at the size searched at, and how much worse the next best is."""
         own, *others = self._run(lambda picture: normalised(self._sized(picture)), [reference, *pictures])
         count = self.planes
+        prepared = self._planes.prepared(others, self._run)
         volume = np.empty((own.shape[0], count, own.shape[1]), np.uint16)
 
         def fill(plane: int) -> None:
-            cv2.blur(self._planes.cost(plane, others, own), (COST_PX, COST_PX), volume[:, plane])
+            cv2.blur(self._planes.cost(plane, prepared, own), (COST_PX, COST_PX), volume[:, plane])
 
         list(self._run(fill, range(count)))
         total = aggregate(volume, NEXT_PLANE, ANY_PLANE, self._run)
