@@ -43,7 +43,7 @@ class Decoder:
             what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
 
     Raises:
-        InputError: views that share no field; a reference plane nearer than a mirror.
+        InputError: views that share no field; a plane nearer than a mirror.
 
     Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
     so nothing depends on depth. Of second-surface mirrors each ray is followed through its sheet to the reference
@@ -64,6 +64,8 @@ class Decoder:
         self.camera = layout.camera
         self.views = choose_views(layout, depth, field, width_px)
         if regular_grid_at_mm is not None:
+            for index in range(len(layout.mirrors)):
+                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror does not look at
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
@@ -144,7 +146,7 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     if (window[:, 2] >= depth_mm).any():
         nearest = window[:, 2].max()
         raise InputError(
-            f"reference depth {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
+            f"the plane at {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
         )
     points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
     pixels = camera.pixels_from_normalized(seen)

@@ -120,13 +120,14 @@ class Video:
                     # Its frame will be missing among those that come.
                     decoded = []
                 for frame in decoded:
+                    moment = frame.pts if frame.pts is not None else min(sent, default=0)
                     # Frames come in order of time: what was sent with an earlier time and has not come will not.
-                    while sent and sent[0] < frame.pts:
+                    while sent and sent[0] < moment:
                         heapq.heappop(sent)
                         if number > after:
                             yield Lost(number, "is damaged")
                         number, broken = number + 1, True
-                    if sent and sent[0] == frame.pts:
+                    if sent and sent[0] == moment:
                         heapq.heappop(sent)
                     broken = bool(frame.is_corrupt) or (broken and not frame.key_frame and not alone)
                     size = frame.width, frame.height
@@ -140,7 +141,7 @@ class Video:
                         yield Lost(number, f"is {size[0]}x{size[1]} px, others {self.width_px}x{self.height_px}")
                     else:
                         pixels: NDArray[Any] = convert(frame, format="rgb24", threads=1).to_ndarray()
-                        yield Frame(number, float((frame.pts - start) * stream.time_base), pixels)
+                        yield Frame(number, float((moment - start) * stream.time_base), pixels)
                     number += 1
             for _ in sent:
                 if number > after:

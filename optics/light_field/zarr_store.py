@@ -137,5 +137,12 @@ class StoredLightFields(Sequence[LightField]):
             return [self[each] for each in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
-        samples = np.asarray(self._samples[index % len(self)])
-        return LightField.of(self._empty, samples, self._empty.weights)
+        number = index % len(self)
+        chunk = self.path / "samples" / self._samples.metadata.encode_chunk_key((number, 0, 0, 0, 0, 0))
+        if not chunk.exists():
+            # Zarr would take it for all zero.
+            raise InputError(f"{self.path}: frame {number} is missing, expected {chunk.relative_to(self.path)}")
+        try:
+            return LightField.of(self._empty, np.asarray(self._samples[number]), self._empty.weights)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise InputError(f"{self.path}: frame {number} cannot be read: {error}") from None

@@ -152,7 +152,7 @@ def test_bad_videos_are_refused_in_one_line_before_anything_is_written(
     assert "expected frames, videos, or --device" in refused("video.mp4 --device 0", capfd)
     assert "two frames are called 'video'" in refused("video.mp4 video.avi", capfd)
     assert "camera 9 cannot be opened" in refused("--device 9", capfd)
-    assert "reference depth 1 mm lies nearer than mirror" in refused("video.mp4 --reference-depth-mm 1", capfd)
+    assert "the plane at 1 mm lies nearer than mirror" in refused("video.mp4 --reference-depth-mm 1", capfd)
     assert sorted(here.rglob("*")) == before
 
 

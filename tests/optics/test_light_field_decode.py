@@ -319,8 +319,10 @@ def test_foreign_frames_are_refused(crooked: Decoder, frame: NDArray[np.uint8], 
 
 def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> None:
     mirrors = parabola_layout.mirrors
-    with pytest.raises(InputError, match=r"^reference depth 5 mm lies nearer than mirror \d, expected more than"):
+    with pytest.raises(InputError, match=r"^the plane at 5 mm lies nearer than mirror \d, expected more than"):
         Decoder(parabola_layout, reference_depth_mm=5.0)
+    with pytest.raises(InputError, match=r"^the plane at -7 mm lies nearer than mirror \d, expected more than"):
+        Decoder(parabola_layout, regular_grid_at_mm=-7.0)
     with pytest.raises(InputError, match=r"^reference depth is nan mm, expected a finite number$"):
         Decoder(parabola_layout, reference_depth_mm=float("nan"))
     with pytest.raises(InputError, match=r"^views of 1 px in width, expected at least 2$"):

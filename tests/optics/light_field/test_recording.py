@@ -249,6 +249,21 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video
         read_light_field(tmp_path / "other.zarr")
 
 
+def test_a_frame_that_was_spoilt_on_disk_is_refused_not_made_up(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, recording, limit=4)
+    recording.finish()
+    chunks = [tmp_path / "a.zarr" / "samples" / "c" / str(number) / "0" / "0" / "0" / "0" / "0" for number in range(3)]
+    chunks[0].unlink()
+    chunks[1].write_bytes(chunks[1].read_bytes()[:50])
+    stored = StoredLightFields(tmp_path / "a.zarr")
+    with pytest.raises(InputError, match=r"a.zarr: frame 0 is missing, expected samples/c/0/0/0/0/0/0$"):
+        stored[0]
+    with pytest.raises(InputError, match=r"a.zarr: frame 1 cannot be read: "):
+        stored[1]
+    assert stored[2].samples.any()
+
+
 def test_frames_after_the_limit_are_not_touched(tmp_path: Path, decoder: Decoder, video: Video) -> None:
     recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
     record(decoder, video, recording, limit=4)
