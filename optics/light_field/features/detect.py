@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -43,12 +43,15 @@ class Keypoints:
 def detector(name: DetectorName, keypoints: int) -> Any:
     """A new OpenCV detector that keeps about so many keypoints, the strongest; thresholds suit dim and soft views.
 
-    Raises InputError where this OpenCV comes without AKAZE (since version 5 it is among the contributed modules).
+    Raises InputError for another name, and where this OpenCV comes without AKAZE (since version 5 it is among the
+    contributed modules).
     """
     if name == "SIFT":
         return cv2.SIFT.create(keypoints, contrastThreshold=0.015)
     if name == "ORB":
         return cv2.ORB.create(keypoints, scaleFactor=ORB_SCALE_STEP, edgeThreshold=8, fastThreshold=7)
+    if name != "AKAZE":
+        raise InputError(f"detector {name!r}, expected {', '.join(get_args(DetectorName))}")
     if not hasattr(cv2, "xfeatures2d"):
         raise InputError(
             "detector AKAZE is not in this OpenCV, expected opencv-contrib-python-headless in place of "

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from optics.light_field.light_field import Views
 from optics.values import FloatArray
 
-# What two-slope statistics of fewer numbers than unknowns, or of views in one line, are called.
-UNDECIDED = np.nan
+# Pictures of eight bits tell no better where something is, however well views seem to agree.
+LEAST_NOISE_PX = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,7 @@ def fit_two_slopes(
     normal[~told] = np.eye(3)
     unknown = np.linalg.solve(normal, right[..., None])[..., 0]
     squares = np.einsum("vn,vnk,vnk->n", use, rest, rest) - (unknown * right).sum(axis=1)
-    unknown[~told] = UNDECIDED
+    unknown[~told] = np.nan
     w, d, e = unknown.T
     return TwoSlopes(
         matrices_mm=np.stack([np.stack([w + d, e], -1), np.stack([e, w - d], -1)], axis=-2),
@@ -172,13 +172,16 @@ def fit_two_slopes(
 def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_freedom: float) -> FloatArray:
     """Variances (n,) of points from their few residuals, drawn towards what is usual among all of them.
 
+    Squares are in px^2 of the keypoints' scales, and no variance is less than that of LEAST_NOISE_PX.
+
     Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the usual variance from the median.
     """
     told = freedom > 0
     if not told.any():
         return np.ones(len(squares))
     usual = float(np.median(squares[told] / freedom[told]))
-    return (prior_freedom * usual + squares) / (prior_freedom + np.maximum(freedom, 0))
+    moderated = (prior_freedom * usual + squares) / (prior_freedom + np.maximum(freedom, 0))
+    return np.maximum(moderated, LEAST_NOISE_PX**2)
 
 
 def _equations(

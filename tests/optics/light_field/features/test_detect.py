@@ -100,3 +100,8 @@ def test_without_its_module_akaze_is_refused_in_one_line(monkeypatch: pytest.Mon
     monkeypatch.delattr(cv2, "xfeatures2d", raising=False)
     with pytest.raises(InputError, match="AKAZE is not in this OpenCV, expected opencv-contrib-python-headless"):
         detector("AKAZE", 100)
+
+
+def test_other_detectors_are_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match="detector 'SURF', expected SIFT, ORB, AKAZE"):
+        detector("SURF", 100)  # type: ignore[arg-type]  # the very thing that must fail

@@ -221,6 +221,18 @@ def test_a_light_field_without_anything_has_no_features() -> None:
             assert features.points_in_rig_mm.shape == (0, 3)
 
 
+def test_views_that_are_alike_to_the_bit_are_of_the_reference_plane() -> None:
+    """On it disparity is zero, whatever the positions; nothing differs, and yet no error is said to be zero."""
+    views = uneven_views(positions_mm=uneven_views().positions_mm * [1.0, 1.0, 0.0])
+    one = of_planes(views, [(460.0, (0.0, 0.0), None, 1)])[0].samples[1, 1]
+    samples = np.broadcast_to(one, (3, 3, *one.shape)).copy()
+    features = FeatureFinder(views, "ORB").find(LightField.of(views, samples, np.ones((3, 3, 180, 260), np.float32)))
+    assert len(features) > 100
+    assert np.abs(features.depth_mm - 380.0).max() < 0.5
+    assert (features.depth_sigma_mm > 0).all()
+    assert not features.refracted.any()
+
+
 def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatArray]) -> None:
     for changes in (
         {"layout_identity": "f" * 16},

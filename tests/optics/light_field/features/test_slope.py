@@ -129,3 +129,4 @@ def test_few_residuals_are_drawn_towards_what_is_usual() -> None:
     found = moderated_variance(squares, freedom, 4.0)
     assert np.allclose(found, [4 / 5, 1.0, 1.0, 1.0])
     assert (moderated_variance(np.zeros(2), np.zeros(2, int), 4.0) == 1.0).all()
+    assert np.allclose(moderated_variance(np.zeros(2), np.array([9, 15]), 4.0), 0.003**2)
