@@ -31,12 +31,12 @@ class DepthOptions(Value):
         ),
     )
     layout: Path | None = Field(default=None, description="layout.json of frames, calibrated where there is one")
-    near_mm: Annotated[float | None, tyro.conf.arg(help_behavior_hint="(0.6 reference depths)")] = Field(
-        default=None, description="nearest depth that is looked for, from the pupil"
-    )
-    far_mm: Annotated[float | None, tyro.conf.arg(help_behavior_hint="(2 reference depths)")] = Field(
-        default=None, description="farthest depth that is looked for"
-    )
+    near_mm: Annotated[
+        float | None, tyro.conf.arg(help_behavior_hint="(0.6 reference depths, or what a scene states)")
+    ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
+    far_mm: Annotated[
+        float | None, tyro.conf.arg(help_behavior_hint="(2 reference depths, or what a scene states)")
+    ] = Field(default=None, description="farthest depth that is looked for")
     out: Path = Field(
         default=Path("output/depth"),
         description=(
@@ -46,8 +46,8 @@ class DepthOptions(Value):
     )
 
 
-def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField]]:
-    """The light fields of a file or folder, each with a name; those of a recording one after the other."""
+def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField, tuple[float, float] | None]]:
+    """The light fields of a file or folder, one after the other, each with a name and the depths it says it has."""
     from optics.files import read_image
     from optics.light_field.files import load_npz
     from optics.light_field.formats.hci import PARAMETERS, read_hci
@@ -58,17 +58,18 @@ def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField]]:
         from optics.layout import Layout
         from optics.light_field.decode import Decoder
 
-        yield path.stem, Decoder(Layout.load(layout)).decode(read_image(path))
+        yield path.stem, Decoder(Layout.load(layout)).decode(read_image(path)), None
     elif (path / PARAMETERS).exists():
-        yield path.name, read_hci(path).light_field
+        scene = read_hci(path)
+        yield path.name, scene.light_field, scene.depth_range_mm
     elif path.is_dir():
         from optics.light_field.zarr_store import StoredLightFields
 
         stored = StoredLightFields(path)
         for frame in range(len(stored)):
-            yield f"{path.stem}_{frame:06d}", stored[frame]
+            yield f"{path.stem}_{frame:06d}", stored[frame], None
     else:
-        yield path.stem, load_npz(path)
+        yield path.stem, load_npz(path), None
 
 
 def run(options: DepthOptions) -> int:
@@ -88,9 +89,12 @@ def run(options: DepthOptions) -> int:
     summary: list[str] = []
     with long_work("depth", count_text(len(names), "light field"), "files") as advance:
         for done, path in enumerate(options.light_fields, start=1):
-            for name, light_field in opened(path, options.layout):
+            for name, light_field, known in opened(path, options.layout):
                 if estimator is None or not estimator.fits(light_field):
-                    estimator = DepthEstimator(light_field, near_mm=options.near_mm, far_mm=options.far_mm)
+                    near, far = known or (None, None)
+                    near = near if options.near_mm is None else options.near_mm
+                    far = far if options.far_mm is None else options.far_mm
+                    estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
                 depth = estimator.estimate(light_field)
                 with atomic(options.out / f"{name}_depth.npz") as temporary:
                     np.savez_compressed(

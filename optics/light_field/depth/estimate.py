@@ -1,4 +1,7 @@
-"""Depth of a light field: a sweep of planes at half size, semi-global aggregation, refinement at full size."""
+"""Depth of a light field: a sweep of planes, semi-global aggregation, and refinement to parts of a pixel.
+
+Where things move by many pixels between the views, half the size is enough for the sweep, and four times as fast.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is looked for unless told, in reference depths."""
 FULL_STEP_PX, HALF_STEP_PX = 0.5, 1.0
 """How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
-MOST_PLANES = 64
+FULL_PLANES = 64
 """More planes than that are not searched at full size but at half."""
 COST_PX = 3
 """Side of the square over which costs are averaged."""
@@ -55,8 +58,8 @@ class DepthEstimator:
         workers: threads; by default as many as OpenCV uses.
 
     Raises:
-        InputError: fewer than two views, views in one place, views too small, depths that do not grow or lie within the
-            views.
+        InputError: fewer than two views, views in one place, views too small, depths that do not grow, lie within the
+            views or are too far apart for the pixels there are.
     """
 
     def __init__(
@@ -78,7 +81,7 @@ class DepthEstimator:
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._halve = False
         searched, self._inverse_distances = self.views, self._spaced(self.views, FULL_STEP_PX)
-        if self.planes > MOST_PLANES:
+        if self.planes > FULL_PLANES:
             self._halve = True
             searched = halved(self.views)
             self._inverse_distances = self._spaced(searched, HALF_STEP_PX)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.light_field.light_field import Views
-from optics.values import FloatArray
+from optics.values import FloatArray, InputError
 
 Float32 = NDArray[np.float32]
 
@@ -84,13 +84,21 @@ def halved(views: Views) -> Views:
     )
 
 
+MOST_PLANES = 2048
+
+
 def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:
     """Inverse distances (n,) of planes from depth `far_mm` to `near_mm`; between two, no view moves by over `step_px`.
 
-    Evenly spaced, so that disparity is, too; far first.
+    Evenly spaced, so that disparity is, too; far first. Raises InputError where that takes more than `MOST_PLANES`.
     """
     behind = views.reference_depth_mm - views.reference_distance_mm
     low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
     reach_mm = np.abs(views.positions_mm[..., :2]).max()
-    count = int(np.ceil(views.focal_px * reach_mm * (high - low) / step_px)) + 1
+    count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
+    if count > MOST_PLANES:
+        raise InputError(
+            f"depths {near_mm:g} to {far_mm:g} mm take {count} planes between which no view moves by over "
+            f"{step_px:g} px, expected {MOST_PLANES} at most"
+        )
     return np.linspace(low, high, max(count, 3))

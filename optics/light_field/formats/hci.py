@@ -55,12 +55,12 @@ class HciScene:
 
     @property
     def depth_range_mm(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth that the parameters state, or None."""
+        """Nearest and farthest depth that the parameters state, or None; what is beyond infinity is at infinity."""
         if self.disparity_range_px is None:
             return None
         axis: Axis = "s" if self.light_field.cols > 1 else "t"
         far, near = self.light_field.depth_mm_from_disparity(np.array(self.disparity_range_px), axis).tolist()
-        return near, far
+        return near, np.inf if np.isnan(far) else far
 
 
 def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = None) -> None:
