@@ -28,7 +28,9 @@ class FeaturesOptions(Value):
             "PNG or JPEG frames of the camera"
         ),
     )
-    layout: Path | None = Field(default=None, description="layout.json of frames, calibrated where there is one")
+    layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="layout.json of frames, calibrated where there is one"
+    )
     detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
         default="SIFT", description="of the keypoints; AKAZE needs the contributed modules of OpenCV"
     )
@@ -39,10 +41,10 @@ class FeaturesOptions(Value):
     min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most)")] = Field(
         default=None, ge=1, description="in how many views beside the central one a feature must be found"
     )
-    near_mm: Annotated[float | None, tyro.conf.arg(help_behavior_hint="(half the reference depth)")] = Field(
-        default=None, description="nearest depth that is looked for, from the pupil"
-    )
-    far_mm: Annotated[float | None, tyro.conf.arg(help_behavior_hint="(infinity)")] = Field(
+    near_mm: Annotated[
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(halfway to the reference plane)")
+    ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
+    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(infinity)")] = Field(
         default=None, description="farthest depth that is looked for"
     )
     two_slope_sigma: float = Field(
