@@ -9,9 +9,14 @@ import pytest
 
 from mirrorcam.cli import main
 from optics.files import read_image, write_image
-from optics.light_field.files import save_npz
+from optics.layout import Layout
+from optics.light_field.files import load_npz, save_npz
 from optics.light_field.formats.hci import write_hci
 from optics.light_field.formats.pfm import read_pfm
+from optics.light_field.frames import Frame
+from optics.light_field.light_field import LightField
+from optics.light_field.recording import Recording, about
+from optics.light_field.zarr_store import ZarrSink
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 SCENE = [Surface(560.0, slope=(0.25, -0.35), seed=1), Surface(420.0, bounds=(-18.0, -30.0, 14.0, 12.0), seed=2)]
@@ -46,6 +51,38 @@ def test_light_fields_and_scenes_get_pictures_and_arrays(
     said = capsys.readouterr().out
     assert "card: " in said
     assert "confidence above 0.5, median " in said
+
+
+def test_every_frame_of_a_recording_gets_its_depth(inputs: Path, tmp_path: Path) -> None:
+    light_field = load_npz(inputs / "card.npz")
+    recording = Recording(tmp_path / "film.zarr", about(light_field, {"sha256": "feed"}), ZarrSink())
+    dark = LightField.of(light_field, np.zeros_like(light_field.samples), light_field.weights)
+    for number, each in enumerate((light_field, dark)):
+        recording.add(Frame(number, number / 30.0, np.zeros((2, 2, 3), np.uint8)), each)
+    recording.finish()
+    recording.close()
+    assert main(["depth", str(tmp_path / "film.zarr"), "--out", str(tmp_path / "out")]) == 0
+    names = [f"film_{number:06d}_depth.{kind}" for number in (0, 1) for kind in ("npz", "pfm", "png")]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    truth = np.load(inputs / "truth.npy")
+    found = read_pfm(tmp_path / "out/film_000000_depth.pfm")
+    assert np.nanmedian(np.abs(found - truth) / truth) < 0.003
+    with np.load(tmp_path / "out/film_000001_depth.npz") as arrays:
+        assert arrays["confidence"].max() < 0.1
+
+
+def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: Path) -> None:
+    default_layout.save(tmp_path / "layout.json")
+    size = default_layout.camera.height_px, default_layout.camera.width_px, 3
+    write_image(tmp_path / "frame.png", np.random.default_rng(0).integers(0, 255, size, dtype=np.uint8))
+    assert (
+        main(["depth", str(tmp_path / "frame.png"), "--layout", str(tmp_path / "layout.json"), "--out", str(tmp_path)])
+        == 0
+    )
+    with np.load(tmp_path / "frame_depth.npz") as arrays:
+        assert arrays["layout_identity"] == default_layout.identity
+        # Of noise nothing is to be learnt.
+        assert np.median(arrays["confidence"]) < 0.2
 
 
 def test_depths_that_are_looked_for_can_be_chosen(inputs: Path, tmp_path: Path) -> None:
