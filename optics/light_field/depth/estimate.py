@@ -37,7 +37,6 @@ NEXT_PLANE = 6 * cost.UNITS
 ANY_PLANE = 45 * cost.UNITS
 NEAR_REACH_PX, FAR_REACHES_PX = 7, (9, 25)
 """Sides of the squares whose nearest, or farthest, depth a pixel may take: what is near comes out too wide."""
-STEPS = 2
 SMOOTH_RADIUS_PX = 5
 SMOOTH_PX = 0.3
 """Waves of a surface up to that many px of the farthest view are smoothed, larger ones kept."""
@@ -133,8 +132,7 @@ class DepthEstimator:
         reference = np.where(known, reference, np.float32(0.0))
         found = self._refiner.chosen(candidates, pictures, reference)
         step = float(self._inverse_distances[1] - self._inverse_distances[0])
-        for _ in range(STEPS):
-            found, evidence = self._refiner.stepped(found, pictures, reference, step)
+        found, evidence = self._refiner.stepped(found, pictures, reference, step)
         px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
         moved = found * np.float32(px)
         # Where nothing is told, a little trust lets the surroundings in.

@@ -36,7 +36,7 @@ MEDIAN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the pictures say of an inverse distance (v, u), from the last step towards it.
+    """What the pictures say of an inverse distance (v, u), from the step towards it.
 
     Attributes:
         information: sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less
