@@ -42,10 +42,10 @@ class FeaturesOptions(Value):
         default=None, ge=1, description="in how many views beside the central one a feature must be found"
     )
     near_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(halfway to the reference plane)")
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or halfway to the reference plane)")
     ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
-    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(infinity)")] = Field(
-        default=None, description="farthest depth that is looked for"
+    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or infinity)")] = (
+        Field(default=None, description="farthest depth that is looked for")
     )
     two_slope_sigma: float = Field(
         default=4.0,
@@ -74,19 +74,22 @@ def run(options: FeaturesOptions) -> int:
     if twice is not None:
         raise InputError(f"two light fields are called {twice!r}, expected different names: each names its features")
     finder: FeatureFinder | None = None
+    depths_mm: tuple[float, float] | None = None
     summary: list[str] = []
     with long_work("features", count_text(len(names), "light field"), "files") as advance:
         for done, path in enumerate(options.light_fields, start=1):
-            for name, light_field in opened(path, options.layout):
-                if finder is None or not finder.fits(light_field):
+            for name, light_field, known in opened(path, options.layout):
+                if finder is None or known != depths_mm or not finder.fits(light_field):
+                    depths_mm = known
+                    near, far = known or (None, np.inf)
                     finder = FeatureFinder(
                         light_field,
                         options.detector,
                         keypoints=options.keypoints,
                         max_distance_px=options.max_distance_px,
                         min_views=options.min_views,
-                        nearest_mm=options.near_mm,
-                        farthest_mm=np.inf if options.far_mm is None else options.far_mm,
+                        nearest_mm=near if options.near_mm is None else options.near_mm,
+                        farthest_mm=far if options.far_mm is None else options.far_mm,
                         two_slope_sigma=options.two_slope_sigma,
                     )
                 found = finder.find(light_field)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.commands import features
 from optics.files import read_image
 from optics.light_field.features import FeatureFinder
 from optics.light_field.features.files import COLUMNS
@@ -75,6 +76,19 @@ def test_options_reach_the_finder(stored: Path, tmp_path: Path) -> None:
     assert str(np.load(tmp_path / "board_features.npz")["detector"]) == "ORB"
     count()
     assert str(np.load(tmp_path / "board_features.npz")["detector"]) == "SIFT"
+
+
+def test_scenes_are_searched_at_the_depths_that_they_state(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light_field = load_npz(stored)
+    ranges = {"near": (250.0, 420.0), "far": (420.0, 900.0), "any": None}
+    opened = [(name, light_field, known) for name, known in ranges.items()]
+    monkeypatch.setattr(features, "opened", lambda path, layout: opened)
+    assert cli.main(["features", str(stored), "--detector", "ORB", "--out", str(tmp_path)]) == 0
+    depths = {name: np.load(tmp_path / f"{name}_features.npz")["depth_mm"] for name in ranges}
+    assert 0 < len(depths["near"]) < len(depths["any"])
+    assert depths["near"].max() < 420 <= depths["far"].min()
 
 
 def test_a_light_field_without_features_is_said_to_have_none(
