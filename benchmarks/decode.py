@@ -1,7 +1,8 @@
 """Speed of decoding beside a bare `cv2.remap` of the same tables: `python benchmarks/decode.py [LAYOUT]`.
 
-Prints, for one 1920x1080 frame (or what the layout's camera takes) in memory, the milliseconds of `Decoder.decode`, of
-the bare lookup, and of copying the result, all in the same run, interleaved; median and best of the rounds.
+For one frame in memory, of the size that the layout's camera takes: milliseconds of `Decoder.decode`, of the same with
+equalised views, of the bare lookup, and of copying the result, all in the same run, interleaved; median and best of the
+rounds. Then how the cost grows with the pixels of the views.
 """
 
 from __future__ import annotations
@@ -17,44 +18,82 @@ import numpy as np
 
 from optics.layout import Layout
 from optics.light_field.decode import Decoder
+from optics.light_field.equalisation import Equalisation
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 ROUNDS = 200
+MOST_TIMES_THE_LOOKUP = 1.3
+WIDTHS_PX = (100, 200, 300, 400, 480)
+LEAST_HZ = 100.0
 
 
-def main(path: Path) -> None:
-    layout = Layout.load(path)
+def median_ms(jobs: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
+    """The jobs' median milliseconds, each round doing every job once; printed with the best."""
+    times_ms: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            job()
+            times_ms[name].append(1e3 * (time.perf_counter() - start))
+    for name, each in times_ms.items():
+        print(f"{name:26} median {statistics.median(each):6.2f} ms  best {min(each):6.2f} ms")
+    return {name: statistics.median(each) for name, each in times_ms.items()}
+
+
+def whole_layout(layout: Layout) -> None:
+    """Decoding of a layout, as it is and equalised, beside the lookup and a copy."""
     start = time.perf_counter()
     decoder = Decoder(layout)
     built_ms = 1e3 * (time.perf_counter() - start)
     camera, views = layout.camera, decoder.views
-    frame = np.random.default_rng(0).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
+    random = np.random.default_rng(0)
+    frame = random.integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
     samples = decoder.decode(frame).samples
+    gain = random.uniform(0.8, 1.2, (views.rows, views.cols, 3))
+    equal = decoder.equalised(Equalisation(layout_identity=layout.identity, gain=gain))
 
     def bare() -> None:
         for where, fraction in decoder.tables:
             cv2.remap(frame, where, fraction, cv2.INTER_LINEAR)
 
-    jobs: dict[str, Callable[[], object]] = {
-        "Decoder.decode": lambda: decoder.decode(frame),
-        "bare cv2.remap": bare,
-        "copy of the result": samples.copy,
-    }
-    times_ms: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(ROUNDS):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times_ms[name].append(1e3 * (time.perf_counter() - start))
     print(
         f"{views.rows}x{views.cols} views of {views.width_px}x{views.height_px} px from {camera.width_px}x"
         f"{camera.height_px}, {cv2.getNumThreads()} threads; table built once in {built_ms:.0f} ms"
     )
-    for name, each in times_ms.items():
-        print(f"{name:20} median {statistics.median(each):6.2f} ms  best {min(each):6.2f} ms")
-    ratio = statistics.median(times_ms["Decoder.decode"]) / statistics.median(times_ms["bare cv2.remap"])
-    print(f"decode / bare lookup {ratio:.3f}")
+    found = median_ms(
+        {
+            "Decoder.decode": lambda: decoder.decode(frame),
+            "the same, equalised": lambda: equal.decode(frame),
+            "bare cv2.remap": bare,
+            "copy of the result": samples.copy,
+        }
+    )
+    for name in ("Decoder.decode", "the same, equalised"):
+        ratio = found[name] / found["bare cv2.remap"]
+        print(f"{name:26} {ratio:.3f} x the bare lookup (at most {MOST_TIMES_THE_LOOKUP})")
+    print(f"{1e3 / found['Decoder.decode']:.0f} frames/s; a camera gives 30")
+
+
+def by_pixels(layout: Layout) -> None:
+    """How decoding grows with the pixels of all views."""
+    camera = layout.camera
+    frame = np.random.default_rng(0).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
+    decoders = [Decoder(layout, width_px=width_px) for width_px in WIDTHS_PX]
+
+    def job(decoder: Decoder) -> Callable[[], object]:
+        return lambda: decoder.decode(frame)
+
+    count = decoders[0].views.rows * decoders[0].views.cols
+    sizes = [(decoder.views.width_px, decoder.views.height_px) for decoder in decoders]
+    found = median_ms(
+        {f"{count} views of {size[0]}x{size[1]}": job(each) for size, each in zip(sizes, decoders, strict=True)}, 50
+    )
+    for (width, height), ms in zip(sizes, found.values(), strict=True):
+        print(f"{width}x{height}: {1e6 * ms / (count * width * height):.1f} ns a pixel, {1e3 / ms:.0f} frames/s")
+    print(f"wanted of nine views of 400x240: {LEAST_HZ:.0f} frames/s")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT_LAYOUT)
+    chosen = Layout.load(Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT_LAYOUT)
+    whole_layout(chosen)
+    by_pixels(chosen)

@@ -31,8 +31,10 @@ from mirrorcam.commands import (
     cad,
     calibrate,
     decode,
+    depth,
     design,
     export,
+    features,
     picture,
     render,
     run,
@@ -57,6 +59,8 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
     export.ExportOptions: export.run,
+    depth.DepthOptions: depth.run,
+    features.FeaturesOptions: features.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -77,6 +81,8 @@ class Command:
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[export.ExportOptions, subcommand("export")]
+        | Annotated[depth.DepthOptions, subcommand("depth")]
+        | Annotated[features.FeaturesOptions, subcommand("features")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False

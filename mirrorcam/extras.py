@@ -8,7 +8,7 @@ from optics.values import InputError
 
 MODULES = {
     "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it"),
-    "render": ("mitsuba", "drjit", "OpenEXR", "av"),
+    "render": ("mitsuba", "drjit", "OpenEXR"),
     "cluster": ("dask", "distributed"),
     "parquet": ("pyarrow",),
 }

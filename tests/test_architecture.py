@@ -15,10 +15,11 @@ ROOT = Path(__file__).parents[1]
 ROOMS = {"optics", "cad", "render_scenes", "mirrorcam"}
 OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Of our own rooms and of libraries: what a room may import beside the standard library and itself. Those of `cad` and
-# `render_scenes` come with the extras of these names, distributed and pyarrow with `cluster` and `parquet`; everything
-# else is in the base installation.
+# `render_scenes` alone come with the extras of these names, distributed and pyarrow with `cluster` and `parquet`;
+# everything else is in the base installation.
 MAY_IMPORT = {
-    "optics": OPTICS,
+    # Videos are read, and streams of light fields written, where light fields are made; both are imported late.
+    "optics": OPTICS | {"av", "zarr"},
     "cad": OPTICS
     | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2", "markdown_it"},
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR", "av"},
@@ -26,7 +27,7 @@ MAY_IMPORT = {
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
-    *("dask", "distributed", "pyarrow", "OpenEXR", "av"),
+    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr"),
 )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from statistics import harmonic_mean
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from optics.layout import Layout
+from optics.light_field.equalisation import Equalisation
 from optics.light_field.light_field import Axis, LightField, Samples, Views
 from optics.values import FloatArray, InputError
 
@@ -34,14 +36,18 @@ class Decoder:
         reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
             depths the layout was designed for, or 400 mm.
         field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
+        width_px: width of every view; the height follows from the field. Default: the resolution of the sub-images
+            themselves, which more pixels do not add to, and of which fewer leave out some.
         margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
+        regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
+            what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
 
     Raises:
-        InputError: a mirror that shows nothing; views that share no field; a reference plane nearer than a mirror.
+        InputError: a mirror that shows nothing; views that share no field; a plane nearer than a mirror.
 
-    Views keep their true positions: sub-images are turned, not shifted (as in the paper), so nothing depends on depth.
-    What mirrors behind sheets and bent ones show of the reference plane is exact; nearer and farther than that, each
-    view is that of the mirror's `apparent` plane through the middle of its outline.
+    Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
+    so nothing depends on depth. What mirrors behind sheets and bent ones show of the reference plane is exact; nearer
+    and farther than that, each view is that of the mirror's `apparent` plane through the middle of its outline.
     """
 
     def __init__(
@@ -50,17 +56,31 @@ class Decoder:
         *,
         reference_depth_mm: float | None = None,
         field: Field = "common",
+        width_px: int | None = None,
         margin_px: float = OUTLINE_MARGIN_PX,
+        regular_grid_at_mm: float | None = None,
     ) -> None:
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
-        self.views = choose_views(layout, depth, field)
-        pixels, self.weights = sources(layout, self.views, margin_px)
+        self.views = choose_views(layout, depth, field, width_px)
+        if regular_grid_at_mm is not None:
+            for index in range(len(layout.mirrors)):
+                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror does not look at
+            self.views = self.views.on_regular_grid()
+        self.equalisation: Equalisation | None = None
+        pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
         rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
         blocks = [table[start : start + rows_per_block] for start in range(0, len(table), rows_per_block)]
         self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
+
+    def equalised(self, equalisation: Equalisation) -> Self:
+        """The same decoder, which makes views equally bright; raises InputError for factors of another layout."""
+        equalisation.check_belongs_to(self.views)
+        decoder = copy(self)
+        decoder.equalisation = equalisation
+        return decoder
 
     def decode(self, frame: Samples) -> LightField:
         """The light field of one frame (h, w, 3) in RGB or (h, w) in grey, uint8 or float32.
@@ -79,7 +99,21 @@ class Decoder:
             raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
         parts: list[Any] = [cv2.remap(frame, where, fraction, cv2.INTER_LINEAR) for where, fraction in self.tables]
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return LightField.of(self.views, samples.reshape(*self.weights.shape, -1), self.weights)
+        samples = samples.reshape(*self.weights.shape, -1)
+        if self.equalisation is not None:
+            self.equalisation.apply(samples)
+        return LightField.of(self.views, samples, self.weights)
+
+
+def check_belongs(layout: Layout, identity: str, what: str) -> None:
+    """Raise InputError unless `identity` is this layout's, or that of the design it was calibrated or drawn from.
+
+    `what` names the frames, say "video.mp4", that say that they were taken with the layout of this identity.
+    """
+    origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
+    known = [layout.identity, *(origin for origin in origins if origin is not None)]
+    if identity not in known:
+        raise InputError(f"{what} was taken with layout {identity}, expected {' or '.join(known)} of the layout given")
 
 
 def default_reference_depth_mm(layout: Layout) -> float:
@@ -115,15 +149,15 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     if (window[:, 2] >= depth_mm).any():
         nearest = window[:, 2].max()
         raise InputError(
-            f"reference depth {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
+            f"the plane at {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
         )
     points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
     pixels = camera.pixels_from_normalized(seen)
     return Polygon(points[:, :2]), float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
 
 
-def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Views:
-    """The output grid: the sub-images' own resolution (median over mirrors), on the box of the field."""
+def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
+    """The output grid on the box of the field, of a width, or in the sub-images' own resolution (median of mirrors)."""
     if not np.isfinite(reference_depth_mm):
         raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
     indices = range(len(layout.mirrors))
@@ -133,6 +167,10 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Vie
         raise InputError(f"the views share no field at depth {reference_depth_mm:g} mm, expected an overlap")
     left, top, right, bottom = area.bounds
     px_per_mm = float(np.median([np.sqrt(px / shown.area) for px, shown in zip(areas_px, footprints, strict=True)]))
+    if width_px is not None:
+        if width_px < 2:
+            raise InputError(f"views of {width_px} px in width, expected at least 2")
+        px_per_mm = (width_px - 0.5) / (right - left)
     width, height = (1 + int((end - start) * px_per_mm) for start, end in ((left, right), (top, bottom)))
     if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > LONGEST_TABLE_SIDE:
         raise InputError(f"the {field} field would take {width}x{height} px a view, more than the whole sensor")
@@ -157,16 +195,21 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field) -> Vie
     return views
 
 
-def sources(layout: Layout, views: Views, margin_px: float) -> tuple[FloatArray, NDArray[np.float32]]:
+def sources(
+    layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
+) -> tuple[FloatArray, NDArray[np.float32]]:
     """Where on the sensor each decoded pixel comes from (t, s, v, u, 2), and its weight (t, s, v, u).
 
-    A pixel looks at its point of the reference plane: the direction to it, reflected, is where the camera sees it.
+    A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
+    direction in which the mirror shows that point, through its sheet where it has one, is where the camera sees it.
     """
+    depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
     shape = (len(layout.mirrors), views.height_px, views.width_px)
     pixels, weights = np.empty((*shape, 2)), np.zeros(shape, dtype=np.float32)
-    plane = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid())
     limits = np.array([layout.camera.width_px - 1.0, layout.camera.height_px - 1.0])
-    for index in range(len(layout.mirrors)):
+    grid = views.pixel_grid()
+    for index, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
+        plane = views.plane_points_in_rig(depth_mm, grid, (t, s))
         pixels[index] = layout.project(plane, index)
         outline = layout.outline_px(index, points_per_edge=64, usable=True)
         inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
@@ -177,5 +220,5 @@ def sources(layout: Layout, views: Views, margin_px: float) -> tuple[FloatArray,
         near = ((pixels[index] >= low) & (pixels[index] <= high)).all(axis=-1)
         shapely.prepare(inside)
         weights[index][near] = shapely.contains_xy(inside, pixels[index][near])
-    grid = (views.rows, views.cols, views.height_px, views.width_px)
-    return pixels.reshape(*grid, 2), weights.reshape(grid)
+    out = (views.rows, views.cols, views.height_px, views.width_px)
+    return pixels.reshape(*out, 2), weights.reshape(out)

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from optics.values import FloatArray, InputError, Shaped
 
@@ -109,11 +109,20 @@ class Views:
         """Pixels (t, s, ..., 2) in every view of points (..., 3) in rig, mm; NaN behind a view."""
         return self.project_in_view((points_in_rig - self.reference_view_in_rig_mm) @ self.view_from_rig.T)
 
-    def plane_points_in_rig(self, depth_mm: float, pixels: FloatArray) -> FloatArray:
-        """Points (..., 3) in rig of the plane at a depth that the reference view sees at pixels (..., 2)."""
+    def plane_points_in_rig(
+        self, depth_mm: float, pixels: FloatArray, view: tuple[int, int] | None = None
+    ) -> FloatArray:
+        """Points (..., 3) in rig of the plane at a depth that a view (t, s) sees at pixels (..., 2).
+
+        Without a view, the reference view. Pixels of all views see the same points of the reference plane.
+        """
         distance = depth_mm - self._depth_of_reference_view_mm
-        across = (np.asarray(pixels, dtype=np.float64) - self.centre_px) * (distance / self.focal_px)
-        in_view = np.concatenate([across, np.full((*across.shape[:-1], 1), distance)], axis=-1)
+        place, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
+        matrix[:2, 2] = self.centre_px
+        if view is not None:
+            place, matrix = self.positions_mm[view], self.matrices[view]
+        across = (np.asarray(pixels, dtype=np.float64) - matrix[:2, 2]) * ((distance - place[2]) / matrix[0, 0])
+        in_view = np.concatenate([across + place[:2], np.full((*across.shape[:-1], 1), distance)], axis=-1)
         return in_view @ self.view_from_rig + self.reference_view_in_rig_mm
 
     def pixel_grid(self) -> FloatArray:
@@ -128,17 +137,42 @@ class Views:
             raise ValueError(f"one view along {axis}, expected at least two for a step")
         return float((ends[:, 1] - ends[:, 0]).mean() / (count - 1))
 
+    def slope_from_depth(self, depth_mm: FloatArray | float) -> FloatArray:
+        """Metric slope (...): px that a point at a depth moves per mm of view position, du/dx_i = f (1 / Z0 - 1 / Z).
+
+        That of the paper's point-plane law, with its zero on the reference plane; exact where z_i is zero.
+        """
+        distance = np.asarray(depth_mm, dtype=np.float64) - self._depth_of_reference_view_mm
+        return np.asarray(self.focal_px * (1.0 / self.reference_distance_mm - 1.0 / distance))
+
+    def depth_mm_from_slope(self, slope_px_per_mm: FloatArray | float) -> FloatArray:
+        """Depth (...) in mm from the pupil of a metric slope; infinite at its end, NaN beyond infinity."""
+        slope = np.asarray(slope_px_per_mm, dtype=np.float64)
+        inverse = 1.0 / self.reference_distance_mm - slope / self.focal_px
+        distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
+        return np.where(inverse == 0, np.inf, distance + self._depth_of_reference_view_mm)
+
     def disparity_px_from_depth(self, depth_mm: FloatArray | float, axis: Axis = "s") -> FloatArray:
         """Disparity (...) in px per mean view step along `axis`, positive nearer than the reference plane: -du/ds."""
-        distance = np.asarray(depth_mm, dtype=np.float64) - self._depth_of_reference_view_mm
-        return self.focal_px * self.step_mm(axis) * (1.0 / distance - 1.0 / self.reference_distance_mm)
+        return -self.step_mm(axis) * self.slope_from_depth(depth_mm)
 
     def depth_mm_from_disparity(self, disparity_px: FloatArray | float, axis: Axis = "s") -> FloatArray:
         """Depth (...) in mm from the pupil of a disparity per mean view step along `axis`; NaN beyond infinity."""
-        disparity = np.asarray(disparity_px, dtype=np.float64)
-        inverse = disparity / (self.focal_px * self.step_mm(axis)) + 1.0 / self.reference_distance_mm
-        distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
-        return np.where(inverse == 0, np.inf, distance + self._depth_of_reference_view_mm)
+        return self.depth_mm_from_slope(-np.asarray(disparity_px, dtype=np.float64) / self.step_mm(axis))
+
+    def on_regular_grid(self) -> Views:
+        """The same views moved to the evenly spaced grid that lies nearest, through the reference view, all z_i zero.
+
+        Its steps along s and t are those of least squares. Pixels still look at the same points of the reference plane.
+        """
+        row, col = np.argwhere((self.positions_mm == 0).all(axis=2))[0]
+        positions = np.zeros_like(self.positions_mm)
+        for axis, steps in ((0, np.arange(self.cols) - col), (1, (np.arange(self.rows) - row)[:, None])):
+            count = np.broadcast_to(steps, (self.rows, self.cols))
+            step_mm = (count * self.positions_mm[..., axis]).sum() / max(1, np.square(count).sum())
+            positions[..., axis] = count * step_mm
+        geometry = {field.name: getattr(self, field.name) for field in fields(Views)}
+        return Views(**(geometry | {"positions_mm": positions}))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,6 +210,10 @@ class LightField(Views):
         """The light field with these samples (t, s, v, u, c) and weights (t, s, v, u) at these views."""
         geometry: dict[str, Any] = {field.name: getattr(views, field.name) for field in fields(Views)}
         return cls(**geometry, samples=samples, weights=weights)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """The samples (t, s, v, u, c), for NumPy's functions."""
+        return np.array(self.samples, dtype=dtype, copy=copy)
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -73,7 +73,7 @@ def assert_one_line(said: str, *expected: str) -> None:
         ("cad", "LAYOUT"),
         ("cad nowhere.json", "nowhere.json: no such file"),
         ("cad nowhere.json --fasteners glue", "invalid choice 'glue' for argument '--fasteners'"),
-        ("decode --layout layout.json", "--frames (): Tuple should have at least 1 item"),
+        ("decode --layout layout.json", "expected frames, videos, or --device NUMBER"),
         ("decode frame.png", "--layout"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
         ("render nowhere.json", "nowhere.json: no such file"),

@@ -205,3 +205,49 @@ def test_tiles_of_grey_and_of_float_samples() -> None:
     assert (tiles(light_field(samples=grey))[0, 0] == [90, 90, 90]).all()
     bright = np.full((ROWS, COLS, HEIGHT, WIDTH, 3), [0.5, 1.7, -0.2], np.float32)
     assert (tiles(light_field(samples=bright))[0, 0] == [128, 255, 0]).all()
+
+
+def test_metric_slope_is_px_per_mm_of_view_position() -> None:
+    positions = views().positions_mm.copy()
+    positions[..., 2] = 0
+    grid = views(positions_mm=positions)
+    for depth in (250.0, 400.0, 900.0):
+        pixels = grid.project(np.array([5.0, depth, 80.0]))
+        slope = grid.slope_from_depth(depth)
+        assert np.allclose(pixels - pixels[1, 1], slope * positions[..., :2], atol=1e-9)
+        assert grid.depth_mm_from_slope(slope) == pytest.approx(depth)
+    assert grid.depth_mm_from_slope(grid.slope_from_depth(np.inf)) == np.inf
+    assert np.isnan(grid.depth_mm_from_slope(grid.slope_from_depth(np.inf) + 1.0))
+
+
+def test_pixels_of_every_view_go_out_to_a_plane_and_come_back() -> None:
+    grid = views()
+    for view in np.ndindex(ROWS, COLS):
+        points = grid.plane_points_in_rig(300.0, grid.pixel_grid(), view)
+        assert np.allclose(points[..., 1], 300.0)
+        assert np.allclose(grid.project(points)[view], grid.pixel_grid(), atol=1e-9)
+        on_reference = grid.plane_points_in_rig(400.0, grid.pixel_grid(), view)
+        assert np.allclose(on_reference, grid.plane_points_in_rig(400.0, grid.pixel_grid()))
+
+
+def test_the_regular_grid_is_the_nearest_through_the_reference_view() -> None:
+    true = views()
+    regular = true.on_regular_grid()
+    assert not regular.positions_mm[1, 1].any()
+    assert not regular.positions_mm[..., 2].any()
+    steps = np.array([regular.step_mm("s"), regular.step_mm("t")])
+    count = np.stack(np.meshgrid([-1, 0, 1], [-1, 0]), axis=-1)
+    assert np.allclose(regular.positions_mm[..., :2], count * steps)
+    away = np.square(true.positions_mm[..., :2] - count * steps).sum()
+    for change in np.array([[0.01, 0], [-0.01, 0], [0, 0.01], [0, -0.01]]):
+        assert np.square(true.positions_mm[..., :2] - count * (steps + change)).sum() > away
+    assert np.array_equal(regular.on_regular_grid().positions_mm, regular.positions_mm)
+    single = views(positions_mm=views().positions_mm[1:]).on_regular_grid()
+    assert not single.positions_mm[..., 1:].any()
+
+
+def test_numpy_takes_a_light_field_for_its_samples() -> None:
+    made = light_field()
+    assert np.asarray(made) is made.samples or np.shares_memory(np.asarray(made), made.samples)
+    assert np.mean(made) == 77
+    assert np.asarray(made, dtype=np.float32).dtype == np.float32

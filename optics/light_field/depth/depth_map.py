@@ -1,0 +1,59 @@
+"""What is known of depth in the reference view: how deep, how sure, in the frame of which views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.light_field.light_field import Axis, Views
+from optics.values import FloatArray
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DepthMap:
+    """Depth of the reference view, pixel by pixel.
+
+    Attributes:
+        views: of the light field it was found in.
+        view: row t and column s of the reference view.
+        depth_mm: (v, u) float32 from the pupil along view z; NaN where fewer than two other views see the pixel.
+        sigma_mm: (v, u) float32, standard deviation of the depth as the noise of the pictures tells it; NaN with depth.
+        confidence: (v, u) float32 from 0 to 1: whether it is this place at all that the views agree on.
+    """
+
+    views: Views
+    view: tuple[int, int]
+    depth_mm: Float32
+    sigma_mm: Float32
+    confidence: Float32
+
+    def __post_init__(self) -> None:
+        expected = (self.views.height_px, self.views.width_px)
+        for name in ("depth_mm", "sigma_mm", "confidence"):
+            array = getattr(self, name)
+            if array.shape != expected or array.dtype != np.float32:
+                raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, expected float32 {expected}")
+            read_only = array.view()
+            read_only.flags.writeable = False
+            object.__setattr__(self, name, read_only)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a depth is known (v, u)."""
+        return np.isfinite(self.depth_mm)
+
+    def disparity_px(self, axis: Axis = "s") -> FloatArray:
+        """Disparity (v, u) in px per mean view step, positive nearer than the reference plane; NaN without depth."""
+        return self.views.disparity_px_from_depth(self.depth_mm.astype(np.float64), axis)
+
+    def points_in_rig(self) -> FloatArray:
+        """The points (v, u, 3) in rig, mm, that the pixels show; NaN without depth."""
+        behind_mm = self.views.reference_depth_mm - self.views.reference_distance_mm
+        distance = self.depth_mm.astype(np.float64) - behind_mm
+        across = (self.views.pixel_grid() - self.views.centre_px) * (distance / self.views.focal_px)[..., None]
+        in_view = np.concatenate([across, distance[..., None]], axis=-1)
+        return in_view @ self.views.view_from_rig + self.views.reference_view_in_rig_mm

@@ -1,0 +1,165 @@
+"""Matches of keypoints along the lines on which they can move, and the slope on which most views agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.light_field.features.detect import DetectorName, Keypoints, distances
+from optics.light_field.features.slope import Geometry
+from optics.values import FloatArray
+
+# Views are parallel and near each other: what a keypoint shows neither grows nor turns from one to the other.
+MOST_SCALE_RATIO = 1.5
+MOST_TURN_DEG = 25.0
+# Most candidates for a keypoint in a view, the likest ones; consistency over the views chooses between them.
+KEPT = 4
+# More of them as like as that to the likest (in parts of its distance, and of the limit), in any view, show that a
+# keypoint is part of a pattern that repeats along the line, and tells nothing.
+REPEATED = (1.25, 0.1)
+# How unlike two descriptors of one point may be: bits of 256, bits of 488, 1 less the cosine of RootSIFT.
+MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
+# Another slope competes where it is that far away in the view that moves most, and has nearly as many votes.
+OTHER_PX = 3.0
+ENOUGH_VOTES = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """For each of n keypoints of the reference view matches in other views; NaN where there are fewer.
+
+    Attributes:
+        inverse_mm: (n, views, KEPT) the slope that each match tells.
+        off_line_px: (n, views, KEPT) how far it is from the line that the keypoint moves on.
+        rate_px_mm: (n, views, KEPT) px that a match moves on this line per 1/mm.
+    """
+
+    inverse_mm: FloatArray
+    off_line_px: FloatArray
+    rate_px_mm: FloatArray
+
+
+def candidates(
+    geometry: Geometry,
+    reference: Keypoints,
+    others: dict[int, Keypoints],
+    name: DetectorName,
+    inverse_range_mm: tuple[float, float],
+    tolerance_px: FloatArray,
+    run: Callable[..., Any],
+) -> Candidates:
+    """Matches of the reference view's keypoints between two inverse distances, by the numbers of the other views.
+
+    At most `tolerance_px` (n,) off the line; `run` is `map`, or that of a pool of threads.
+    """
+    arrays = [np.full((len(reference.pixels), len(others), KEPT), np.nan) for _ in range(3)]
+    repeating = np.zeros(len(reference.pixels), dtype=bool)
+
+    def one(place: int, view: int, other: Keypoints) -> None:
+        first, second = _near_the_line(geometry, reference, other, view, inverse_range_mm, tolerance_px)
+        unlike = distances(reference.descriptors[first], other.descriptors[second])
+        alike = unlike <= MOST_UNLIKE[name]
+        first, second, unlike = first[alike], second[alike], unlike[alike]
+        order = np.lexsort((second, unlike, first))
+        first, second = first[order], second[order]
+        rank = np.arange(len(first)) - np.searchsorted(first, first)
+        likest = unlike[order][np.searchsorted(first, first)]
+        as_like = unlike[order] <= REPEATED[0] * likest + REPEATED[1] * MOST_UNLIKE[name]
+        repeating[first[(rank == KEPT) & as_like]] = True
+        first, second, rank = first[rank < KEPT], second[rank < KEPT], rank[rank < KEPT]
+        told = _told(geometry, view, reference.pixels[first], other.pixels[second])
+        for array, values in zip(arrays, told, strict=True):
+            array[first, place, rank] = values
+
+    list(run(one, range(len(others)), others.keys(), others.values()))
+    for array in arrays:
+        array[repeating] = np.nan
+    return Candidates(*arrays)
+
+
+def _told(
+    geometry: Geometry, view: int, reference_px: FloatArray, seen_px: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What a match tells: inverse distance (n,), distance off the line in px, px along it per 1/mm."""
+    a_, b = geometry.terms(view, seen_px)
+    rest = b - geometry.focal_px[view] * geometry.directions(reference_px)
+    rate = np.hypot(a_[:, 0], a_[:, 1])
+    inverse = (a_ * rest).sum(axis=1) / rate**2
+    off = (a_[:, 0] * rest[:, 1] - a_[:, 1] * rest[:, 0]) / rate
+    ahead = 1.0 - geometry.forward_mm[view] * inverse
+    return inverse, off / ahead, rate / ahead
+
+
+def _near_the_line(
+    geometry: Geometry,
+    reference: Keypoints,
+    other: Keypoints,
+    view: int,
+    inverse_range_mm: tuple[float, float],
+    tolerance_px: FloatArray,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs (reference keypoint, keypoint of a view) of like scale and angle, on the line and between its ends."""
+    directions = geometry.directions(reference.pixels)
+    ends = np.stack([geometry.predict(view, directions, inverse) for inverse in inverse_range_mm])
+    x, y = geometry.across_mm[view]
+    # Lines are parallel but for the views' positions along z: sorted across them, each is a short stretch.
+    normal = np.array([-y, x]) / max(np.hypot(x, y), 1e-12)
+    across = other.pixels @ normal
+    order = np.argsort(across, kind="stable")
+    low = np.searchsorted(across[order], (ends @ normal).min(axis=0) - tolerance_px)
+    count = np.searchsorted(across[order], (ends @ normal).max(axis=0) + tolerance_px) - low
+    first = np.repeat(np.arange(len(low)), count)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    second = order[np.repeat(low, count) + within]
+    turn = np.abs((reference.angle[first] - other.angle[second] + np.pi) % (2 * np.pi) - np.pi)
+    ratio = np.abs(np.log(reference.scale_px[first] / other.scale_px[second]))
+    keep = (turn <= np.deg2rad(MOST_TURN_DEG)) & (ratio <= np.log(MOST_SCALE_RATIO))
+    first, second = first[keep], second[keep]
+    inverse, off, rate = _told(geometry, view, reference.pixels[first], other.pixels[second])
+    tolerance = tolerance_px[first]
+    slack = tolerance / rate
+    keep = np.abs(off) <= tolerance
+    keep &= (inverse >= min(inverse_range_mm) - slack) & (inverse <= max(inverse_range_mm) + slack)
+    return first[keep], second[keep]
+
+
+def vote(found: Candidates, tolerance_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The inverse distance (n,) on which most views agree, and one that competes with it; NaN where there is none.
+
+    Each match of a keypoint proposes its slope; every view votes by how near its nearest match is to that: at
+    `tolerance_px` (n,) or more not at all. The slope with the most votes is refined by the matches that gave them.
+    """
+    count, views, kept = found.inverse_mm.shape
+    proposed = found.inverse_mm.reshape(count, views * kept)
+    votes = np.zeros_like(proposed)
+    weighted, weights = np.zeros_like(proposed), np.zeros_like(proposed)
+    square = tolerance_px[:, None, None] ** 2
+    for view in range(views):
+        if np.isnan(found.inverse_mm[:, view]).all():
+            continue
+        inverse, rate = found.inverse_mm[:, view, None, :], found.rate_px_mm[:, view, None, :]
+        along = (proposed[:, :, None] - inverse) * rate
+        distance = along**2 + found.off_line_px[:, view, None, :] ** 2
+        distance = np.where(np.isnan(distance), np.inf, distance)
+        best = distance.argmin(axis=2)[..., None]
+        share = np.maximum(1.0 - np.take_along_axis(distance, best, 2)[..., 0] / square[..., 0], 0.0)
+        weight = np.where(share > 0, np.take_along_axis(np.broadcast_to(rate, distance.shape), best, 2)[..., 0] ** 2, 0)
+        chosen = np.take_along_axis(np.broadcast_to(inverse, distance.shape), best, 2)[..., 0]
+        votes += share
+        weights += weight
+        weighted += np.where(weight > 0, weight * chosen, 0.0)
+    best = votes.argmax(axis=1)[:, None]
+    winner, most = np.take_along_axis(proposed, best, 1), np.take_along_axis(votes, best, 1)
+    fastest = np.nanmax(np.where(np.isnan(found.rate_px_mm), 0.0, found.rate_px_mm), axis=(1, 2), initial=0.0)[:, None]
+    total = np.take_along_axis(weights, best, 1)
+    inverse = np.where(total > 0, np.take_along_axis(weighted, best, 1) / np.where(total > 0, total, 1.0), np.nan)
+    with np.errstate(invalid="ignore"):
+        far = np.abs(proposed - winner) * fastest > OTHER_PX * tolerance_px[:, None]
+    others = np.where(far, votes, 0.0)
+    second = others.argmax(axis=1)[:, None]
+    competes = np.take_along_axis(others, second, 1) > ENOUGH_VOTES * most
+    return inverse[:, 0], np.where(competes, np.take_along_axis(proposed, second, 1), np.nan)[:, 0]

@@ -1,0 +1,215 @@
+"""Depth of scenes known in closed form: how near to the truth, how sure, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optics.light_field.depth import DepthEstimator, DepthMap
+from optics.light_field.depth.depth_map import DepthMap as Map
+from optics.light_field.light_field import LightField, Views
+from optics.values import FloatArray, InputError
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+
+WALL = Surface(560.0, slope=(0.25, -0.35), seed=1)
+CARD = Surface(420.0, bounds=(-18.0, -30.0, 14.0, 12.0), seed=2, mean=0.35)
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[LightField, FloatArray, Any]:
+    """A card before a slanted wall, seen by an uneven grid."""
+    return photograph(grid_views(), [WALL, CARD])
+
+
+@pytest.fixture(scope="module")
+def found(scene: Any) -> DepthMap:
+    return DepthEstimator(scene[0]).estimate(scene[0])
+
+
+def inner(number: Any, of: int, px: int = 4) -> Any:
+    """Pixels of a surface, `px` away from its end."""
+    import cv2
+
+    return cv2.erode((number == of).astype(np.uint8), np.ones((2 * px + 1,) * 2, np.uint8), borderValue=0) > 0
+
+
+def test_surfaces_are_found_to_a_small_part_of_their_depth(scene: Any, found: DepthMap) -> None:
+    _, depth, number = scene
+    for surface in (0, 1):
+        error = np.abs(found.depth_mm - depth)[inner(number, surface)] / depth[inner(number, surface)]
+        assert np.median(error) < 0.0015
+        assert np.quantile(error, 0.9) < 0.006
+    assert (np.abs(found.depth_mm - depth) / depth < 0.02).mean() > 0.9
+
+
+def test_disparity_and_points_are_those_of_the_depth(scene: Any, found: DepthMap) -> None:
+    light_field, depth, number = scene
+    on_card = inner(number, 1)
+    assert np.allclose(found.disparity_px()[on_card], light_field.disparity_px_from_depth(depth[on_card]), atol=0.15)
+    points = found.points_in_rig()
+    assert np.allclose(points[..., 1], found.depth_mm, atol=1e-3, equal_nan=True)
+    pixels = light_field.project(points[on_card])[found.view]
+    assert np.allclose(pixels, light_field.pixel_grid()[on_card], atol=1e-3)
+
+
+def test_what_is_hidden_on_one_side_is_seen_by_the_other(scene: Any, found: DepthMap) -> None:
+    _, depth, number = scene
+    near_edge = inner(number, 0, 3) & ~inner(number, 0, 8)
+    near_edge[:8] = near_edge[-8:] = False
+    near_edge[:, :8] = near_edge[:, -8:] = False
+    assert near_edge.sum() > 300
+    assert (np.abs(found.depth_mm - depth)[near_edge] / depth[near_edge] < 0.02).mean() > 0.85
+
+
+def test_sigma_tells_how_far_off_depths_are(scene: Any, found: DepthMap) -> None:
+    _, depth, number = scene
+    sure = (inner(number, 0) | inner(number, 1)) & (found.confidence > 0.5)
+    part = np.abs(found.depth_mm - depth)[sure] / found.sigma_mm[sure]
+    # Of a normal distribution half lies within 0.67 sigma; smoothing may only make it better.
+    assert 0.1 < np.median(part) < 1.0
+    assert np.mean(part < 3.0) > 0.9
+
+
+def test_confidence_is_high_where_depth_is_right_and_low_where_it_is_wrong(scene: Any, found: DepthMap) -> None:
+    _, depth, _ = scene
+    wrong = np.abs(found.depth_mm - depth) / depth > 0.03
+    assert wrong.sum() > 50
+    assert np.median(found.confidence[~wrong]) > 0.8
+    assert np.mean(found.confidence[wrong] < 0.5) > 0.7
+
+
+def test_a_blank_wall_is_not_trusted() -> None:
+    light_field, _, _ = photograph(grid_views(), [Surface(500.0, contrast=0.0)])
+    blank = DepthEstimator(light_field).estimate(light_field)
+    assert np.median(blank.confidence) < 0.1
+    assert np.isfinite(blank.sigma_mm[blank.valid]).all()
+
+
+def test_mirrors_of_different_brightness_do_not_matter(scene: Any) -> None:
+    gains = np.random.default_rng(4).uniform(0.75, 1.15, (3, 3))
+    light_field, depth, number = photograph(grid_views(), [WALL, CARD], gains=gains)
+    found = DepthEstimator(light_field).estimate(light_field)
+    sure = inner(number, 0) | inner(number, 1)
+    assert np.median(np.abs(found.depth_mm - depth)[sure] / depth[sure]) < 0.002
+
+
+def test_uneven_positions_are_used_as_they_are(scene: Any, found: DepthMap) -> None:
+    light_field, depth, number = scene
+    even = LightField.of(grid_views(uneven=False), light_field.samples, light_field.weights)
+    assumed = DepthEstimator(even).estimate(even)
+    sure = inner(number, 0)
+
+    def error(depth_map: DepthMap) -> float:
+        return float(np.median(np.abs(depth_map.depth_mm - depth)[sure] / depth[sure]))
+
+    assert error(found) < 0.2 * error(assumed)
+
+
+def test_what_fewer_than_two_other_views_see_has_no_depth(scene: Any) -> None:
+    light_field = scene[0]
+    weights = light_field.weights.copy()
+    weights[:, :, :, 60:] = 0.0
+    weights[1, 1:, :, 60:] = 1.0
+    weights[1, 1, :, :10] = 0.0
+    samples = light_field.samples * (weights > 0)[..., None]
+    found = DepthEstimator(cut := LightField.of(light_field, samples.astype(np.uint8), weights)).estimate(cut)
+    assert not found.valid[:, :10].any()
+    assert not found.valid[:, 85:].any()
+    assert found.valid[5:-5, 25:45].all()
+    for array in (found.sigma_mm, found.depth_mm):
+        assert (np.isnan(array) == ~found.valid).all()
+    assert (found.confidence[~found.valid] == 0).all()
+
+
+@pytest.mark.parametrize("kind", ["float", "grey"])
+def test_floats_and_grey_tell_the_same_depth(scene: Any, found: DepthMap, kind: str) -> None:
+    light_field = scene[0]
+    samples = light_field.samples
+    if kind == "float":
+        other = LightField.of(light_field, (samples / 255.0).astype(np.float32), light_field.weights)
+    else:
+        other = LightField.of(light_field, samples.mean(axis=-1, keepdims=True).astype(np.uint8), light_field.weights)
+    depth = DepthEstimator(other).estimate(other).depth_mm
+    assert np.nanmedian(np.abs(depth - found.depth_mm)) < 1.0
+
+
+def test_other_grids_work_too() -> None:
+    for rows, cols in ((1, 2), (2, 2), (1, 5), (4, 3)):
+        light_field, depth, number = photograph(grid_views(rows, cols, step_mm=15.0), [WALL, CARD])
+        found = DepthEstimator(light_field).estimate(light_field)
+        sure = inner(number, 0) & found.valid
+        sure[:, :20] = sure[:, -20:] = False
+        assert found.view == (rows // 2, cols // 2)
+        assert np.median(np.abs(found.depth_mm - depth)[sure] / depth[sure]) < 0.01
+
+
+def test_the_number_of_threads_changes_no_bit(scene: Any, found: DepthMap) -> None:
+    alone = DepthEstimator(scene[0], workers=1).estimate(scene[0])
+    for name in ("depth_mm", "sigma_mm", "confidence"):
+        assert np.array_equal(getattr(alone, name), getattr(found, name), equal_nan=True)
+
+
+def test_small_ranges_are_searched_at_full_size_and_large_ones_at_half(scene: Any) -> None:
+    near = DepthEstimator(scene[0], near_mm=300.0, far_mm=420.0)
+    wide = DepthEstimator(scene[0], near_mm=100.0, far_mm=np.inf)
+    assert near.planes < wide.planes
+    depth = scene[1]
+    found = wide.estimate(scene[0]).depth_mm
+    assert np.nanmedian(np.abs(found - depth) / depth) < 0.003
+
+
+def test_what_cannot_tell_depth_is_refused(scene: Any) -> None:
+    light_field = scene[0]
+
+    def part(rows: slice, cols: slice, **changes: Any) -> LightField:
+        given = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
+        views = Views(**(given | {"positions_mm": light_field.positions_mm[rows, cols]} | changes))
+        height, width = views.height_px, views.width_px
+        return LightField.of(
+            views,
+            light_field.samples[rows, cols, :height, :width],
+            light_field.weights[rows, cols, :height, :width],
+        )
+
+    everything = slice(None)
+    with pytest.raises(InputError, match="one view, expected two or more"):
+        DepthEstimator(part(slice(1, 2), slice(1, 2)))
+    with pytest.raises(InputError, match="in one place"):
+        DepthEstimator(part(everything, everything, positions_mm=np.zeros((3, 3, 3))))
+    with pytest.raises(InputError, match="views are 12x90 px, expected 16 or more"):
+        DepthEstimator(part(everything, everything, width_px=12))
+    for near, far in ((500.0, 300.0), (-79.0, 300.0), (np.nan, 400.0)):
+        with pytest.raises(InputError, match=r"expected two that grow, beyond -?\d+ mm"):
+            DepthEstimator(light_field, near_mm=near, far_mm=far)
+    with pytest.raises(InputError, match=r"take \d+ planes between which no view moves by over 0\.5 px, expected 2048"):
+        DepthEstimator(light_field, near_mm=-72.0)
+
+
+def test_a_light_field_of_other_views_or_weights_is_refused(scene: Any) -> None:
+    light_field = scene[0]
+    estimator = DepthEstimator(light_field)
+    weights = light_field.weights.copy()
+    weights[0, 0, 0, 0] = 0.0
+    for other in (
+        LightField.of(grid_views(step_mm=21.0), light_field.samples, light_field.weights),
+        LightField.of(light_field, light_field.samples, weights),
+    ):
+        assert not estimator.fits(other)
+        with pytest.raises(InputError, match="other views or weights than the one the estimator was built for"):
+            estimator.estimate(other)
+
+
+def test_depth_maps_check_themselves_and_are_read_only(found: DepthMap) -> None:
+    wrong: Any = found.sigma_mm.astype(float)
+    with pytest.raises(ValueError, match=r"sigma_mm is float64 of shape \(90, 120\), expected float32"):
+        Map(
+            views=found.views,
+            view=found.view,
+            depth_mm=found.depth_mm,
+            sigma_mm=wrong,
+            confidence=found.confidence,
+        )
+    with pytest.raises(ValueError, match="read-only"):
+        found.depth_mm[0, 0] = 1.0

@@ -1,0 +1,156 @@
+"""Alignment against pictures moved and slanted by known amounts."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optics.light_field.features import align as alignment
+from optics.light_field.features.align import Aligned, Pyramid, align, templates
+from optics.light_field.features.detect import grey_views
+from optics.light_field.light_field import LightField
+from optics.values import FloatArray, InputError
+from tests.optics.light_field.features.scenes import of_planes, uneven_views
+
+PIXELS = np.stack(np.meshgrid(np.arange(40.0, 221.0, 9.0), np.arange(40.0, 141.0, 9.0)), axis=-1).reshape(-1, 2)
+
+
+Bytes = NDArray[np.uint8]
+
+
+def grey(light_field: LightField) -> Bytes:
+    images = grey_views(light_field)
+    return images.reshape(light_field.rows, light_field.cols, *images.shape[1:])
+
+
+def true_pixels(light_field: LightField, depth_mm: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Where views (views, n, 2) see what the central view shows at pixels, of known depths (n,)."""
+    distance = depth_mm - light_field.reference_depth_mm + light_field.reference_distance_mm
+    across = (pixels - light_field.centre_px) / light_field.focal_px * distance[:, None]
+    points = np.concatenate([across, distance[:, None]], axis=1)
+    return light_field.project_in_view(points).reshape(-1, len(pixels), 2)
+
+
+def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None = None) -> Aligned:
+    pyramid = Pyramid(grey(light_field) if images is None else images)
+    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
+    across = light_field.positions_mm.reshape(-1, 3)[:, :2]
+    return align(pyramid, given, np.arange(9), start_px, across, np.full(len(PIXELS), 450.0))
+
+
+def depths_at(true_mm: FloatArray) -> FloatArray:
+    u, v = PIXELS.astype(int).T
+    return true_mm[v, u]
+
+
+@pytest.fixture(scope="module")
+def facing() -> tuple[LightField, FloatArray]:
+    """A plane that faces the views, and where all views see what the central one shows at PIXELS."""
+    light_field, true_mm = of_planes(uneven_views(), [(430.0, (0.0, 0.0), None, 1)])
+    return light_field, true_pixels(light_field, depths_at(true_mm), PIXELS)
+
+
+@pytest.fixture(scope="module")
+def slanted() -> tuple[LightField, FloatArray]:
+    """A plane slanted by 50 and 35 degrees."""
+    light_field, true_mm = of_planes(uneven_views(), [(450.0, (1.2, -0.7), None, 1)])
+    return light_field, true_pixels(light_field, depths_at(true_mm), PIXELS)
+
+
+def errors_px(light_field: LightField, expected: FloatArray, off_px: float = 1.2) -> FloatArray:
+    random = np.random.default_rng(2)
+    start = expected + random.uniform(-off_px, off_px, expected.shape)
+    inside = (expected > 12).all(axis=2) & (expected < [247, 167]).all(axis=2)
+    start[~inside] = np.nan
+    found = aligned(light_field, start)
+    told = np.isfinite(found.pixels[..., 0]) & (found.alike > 0.85)
+    assert told.sum() > 0.9 * inside.sum()
+    return np.linalg.norm(found.pixels - expected, axis=2)[told]
+
+
+def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, FloatArray]) -> None:
+    error = errors_px(*facing)
+    assert np.median(error) < 0.02
+    assert np.percentile(error, 95) < 0.06
+
+
+def test_slant_is_found_with_the_move(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
+    error = np.percentile(errors_px(*slanted), 75)
+    monkeypatch.setattr(alignment, "SLANTING_ROUNDS", 0)
+    plain = np.percentile(errors_px(*slanted), 75)
+    assert error < 0.06
+    assert plain > 2 * error
+
+
+def test_brightness_and_contrast_of_views_do_not_matter(facing: tuple[LightField, FloatArray]) -> None:
+    light_field, expected = facing
+    images, start = grey(light_field), expected + 0.5
+    straight = aligned(light_field, start, images)
+    images[0] = np.rint(0.6 * images[0] + 20)
+    dimmed = aligned(light_field, start, images)
+    usual = straight.alike > 0.9
+    assert np.median(np.abs(straight.pixels - dimmed.pixels)[usual]) < 0.01
+    assert dimmed.alike[usual].min() > 0.85
+
+
+def test_other_things_do_not_look_alike(facing: tuple[LightField, FloatArray]) -> None:
+    light_field, expected = facing
+    found = aligned(light_field, expected + np.array([25.0, 10.0]))
+    others = [view for view in range(9) if view != 4]
+    assert np.mean(found.alike[others] > 0.85) < 0.05
+    assert np.mean(aligned(light_field, expected).alike[others] > 0.85) > 0.8
+
+
+def test_where_not_to_look_nothing_is_found(facing: tuple[LightField, FloatArray]) -> None:
+    light_field, expected = facing
+    start = expected.copy()
+    start[3, :7] = np.nan
+    found = aligned(light_field, start)
+    assert np.isnan(found.pixels[3, :7]).all()
+    assert (found.alike[3, :7] == 0).all()
+
+
+def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
+    picture = np.full((1, 1, 180, 260), 90, np.uint8)
+    picture[..., 90:, :] = 160
+    picture[..., 30:40, 30:40] = 200
+    pixels = np.array([[200.0, 40.0], [150.0, 90.0], [30.0, 30.0]])
+    made = templates(Pyramid(picture), 0, pixels, np.ones(3))
+    assert [each.index.tolist() for each in made] == [[2]]
+
+
+def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
+    light_field, expected = facing
+    pyramid = Pyramid(grey(light_field))
+    assert pyramid.level_of(np.array([1.0, 1.4, 1.5, 2.0, 4.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
+    given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 2.0))
+    assert [each.level for each in given] == [1]
+    across = light_field.positions_mm.reshape(-1, 3)[:, :2]
+    found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))
+    told = found.alike > 0.9
+    assert np.median(np.linalg.norm(found.pixels - expected, axis=2)[told]) < 0.05
+
+
+def test_views_too_large_for_tables_are_refused() -> None:
+    with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
+        Pyramid(np.zeros((100, 1, 400, 40), np.uint8))
+
+
+def test_views_and_parts_do_not_depend_on_each_other(
+    facing: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light_field, expected = facing
+    whole = aligned(light_field, expected + 0.5)
+    monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
+    assert np.allclose(aligned(light_field, expected + 0.5).pixels, whole.pixels, rtol=0, atol=1e-3)
+    pyramid, views = Pyramid(grey(light_field)), np.array([8, 2])
+    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
+    across = light_field.positions_mm.reshape(-1, 3)[views, :2]
+    with ThreadPoolExecutor(2) as pool:
+        two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
+    usual = (whole.alike[views] > 0.95) & (two.alike > 0.95)
+    assert usual.mean() > 0.5
+    assert np.median(np.linalg.norm(two.pixels - whole.pixels[views], axis=2)[usual]) < 0.01

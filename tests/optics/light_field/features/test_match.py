@@ -1,0 +1,122 @@
+"""Matches are sought on the exact lines, and views vote for the slope that they agree on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optics.light_field.features.detect import Keypoints
+from optics.light_field.features.match import KEPT, Candidates, candidates, vote
+from optics.light_field.features.slope import Geometry
+from optics.values import FloatArray
+from tests.optics.light_field.features.scenes import uneven_views
+
+RANGE = (1 / 5000.0, 1 / 200.0)
+
+
+def keypoints(pixels: FloatArray, descriptors: FloatArray, scale: float = 1.0, angle: float = 0.0) -> Keypoints:
+    count = len(pixels)
+    return Keypoints(pixels, np.full(count, scale), np.full(count, angle), descriptors.astype(np.float32))
+
+
+def unit(count: int) -> FloatArray:
+    random = np.random.default_rng(0).standard_normal((count, 128))
+    return np.asarray(random / np.linalg.norm(random, axis=1, keepdims=True))
+
+
+def scene(count: int = 30) -> tuple[Geometry, FloatArray, FloatArray]:
+    """The geometry, inverse distances (n,) and exact pixels (views, n, 2) of points before uneven views."""
+    random = np.random.default_rng(7)
+    at = np.stack([*random.uniform(-40, 40, (2, count)), random.uniform(250, 2000, count)], axis=1)
+    return Geometry.of(uneven_views()), 1.0 / at[:, 2], uneven_views().project_in_view(at).reshape(9, count, 2)
+
+
+def test_matches_tell_the_inverse_distance_wherever_views_stand() -> None:
+    geometry, inverse, seen = scene()
+    looks = unit(30)
+    shuffled = np.random.default_rng(1).permutation(30)
+    others = {view: keypoints(seen[view][shuffled], looks[shuffled]) for view in (0, 3, 7)}
+    found = candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
+    assert found.inverse_mm.shape == (30, 3, KEPT)
+    assert np.allclose(found.inverse_mm[..., 0], inverse[:, None], rtol=1e-9)
+    assert np.abs(found.off_line_px[..., 0]).max() < 1e-9
+    # How fast a match moves: by differences of the prediction.
+    for place, view in enumerate(others):
+        here, there = (geometry.predict(view, geometry.directions(seen[4]), inverse + step) for step in (-1e-8, 1e-8))
+        rate = np.linalg.norm(there - here, axis=1) / 2e-8
+        assert np.allclose(found.rate_px_mm[:, place, 0], rate, rtol=2e-2)
+
+
+def test_matches_off_the_line_beyond_the_range_or_of_other_looks_are_left_out() -> None:
+    geometry, inverse, seen = scene()
+    looks = unit(30)
+    line = geometry.predict(1, geometry.directions(seen[4]), inverse + 1e-5) - seen[1]
+    across = np.stack([-line[:, 1], line[:, 0]], axis=1) / np.linalg.norm(line, axis=1, keepdims=True)
+
+    def matched(other: Keypoints, reference: Keypoints | None = None) -> int:
+        at = keypoints(seen[4], looks) if reference is None else reference
+        found = candidates(geometry, at, {1: other}, "SIFT", RANGE, np.full(30, 1.0), map)
+        return int(np.isfinite(found.inverse_mm[:, 0, 0]).sum())
+
+    assert matched(keypoints(seen[1], looks)) == 30
+    assert matched(keypoints(seen[1] + 0.9 * across, looks)) == 30
+    assert matched(keypoints(seen[1] + 1.1 * across, looks)) == 0
+    assert matched(keypoints(seen[1], looks[::-1])) < 3
+    assert matched(keypoints(seen[1], looks, scale=1.6)) == 0
+    assert matched(keypoints(seen[1], looks, angle=np.deg2rad(30))) == 0
+    assert matched(keypoints(seen[1], looks, angle=-0.1), keypoints(seen[4], looks, angle=2 * np.pi - 0.1)) == 30
+    near = geometry.predict(1, geometry.directions(seen[4]), 1 / 150.0)
+    assert matched(keypoints(near, looks)) == 0
+
+
+def test_alike_ones_are_kept_in_order_and_too_many_tell_nothing() -> None:
+    geometry, _, seen = scene(1)
+    looks = unit(1)
+    steps = np.linspace(1 / 4000.0, 1 / 300.0, KEPT + 1)
+    pixels = np.concatenate([geometry.predict(1, geometry.directions(seen[4]), step) for step in steps])
+    other = geometry.predict(3, geometry.directions(seen[4]), steps[1])
+    described = np.repeat(looks, KEPT + 1, axis=0)
+    described[:, 0] += 0.01 * np.array([3, 1, 0, 2, 4])
+    described /= np.linalg.norm(described, axis=1, keepdims=True)
+
+    def found(count: int) -> Candidates:
+        others = {1: keypoints(pixels[:count], described[:count]), 3: keypoints(other, looks)}
+        return candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
+
+    assert np.allclose(found(KEPT).inverse_mm[0, 0], steps[[2, 1, 3, 0]])
+    assert np.allclose(found(KEPT).inverse_mm[0, 1, 0], steps[1])
+    assert np.isnan(found(KEPT + 1).inverse_mm).all()
+
+
+def found_of(inverse: FloatArray, off: FloatArray | float = 0.0) -> Candidates:
+    return Candidates(inverse, np.where(np.isnan(inverse), np.nan, off), np.where(np.isnan(inverse), np.nan, 3e4))
+
+
+def test_most_views_win_and_the_winner_is_refined_by_them() -> None:
+    inverse = np.full((1, 4, 3), np.nan)
+    inverse[0, :, 0] = [2.00e-3, 2.01e-3, 3.0e-3, 1.99e-3]
+    agreed, competing = vote(found_of(inverse), np.ones(1))
+    assert np.allclose(agreed, [2.00e-3])
+    assert np.isnan(competing).all()
+
+
+def test_the_match_that_fits_counts_whether_or_not_it_is_the_likest() -> None:
+    inverse = np.full((1, 3, 3), np.nan)
+    inverse[0] = [[9e-4, 2e-3, np.nan], [2e-3, 4e-3, np.nan], [3e-3, 3.5e-3, 2e-3]]
+    agreed, _ = vote(found_of(inverse), np.ones(1))
+    assert np.allclose(agreed, [2e-3])
+
+
+def test_slopes_with_as_many_votes_compete() -> None:
+    inverse = np.full((2, 4, 3), np.nan)
+    inverse[0, :, 0] = [2e-3, 2e-3, 3e-3, 3e-3]
+    agreed, competing = vote(found_of(inverse), np.ones(2))
+    assert sorted([agreed[0], competing[0]]) == [2e-3, 3e-3]
+    assert np.isnan([agreed[1], competing[1]]).all()
+
+
+def test_no_match_at_all_is_no_slope() -> None:
+    agreed, competing = vote(found_of(np.full((3, 4, 3), np.nan)), np.ones(3))
+    assert np.isnan(agreed).all()
+    assert np.isnan(competing).all()
+    agreed, _ = vote(found_of(np.full((0, 4, 3), np.nan)), np.ones(0))
+    assert agreed.shape == (0,)

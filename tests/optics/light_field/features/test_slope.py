@@ -1,0 +1,132 @@
+"""The law of slopes against the exact pinholes of `Views`, and its errors against drawn ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from optics.light_field.features.slope import Geometry, fit, fit_two_slopes, moderated_variance
+from optics.light_field.light_field import Views
+from optics.values import FloatArray
+from tests.optics.light_field.features.scenes import uneven_views
+
+
+def points(count: int) -> FloatArray:
+    random = np.random.default_rng(3)
+    return np.stack([*random.uniform(-60, 60, (2, count)), random.uniform(250, 2000, count)], axis=1)
+
+
+def seen_by(views: Views, at: FloatArray) -> FloatArray:
+    return views.project_in_view(at).reshape(-1, len(at), 2)
+
+
+def level(views: Views) -> Views:
+    """The same views without steps along z."""
+    return uneven_views(positions_mm=views.positions_mm * [1.0, 1.0, 0.0])
+
+
+def astigmatic_pixels(geometry: Geometry, directions: FloatArray, slopes_mm: FloatArray) -> FloatArray:
+    """Where views without steps along z see points of slopes W (n, 2, 2), written out."""
+    moved = np.einsum("nij,vj->vni", slopes_mm, geometry.across_mm)
+    return geometry.focal_px[:, None, None] * (directions - moved) + geometry.centre_px[:, None]
+
+
+def test_predictions_are_those_of_the_views() -> None:
+    views, at = uneven_views(), points(40)
+    geometry = Geometry.of(views)
+    assert geometry.reference == 4
+    expected = seen_by(views, at)
+    for view in range(9):
+        found = geometry.predict(view, at[:, :2] / at[:, 2:], 1.0 / at[:, 2])
+        assert np.allclose(found, expected[view], rtol=0, atol=1e-9)
+
+
+def test_a_fit_of_exact_pixels_is_the_point() -> None:
+    views, at = uneven_views(), points(40)
+    used = np.random.default_rng(0).random((9, 40)) < 0.6
+    used[[0, 4]] = True
+    found = fit(Geometry.of(views), seen_by(views, at), used, np.full(40, 1 / 450.0))
+    assert np.allclose(1.0 / found.inverse_mm, at[:, 2], rtol=1e-9)
+    assert np.allclose(found.directions, at[:, :2] / at[:, 2:], rtol=0, atol=1e-12)
+    assert found.distances_px.max() < 1e-8
+    assert (found.freedom == 2 * used.sum(axis=0) - 3).all()
+
+
+def test_distances_are_in_pixels_of_the_view() -> None:
+    views, at = uneven_views(), points(1)
+    seen = np.repeat(seen_by(views, at), 9, axis=1)
+    used = ~np.eye(9, dtype=bool)
+    seen[np.arange(9), np.arange(9)] += [0.3, -0.4]
+    found = fit(Geometry.of(views), seen, used, np.full(9, 1 / at[0, 2]))
+    assert np.allclose(np.diag(found.distances_px), 0.5, atol=1e-9)
+
+
+def test_what_is_not_seen_has_no_distance_and_one_view_no_slope() -> None:
+    views, at = uneven_views(), points(2)
+    seen, used = seen_by(views, at), np.ones((9, 2), dtype=bool)
+    seen[2, 0] = np.nan
+    used[2, 0] = False
+    used[[0, 1, 2, 3, 5, 6, 7, 8], 1] = False
+    found = fit(Geometry.of(views), seen, used, np.full(2, 1 / 450.0))
+    assert np.isnan(found.distances_px[2, 0])
+    assert 1.0 / found.inverse_mm[0] == pytest.approx(at[0, 2])
+    assert np.isnan(found.inverse_mm[1])
+
+
+def test_the_information_is_that_of_drawn_errors() -> None:
+    views, count = uneven_views(), 4000
+    at = np.repeat(points(1), count, axis=0)
+    seen = seen_by(views, at) + np.random.default_rng(1).normal(0.0, 0.1, (9, count, 2))
+    found = fit(Geometry.of(views), seen, np.ones((9, count), bool), 1.0 / at[:, 2])
+    assert np.std(found.inverse_mm) == pytest.approx(0.1 / np.sqrt(found.information[0]), rel=0.04)
+    assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
+
+
+def test_two_slopes_are_found_along_any_directions() -> None:
+    geometry = Geometry.of(level(uneven_views()))
+    random = np.random.default_rng(4)
+    parts = random.uniform(-2e-4, 2e-4, (30, 3)) + np.array([1 / 450.0, 0, 0])
+    w, d, e = parts.T
+    slopes = np.array([[w + d, e], [e, w - d]]).transpose(2, 0, 1)
+    seen = astigmatic_pixels(geometry, random.uniform(-0.1, 0.1, (30, 2)), slopes)
+    found = fit_two_slopes(geometry, seen, np.ones((9, 30), bool), w)
+    assert np.allclose(found.matrices_mm, slopes, rtol=0, atol=1e-12)
+    assert np.allclose(found.apart_mm, parts[:, 1:], rtol=0, atol=1e-12)
+    assert found.squares_px2.max() < 1e-9
+    # One slope does not explain it.
+    assert np.median(fit(geometry, seen, np.ones((9, 30), bool), w).squares_px2) > 1.0
+
+
+def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:
+    views, count = uneven_views(), 4000
+    at = np.repeat(points(1), count, axis=0)
+    exact = seen_by(views, at)
+    geometry, used, w = Geometry.of(views), np.ones((9, count), bool), 1.0 / at[:, 2]
+    assert np.abs(fit_two_slopes(geometry, exact, used, w).apart_mm).max() < 1e-12
+    seen = exact + np.random.default_rng(1).normal(0.0, 0.1, exact.shape)
+    found = fit_two_slopes(geometry, seen, used, w)
+    squares = np.einsum("ni,nij,nj->n", found.apart_mm, np.linalg.inv(found.apart_covariance), found.apart_mm) / 0.01
+    # Chi squared of two numbers: its mean, and the part of it beyond 9.21.
+    assert squares.mean() == pytest.approx(2.0, rel=0.06)
+    assert np.mean(squares > 9.21) == pytest.approx(0.01, abs=0.005)
+    assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
+
+
+def test_views_in_one_line_or_too_few_do_not_tell_two_slopes() -> None:
+    geometry, at = Geometry.of(uneven_views(1, 5)), points(3)
+    seen = seen_by(uneven_views(1, 5), at)
+    flat = Geometry(geometry.focal_px, geometry.centre_px, geometry.across_mm * [1, 0], geometry.forward_mm, 2)
+    assert np.isnan(fit_two_slopes(flat, seen, np.ones((5, 3), bool), 1 / at[:, 2]).matrices_mm).all()
+    few = np.zeros((9, 3), bool)
+    few[[0, 4]] = True
+    found = fit_two_slopes(Geometry.of(uneven_views()), seen_by(uneven_views(), at), few, 1 / at[:, 2])
+    assert np.isnan(found.apart_mm).all()
+
+
+def test_few_residuals_are_drawn_towards_what_is_usual() -> None:
+    freedom = np.array([1, 15, 15, 0])
+    squares = np.array([0.0, 15.0, 15.0, 0.0])
+    found = moderated_variance(squares, freedom, 4.0)
+    assert np.allclose(found, [4 / 5, 1.0, 1.0, 1.0])
+    assert (moderated_variance(np.zeros(2), np.zeros(2, int), 4.0) == 1.0).all()
+    assert np.allclose(moderated_variance(np.zeros(2), np.array([9, 15]), 4.0), 0.003**2)

@@ -1,0 +1,81 @@
+"""Frames of analytic scenes, traced pixel by pixel from `Camera.unproject` on, and what ideal pinholes see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from optics.layout import Layout
+from optics.light_field.light_field import Views
+from optics.mirror import Mirror
+from optics.values import FloatArray
+
+Texture = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def waves(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A smooth texture (0 to 1) of (x, y) in mm with no shift that leaves it as it is."""
+    return 0.5 + 0.2 * np.sin(x / 4.1 + 0.3 * np.sin(y / 13.0)) + 0.2 * np.cos(y / 3.7 + 0.4) * np.sin(x / 29.0 + 1.0)
+
+
+def letter(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A white F, 24 mm high, as someone who looks at the scene reads it (x right, y down in view axes), on black."""
+    stem = (np.abs(x + 6) < 2.5) & (np.abs(y) < 12)
+    bar = (np.abs(x) < 8) & (np.abs(y + 9.5) < 2.5)
+    short = (np.abs(x + 2) < 6) & (np.abs(y + 1) < 2.5)
+    return (stem | bar | short).astype(np.float64)
+
+
+@cache
+def reflected_rays(layout: Layout) -> list[tuple[NDArray[np.bool_], FloatArray, FloatArray]]:
+    """For each mirror: the sensor pixels (h, w) that see it, and where their rays (n, 3) leave it and to where."""
+    camera = layout.camera
+    u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
+    rays = camera.unproject(np.stack([u, v], axis=-1))
+    found = []
+    for mirror in layout.mirrors:
+        hit = shapely.contains_xy(shapely.Polygon(mirror.usable_normalized), rays[..., 0], rays[..., 1])
+        start, turned = through_mirror(mirror, rays[hit])
+        found.append((hit, start @ layout.view_from_rig.T, turned @ layout.view_from_rig.T))
+    return found
+
+
+def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where rays (n, 3) from the pupil leave a mirror, and to where (n, 3), in rig; Snell's law in vectors."""
+    normal = mirror.normal_in_rig
+    if mirror.surface == "first":
+        return mirror.cut(rays[:, :2]), rays @ mirror.reflection
+    index, thickness_mm = mirror.refractive_index, mirror.thickness_mm
+    front_mm = mirror.distance_mm - thickness_mm
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    cosine = -(rays @ normal)[:, None]
+    inside = rays / index + (cosine / index - np.sqrt(1.0 - (1.0 - cosine**2) / index**2)) * normal
+    enters = rays * (front_mm / cosine)
+    leaves = enters + 2.0 * thickness_mm * (inside / -(inside @ normal)[:, None] + normal)
+    # What comes back out has the direction that a plain mirror of the same plane would give it.
+    return leaves, rays @ mirror.reflection
+
+
+def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[np.float32]:
+    """The frame (h, w, 3) that the base camera takes of a texture on the plane at a depth, black between mirrors.
+
+    Each sensor pixel's ray is followed by way of its mirror, through its sheet where it has one, to the scene plane.
+    """
+    frame = np.zeros((layout.camera.height_px, layout.camera.width_px))
+    for hit, start, turned in reflected_rays(layout):
+        points = start + turned * ((depth_mm - start[:, 2]) / turned[:, 2])[:, None]
+        frame[hit] = texture(points[:, 0], points[:, 1])
+    return np.repeat(frame[..., None], 3, axis=2).astype(np.float32)
+
+
+def seen_by_pinholes(views: Views, depth_mm: float, texture: Texture) -> FloatArray:
+    """What ideal pinholes at the true view positions see of the same plane (t, s, v, u)."""
+    pixels = np.concatenate([views.pixel_grid(), np.ones((views.height_px, views.width_px, 1))], axis=-1)
+    rays = np.einsum("tsij,vuj->tsvui", np.linalg.inv(views.matrices), pixels)
+    start = (views.reference_view_in_rig_mm @ views.view_from_rig.T + views.positions_mm)[:, :, None, None]
+    points = start + rays * ((depth_mm - start[..., 2:]) / rays[..., 2:])
+    return texture(points[..., 0], points[..., 1])

@@ -1,0 +1,113 @@
+"""Unequal mirrors: known factors on the sub-images of an analytic scene are found and taken out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optics.layout import Layout
+from optics.light_field.decode import Decoder
+from optics.light_field.equalisation import Equalisation, measure
+from optics.light_field.light_field import LightField
+from optics.values import FloatArray, InputError
+from tests.optics.light_field.photographs import Texture, photographed, reflected_rays, waves
+
+RANDOM = np.random.default_rng(8)
+GAIN = np.exp(RANDOM.uniform(-0.35, 0.1, (2, 3, 3)))
+GAIN[1, 1] = 1.0
+
+
+def plain(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.full_like(x, 0.7)
+
+
+def unequal(layout: Layout, depth_mm: float, texture: Texture, gain: FloatArray) -> LightField:
+    """What is decoded of 8-bit frames whose sub-images are factors (t, s, c) as bright as they should be."""
+    frame = photographed(layout, depth_mm, texture)
+    for (hit, _, _), factor in zip(reflected_rays(layout), gain.reshape(-1, 3), strict=True):
+        frame[hit] *= factor
+    return Decoder(layout).decode(np.rint(frame * 255).clip(0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("depth_mm", [370.0, 442.1, 700.0])
+def test_factors_are_found_in_a_scene_at_any_depth(crooked_layout: Layout, depth_mm: float) -> None:
+    found = measure([unequal(crooked_layout, depth_mm, waves, GAIN)])
+    assert np.abs(found.gain * GAIN - 1.0).max() < 0.01
+    assert (found.gain[1, 1] == 1.0).all()
+
+
+def test_factors_are_found_on_a_plain_sheet(crooked_layout: Layout) -> None:
+    found = measure([unequal(crooked_layout, 500.0, plain, GAIN)])
+    assert np.abs(found.gain * GAIN - 1.0).max() < 0.007  # half a grey level of each
+
+
+def test_one_frame_among_many_does_not_spoil_the_factors(crooked_layout: Layout) -> None:
+    good = unequal(crooked_layout, 442.1, waves, GAIN)
+    off = GAIN.copy()
+    off[0] *= 0.6
+    found = measure([good, unequal(crooked_layout, 442.1, waves, off), good])
+    assert np.abs(found.gain * GAIN - 1.0).max() < 0.01
+
+
+def test_a_decoder_with_the_factors_gives_equal_views(crooked_layout: Layout) -> None:
+    equalisation = measure([unequal(crooked_layout, 442.1, waves, GAIN)])
+    frame = photographed(crooked_layout, 600.0, plain)
+    for (hit, _, _), factor in zip(reflected_rays(crooked_layout), GAIN.reshape(-1, 3), strict=True):
+        frame[hit] *= factor
+    decoder = Decoder(crooked_layout).equalised(equalisation)
+    for samples, tolerance in (
+        (decoder.decode(frame).samples, 0.007),
+        (decoder.decode(np.rint(frame * 255).astype(np.uint8)).samples / 255.0, 0.012),
+    ):
+        inside = decoder.weights > 0
+        assert np.abs(samples[inside] - 0.7).max() < tolerance
+        assert not samples[~inside].any()
+
+
+def test_eight_bit_factors_round_and_end_at_white() -> None:
+    samples = np.tile(np.arange(256, dtype=np.uint8)[:, None], (1, 1, 1, 1, 3)).reshape(1, 1, 16, 16, 3)
+    gain = np.array([[[0.5013, 1.0, 1.3007]]])
+    made = samples.copy()
+    Equalisation(layout_identity="a", gain=gain).apply(made)
+    exact = np.minimum(samples * gain[:, :, None, None], 255.0)
+    assert np.abs(made - exact).max() < 0.51
+    grey = samples[..., :1].copy()
+    Equalisation(layout_identity="a", gain=[[[1.3007]]]).apply(grey)
+    assert np.array_equal(grey[..., 0], made[..., 2])
+
+
+def test_what_cannot_be_measured_or_applied_is_refused(crooked_layout: Layout, parabola_layout: Layout) -> None:
+    decoder = Decoder(crooked_layout)
+    height, width = crooked_layout.camera.height_px, crooked_layout.camera.width_px
+    for value in (3, 255):
+        light_field = decoder.decode(np.full((height, width, 3), value, np.uint8))
+        with pytest.raises(InputError, match=r"^view \(0, 0\) has 0 places to compare its brightness in, expected 40"):
+            measure([light_field])
+    with pytest.raises(InputError, match=r"^no light field to measure"):
+        measure([])
+    first = unequal(crooked_layout, 500.0, waves, GAIN)
+    other = Decoder(parabola_layout).decode(np.zeros((540, 960, 3), np.uint8))
+    with pytest.raises(InputError, match=r"^light field of layout [0-9a-f]{16}, expected"):
+        measure([first, other])
+    found = measure([first])
+    with pytest.raises(InputError, match=r"^equalisation was measured with layout"):
+        Decoder(parabola_layout).equalised(found)
+    with pytest.raises(InputError, match=r"^frame has 1 colours, expected 3 of the equalisation"):
+        Decoder(crooked_layout).equalised(found).decode(np.zeros((height, width), np.uint8))
+    cut = Equalisation(layout_identity=found.layout_identity, gain=found.gain[:, :2])
+    with pytest.raises(InputError, match=r"^equalisation is of \(2, 2\) views, expected \(2, 3\)$"):
+        Decoder(crooked_layout).equalised(cut)
+
+
+def test_factors_are_kept_in_a_file(tmp_path: Path) -> None:
+    made = Equalisation(layout_identity="0123456789abcdef", gain=GAIN)
+    made.save(tmp_path / "e.json")
+    read = Equalisation.load(tmp_path / "e.json")
+    assert np.array_equal(read.gain, GAIN)
+    (tmp_path / "bad.json").write_text('{"layout_identity": "a", "gain": [[[0.0]]]}', encoding="utf-8")
+    with pytest.raises(InputError, match=r"bad.json: gain lies outside 0.05 to 20"):
+        Equalisation.load(tmp_path / "bad.json")
+    with pytest.raises(ValueError, match="gain has 2 colours"):
+        Equalisation(layout_identity="a", gain=np.ones((1, 1, 2)))
