@@ -5,28 +5,29 @@ comes back from the coating to it once more. So the picture has a faint copy on 
 plane of incidence. At an edge one copy is white already (or the other one still black), which moves its middle by some
 hundredths of a pixel: alike in all views, as if the sheet were thicker.
 
-From the nominal layout and the board's pose in the view it is known where the copies are, and by Fresnel's equations
-how strong. What coating and front are really like is told by the view: one factor for each copy, by all its corners.
+From the nominal layout and the board's pose in the view it is known where the copies are (one of them ends before the
+picture does, where light would leave the sheet past its edge), and by Fresnel's equations how strong. What coating and
+front are really like is told by the view: one factor for each copy, by all its corners.
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from optics.calibration import bootstrap
-from optics.calibration.detection.corners import Corners
+from optics.calibration.detection.corners import Corners, Grey
 from optics.calibration.detection.refinement import Copies, Image
 from optics.calibration.detection.sheet import again, corner_places, smooth
 from optics.camera import Camera
-from optics.image import Surfaces, images
 from optics.mirror import Mirror
 from optics.slab import surface_reflectance
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
-from optics.values import FloatArray
 
 REFLECTANCE = 0.92  # of the coating: what a factor for each copy makes good
 PASSES = (0, 2)  # of the copies, to the coating and back; the picture has one, three have a five hundredth of the light
+EDGE_POINTS = 8  # along each edge of an outline, which a lens bends
 FEWEST_CORNERS = 40  # that tell how strong copies are; of fewer, Fresnel's equations are believed
 STRONGEST = 2.0  # times what they say
 
@@ -43,7 +44,7 @@ def without_ghosts(
         return corners
     if len(corners) >= FEWEST_CORNERS:
         factors = np.clip(np.median(free.copies, axis=0), 0.0, STRONGEST)
-        copies = Copies(copies.offsets_px, copies.parts * factors)
+        copies = Copies(copies.offsets_px, copies.parts * factors, copies.shown)
     seen = again(picture, corners, target, copies, blur_cells=float(np.median(free.blur_cells)))
     if seen is None:
         return corners
@@ -54,37 +55,45 @@ def without_ghosts(
 
 
 def copies_of(corners: Corners, camera: Camera, mirror: Mirror, target: Charuco | Checkerboard) -> Copies | None:
-    """The copies of corners (n) that a second-surface mirror shows; None where no pose fits them.
-
-    Unfolded, light that goes k times to the coating and back passes 2 k t of the sheet, as in one k times as thick
-    with the same front.
-    """
+    """The copies of corners (n) that a second-surface mirror shows; None where no pose of the board fits them."""
     board = target.corners_in_board_mm
     pose = bootstrap.rig_from_board(camera, corners, board, mirror.apparent.virtual_centre_in_rig_mm)
     if pose is None:
         return None
     points = transform(pose, board[corners.ids])
-    thickness, distance = mirror.thickness_mm, mirror.distance_mm
-    pixels = {}
-    for passes in (1, *PASSES):
-        centre = mirror.virtual_centre_in_rig_mm * (1.0 + (passes - 1) * thickness / distance)
-        surfaces = Surfaces(
-            centre=centre[:, None],
-            middle=mirror.outline_in_rig_mm.mean(axis=0)[:, None],
-            thickness=np.array([passes * thickness]),
-            index=np.array([mirror.refractive_index]),
-            curvature=np.zeros((3, 1)),
-        )
-        pixels[passes] = camera.project(images(points.T, surfaces).image.T)
-    along = -_directions(camera, corners.pixels) @ mirror.normal_in_rig
-    lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
-    parts = {0: lost / ((1.0 - lost) ** 2 * REFLECTANCE), 2: REFLECTANCE * lost}
-    offsets = np.stack([pixels[passes] - pixels[1] for passes in PASSES], axis=1)
+    picture = camera.project(mirror.image_of(points))
+    mirrors = [_passed(mirror, passes) for passes in PASSES]
+    offsets = np.stack([camera.project(each.image_of(points)) - picture for each in mirrors], axis=1)
     if not np.isfinite(offsets).all():
         return None
-    return Copies(offsets, np.stack([parts[passes] for passes in PASSES], axis=1))
+    rays = camera.unproject(corners.pixels)
+    along = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
+    lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
+    parts = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), REFLECTANCE * lost], axis=1)
+    return Copies(offsets, parts, tuple(_shown(camera, each) for each in mirrors))
 
 
-def _directions(camera: Camera, pixels: FloatArray) -> FloatArray:
-    rays = camera.unproject(pixels)
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+def _passed(mirror: Mirror, passes: int) -> Mirror:
+    """The mirror that light shows which goes so many times to the coating and back.
+
+    Unfolded, it passes 2 k t of the sheet, as in one that is k times as thick and has the same front.
+    """
+    deeper_mm = (passes - 1) * mirror.thickness_mm
+    return mirror.replaced(
+        virtual_centre_in_rig_mm=mirror.virtual_centre_in_rig_mm * (1.0 + deeper_mm / mirror.distance_mm),
+        outline_in_rig_mm=mirror.outline_in_rig_mm - deeper_mm * mirror.normal_in_rig,
+        surface="second" if passes else "first",
+        thickness_mm=passes * mirror.thickness_mm if passes else mirror.thickness_mm,
+    )
+
+
+def _shown(camera: Camera, mirror: Mirror) -> Grey:
+    """Where a mirror shows the scene: 255, elsewhere 0."""
+    shown = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
+    outline = mirror.usable_normalized
+    if len(outline):
+        part = (np.arange(EDGE_POINTS) / EDGE_POINTS)[:, None]
+        edges = outline[:, None] * (1.0 - part) + np.roll(outline, -1, axis=0)[:, None] * part
+        pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
+        cv2.fillPoly(shown, [np.rint(pixels[np.isfinite(pixels).all(axis=1)]).astype(np.int32)], 255)
+    return shown

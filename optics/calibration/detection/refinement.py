@@ -25,6 +25,7 @@ MOST_PX = 14.0  # and at most this: of large cells, what lies further tells litt
 SAMPLES = 17  # along each side
 ITERATIONS = 5
 SETTLED_PX = 2e-3
+PRINTED = 0.9  # (white - black) / (white + black) of a print
 OUTLIER_SIGMAS = 4.0  # of the noise around a corner, from where a pixel counts for nothing
 LEAST_SIGMA = 0.04  # of the contrast, below which the print itself is not even
 BLUR_STEP = 2.0**0.25
@@ -58,17 +59,21 @@ class Refined:
 
 @dataclass(frozen=True)
 class Copies:
-    """Faint copies (k) of what is printed around each corner (n): shifted by (n, k, 2) px, parts (n, k) as bright."""
+    """Faint copies (k) of what is printed around each corner (n).
+
+    They are shifted by `offsets_px` (n, k, 2), `parts` (n, k) as bright, and seen where `shown`, k pictures, is 255.
+    """
 
     offsets_px: FloatArray
     parts: FloatArray
+    shown: tuple[Grey, ...]
 
     @classmethod
     def none(cls, count: int) -> Copies:
-        return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)))
+        return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)), ())
 
 
-def sample(image: Image, at: FloatArray) -> FloatArray:
+def sample(image: Image | Grey, at: FloatArray) -> FloatArray:
     """Values (n, m) of an image at pixels (n, m, 2), bilinear; beyond the border, those of the border."""
     found = np.empty(at.shape[:-1], dtype=np.float32)
     x, y = np.ascontiguousarray(np.moveaxis(at, -1, 0), dtype=np.float32)
@@ -160,16 +165,22 @@ def refine(
     squares_per_px = np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
     copies = Copies.none(count) if copies is None else copies
     shifts = copies.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
+    # Where a copy ends, all its light does: the white of 1 / PRINTED + 1 and the black's little.
     beside = [
-        part[:, None] * sample(blurred.value, at - shift[:, None])
-        for shift, part in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, strict=True)
+        part[:, None]
+        * (1.0 / PRINTED + sample(blurred.value, at - shift[:, None]))
+        * (sample(shown, pixels[:, None] + offsets) / 255.0)
+        for shift, part, shown in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, copies.shown, strict=True)
     ]
     if not free_copies:
         value, beside = sum(beside, value), []
     by_px = by_square @ squares_per_px
     steep = np.linalg.norm(by_px, axis=2)
-    ones = np.ones_like(value)
-    terms = np.stack([ones, ones * u, ones * v, value, steep, laplacian, by_px[..., 0], by_px[..., 1], *beside], axis=2)
+    # Light that fades to one side dims what is printed: of black it takes little. Taken off both alike, the fading of
+    # a lens towards the rim would pull all corners inwards.
+    level = 1.0 + PRINTED * value
+    looks = [np.ones_like(value), level * u, level * v, value, steep, laplacian, by_px[..., 0], by_px[..., 1]]
+    terms = np.stack([*looks, *beside], axis=2)
     scale = np.maximum(np.sqrt((terms**2).mean(axis=1)), 1e-9)
     terms /= scale[:, None]
     # What is near the corner counts most: where it is must not hang on what its cells look like further out.
