@@ -42,9 +42,12 @@ def without_ghosts(
     free = again(picture, corners, target, copies, free_copies=True)
     if free is None:
         return corners
-    if len(corners) >= FEWEST_CORNERS:
-        factors = np.clip(np.median(free.copies, axis=0), 0.0, STRONGEST)
-        copies = Copies(copies.offsets_px, copies.parts * factors, copies.shown)
+    factors = np.ones(len(PASSES))
+    for k, strengths in enumerate(free.copies.T):
+        told = strengths[np.isfinite(strengths)]
+        if len(told) >= FEWEST_CORNERS:
+            factors[k] = np.clip(np.median(told), 0.0, STRONGEST)
+    copies = Copies(copies.offsets_px, copies.parts * factors, copies.shown)
     seen = again(picture, corners, target, copies, blur_cells=float(np.median(free.blur_cells)))
     if seen is None:
         return corners

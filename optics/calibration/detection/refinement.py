@@ -42,7 +42,8 @@ class Refined:
         contrast: white less black, in grey levels (n,).
         explained: part (n,) of the variance around the corner that is print.
         blur_cells: sigma (n,) of the blur, in cells.
-        copies: how strong copies of the print are (n, k), times what was expected; zeros where that was not asked.
+        copies: how strong copies of the print are (n, k), times what was expected, (n, 0) where that was not asked; NaN
+            where a copy ends nearby.
     """
 
     pixels: FloatArray
@@ -165,13 +166,13 @@ def refine(
     squares_per_px = np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
     copies = Copies.none(count) if copies is None else copies
     shifts = copies.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
-    # Where a copy ends, all its light does: the white of 1 / PRINTED + 1 and the black's little.
-    beside = [
-        part[:, None]
-        * (1.0 / PRINTED + sample(blurred.value, at - shift[:, None]))
-        * (sample(shown, pixels[:, None] + offsets) / 255.0)
-        for shift, part, shown in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, copies.shown, strict=True)
-    ]
+    beside, whole = [], np.ones((count, len(copies.shown)), dtype=np.bool_)
+    for k, shown in enumerate(copies.shown):
+        there = sample(shown, pixels[:, None] + offsets) / 255.0
+        # Where a copy ends, all its light does: the white of 1 / PRINTED + 1 and the black's little.
+        light = 1.0 / PRINTED + sample(blurred.value, at - shifts[:, k, None])
+        beside.append(copies.parts[:, k, None] * there * light)
+        whole[:, k] = (there == 1.0).all(axis=1)
     if not free_copies:
         value, beside = sum(beside, value), []
     by_px = by_square @ squares_per_px
@@ -227,4 +228,6 @@ def refine(
         if not len(moving):
             break
     found[~(contrast > 0)] = np.nan
+    if free_copies:
+        strength[~whole] = np.nan
     return Refined(found, sigma_px, contrast, explained, blur, strength)
