@@ -42,8 +42,7 @@ class Refined:
         contrast: white less black, in grey levels (n,).
         explained: part (n,) of the variance around the corner that is print.
         blur_cells: sigma (n,) of the blur, in cells.
-        copies: how strong copies of the print are (n, k), times what was expected, (n, 0) where that was not asked; NaN
-            where a copy ends nearby.
+        copies: how strong copies of the print are (n, k), times what was expected, (n, 0) where that was not asked.
     """
 
     pixels: FloatArray
@@ -60,21 +59,17 @@ class Refined:
 
 @dataclass(frozen=True)
 class Copies:
-    """Faint copies (k) of what is printed around each corner (n).
-
-    They are shifted by `offsets_px` (n, k, 2), `parts` (n, k) as bright, and seen where `shown`, k pictures, is 255.
-    """
+    """Faint copies (k) of what is printed around each corner (n): shifted by (n, k, 2) px, parts (n, k) as bright."""
 
     offsets_px: FloatArray
     parts: FloatArray
-    shown: tuple[Grey, ...]
 
     @classmethod
     def none(cls, count: int) -> Copies:
-        return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)), ())
+        return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)))
 
 
-def sample(image: Image | Grey, at: FloatArray) -> FloatArray:
+def sample(image: Image, at: FloatArray) -> FloatArray:
     """Values (n, m) of an image at pixels (n, m, 2), bilinear; beyond the border, those of the border."""
     found = np.empty(at.shape[:-1], dtype=np.float32)
     x, y = np.ascontiguousarray(np.moveaxis(at, -1, 0), dtype=np.float32)
@@ -166,13 +161,10 @@ def refine(
     squares_per_px = np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
     copies = Copies.none(count) if copies is None else copies
     shifts = copies.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
-    beside, whole = [], np.ones((count, len(copies.shown)), dtype=np.bool_)
-    for k, shown in enumerate(copies.shown):
-        there = sample(shown, pixels[:, None] + offsets) / 255.0
-        # Where a copy ends, all its light does: the white of 1 / PRINTED + 1 and the black's little.
-        light = 1.0 / PRINTED + sample(blurred.value, at - shifts[:, k, None])
-        beside.append(copies.parts[:, k, None] * there * light)
-        whole[:, k] = (there == 1.0).all(axis=1)
+    beside = [
+        part[:, None] * sample(blurred.value, at - shift[:, None])
+        for shift, part in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, strict=True)
+    ]
     if not free_copies:
         value, beside = sum(beside, value), []
     by_px = by_square @ squares_per_px
@@ -228,6 +220,4 @@ def refine(
         if not len(moving):
             break
     found[~(contrast > 0)] = np.nan
-    if free_copies:
-        strength[~whole] = np.nan
     return Refined(found, sigma_px, contrast, explained, blur, strength)
