@@ -2,8 +2,9 @@
 
 Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
 glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
-corners were found, how far they are off, and how many are false: one that its mirror does not show, or that is more
-than 1 px, or 5 standard deviations of its mirror's in that run (0.1 px at least), from where it is shown. Then the seconds that 20 frames of nine views at 1920 x 1080 take (limit: 10 on 2 cores).
+corners were found, how far they are off, and how many are false: more than 1 px, or 5 standard deviations of its
+mirror's corners in that run (and 0.1 px), from where that mirror shows that corner. Then the seconds that 20 frames of
+nine views at 1920 x 1080 take (limit: 10 on 2 cores).
 """
 
 from __future__ import annotations
