@@ -75,7 +75,7 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     """The calibration that the options ask for; every picture is read one at a time."""
     from mirrorcam.workers import cores
     from optics.calibration.calibrate import calibrate
-    from optics.calibration.detection.hint import next_picture
+    from optics.calibration.detection.hint import Hints
     from optics.calibration.direct_view import calibrate_with_direct_view
     from optics.files import read_image
     from optics.layout import Layout
@@ -91,9 +91,11 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
         layout = Layout.load(options.layout)
         total = len(paths) + len(base_paths)
 
+        hints = Hints(layout, target) if options.live_hint else None
+
         def hint(seen: Sequence[Observations]) -> None:
-            if options.live_hint:
-                say("calibrate", f"{paths[len(seen) - 1].name}: {next_picture(seen, layout, target).sentence}")
+            if hints is not None:
+                say("calibrate", f"{paths[len(seen) - 1].name}: {hints.after(seen[-1]).sentence}")
 
         return calibrate(
             images(paths),
@@ -115,7 +117,7 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
 
 def write_calibration(calibration: Calibration, out: Path, *, command: str) -> None:
     """Write layout.json, metrics.json, report.html and residuals.png into `out`, each atomically."""
-    from mirrorcam.calibration_page import write_report
+    from mirrorcam.calibration_report.page import write_report
     from mirrorcam.figures.calibration import residual_figure
     from optics.files import write_metrics
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mirrorcam.calibration_verdict import sigma_px
-from mirrorcam.calibration_views import ARROWS_ACROSS, cell_means
+from mirrorcam.calibration_report.verdict import sigma_px
+from mirrorcam.calibration_report.views import ARROWS_ACROSS, cell_means
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration
 from optics.files import atomic

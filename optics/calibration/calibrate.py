@@ -176,7 +176,7 @@ def _calibrated(reached: Climb, layout: Layout) -> Layout:
         mirrors=mirrors,
         metrics={},
         verdict={},
-        provenance={"nominal": layout.identity, "level": reached.level},
+        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": reached.level},
         uncertainty=uncertainty(reached.solution),
     )
 

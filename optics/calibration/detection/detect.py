@@ -12,6 +12,7 @@ import numpy as np
 from optics.calibration.detection import cache, markers
 from optics.calibration.detection.assignment import assign
 from optics.calibration.detection.corners import Corners, Grey, find_checkerboards, orderings, spread_out
+from optics.calibration.detection.ghosts import without_ghosts
 from optics.calibration.detection.sheet import corner_places, grow
 from optics.calibration.observations import DIRECT, Observations
 from optics.layout import Layout
@@ -43,12 +44,21 @@ def find_boards(grey: Grey, target: Checkerboard | Charuco, *, mirrored: bool, m
 
 def direct_view(grey: Grey, target: Checkerboard | Charuco) -> Observations:
     """Corners that the bare camera sees, as frame 0; of several boards, those of the largest."""
-    return _largest(find_boards(grey, target, mirrored=False, most=1))
+    for numberings in find_boards(grey, target, mirrored=False, most=1):
+        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
+    return Observations.none()
 
 
 def sub_images(grey: Grey, layout: Layout, target: Checkerboard | Charuco) -> Observations:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
-    return _assigned(find_boards(grey, target, mirrored=True, most=_most(layout)), layout, target)
+    # A few more boards than there are mirrors, for what proves to be none's.
+    boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
+    picture = np.asarray(grey, dtype=np.float32)
+    views = []
+    for index, corners in assign(boards, layout, target):
+        seen = without_ghosts(picture, corners, layout.camera, layout.mirrors[index], target)
+        views.append(Observations.of_view(0, index, seen.ids, seen.pixels))
+    return Observations.join(views)
 
 
 def detect_frames(
@@ -67,18 +77,20 @@ def detect_frames(
     kept in `folder` and taken from there the next time; `on_frame` hears after each frame what was found so far.
     Raises InputError where a picture has not the size of the layout's camera.
     """
-    most = _most(layout) if mirrored else 1
     expected = (layout.camera.height_px, layout.camera.width_px)
 
-    def look(grey: Grey) -> cache.Boards:
+    def find(grey: Grey) -> Observations:
+        return sub_images(grey, layout, target) if mirrored else direct_view(grey, target)
+
+    def look(grey: Grey) -> Observations:
         if folder is None:
-            return find_boards(grey, target, mirrored=mirrored, most=most)
-        name = cache.key(grey, target, mirrored=mirrored, most=most)
-        boards = cache.load(folder, name)
-        if boards is None:
-            boards = find_boards(grey, target, mirrored=mirrored, most=most)
-            cache.save(folder, name, boards)
-        return boards
+            return find(grey)
+        name = cache.key(grey, target, layout if mirrored else None)
+        seen = cache.load(folder, name)
+        if seen is None:
+            seen = find(grey)
+            cache.save(folder, name, seen)
+        return seen
 
     def sized() -> Iterator[Grey]:
         for number, grey in enumerate(pictures):
@@ -89,36 +101,21 @@ def detect_frames(
             yield grey
 
     observations: list[Observations] = []
-    for boards in _in_order(look, sized(), workers):
-        observations.append(_assigned(boards, layout, target) if mirrored else _largest(boards))
+    for seen in _in_order(look, sized(), workers):
+        observations.append(seen)
         on_frame(observations)
     return observations
 
 
-def _in_order(look: Callable[[Grey], cache.Boards], pictures: Iterator[Grey], workers: int) -> Iterator[cache.Boards]:
+def _in_order(look: Callable[[Grey], Observations], pictures: Iterator[Grey], workers: int) -> Iterator[Observations]:
     if workers == 1:
         yield from map(look, pictures)
         return
     with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[cache.Boards]] = deque()
+        waiting: deque[Future[Observations]] = deque()
         for picture in pictures:
             waiting.append(pool.submit(look, picture))
             if len(waiting) >= 2 * workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
-
-
-def _most(layout: Layout) -> int:
-    """Boards to look for: a few more than there are mirrors, for what proves to be none's."""
-    return 2 * len(layout.mirrors)
-
-
-def _largest(boards: cache.Boards) -> Observations:
-    for numberings in boards:
-        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
-    return Observations.none()
-
-
-def _assigned(boards: cache.Boards, layout: Layout, target: Checkerboard | Charuco) -> Observations:
-    return Observations.join([Observations.of_view(0, i, c.ids, c.pixels) for i, c in assign(boards, layout, target)])

@@ -1,41 +1,44 @@
-"""What the next picture should show: the pose of the board that fills most of what the pictures so far left empty."""
+"""What the next picture should show: the pose of the board that tells most about the mirrors that are known worst."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optics.calibration import bootstrap
 from optics.calibration.detection.corners import MIN_CORNERS, Corners
 from optics.calibration.observations import Observations
+from optics.calibration.solver.model import Model
+from optics.calibration.solver.normal import Grouped, normal_equations
+from optics.calibration.solver.residuals import Board, Estimate
+from optics.camera import INTRINSIC_NAMES
 from optics.layout import Layout
 from optics.targets import Charuco, Checkerboard
 from optics.transforms import transform
 from optics.values import FloatArray, InputError
 
-BoolArray = NDArray[np.bool_]
-
-CELLS = 6  # along each side of a sub-image, in which corners are counted
 TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
 SHIFTS = (-0.6, 0.0, 0.6)  # of half the board's size
-NEW_ATTITUDE = 0.15  # of all cells: what a depth and tilt that no picture has is worth
-SAME_TILT_DEG, SAME_DEPTH = 15.0, 0.12  # pictures that differ by less tell the same
-ENOUGH = 0.9  # part of the cells of every mirror
+NOISE_PX = 0.1  # of a corner, in frames of a webcam
+BUILT_MM = 3.5  # by which a virtual centre may stray from the nominal one: 2 degrees or 2 mm of the mirror
+KNOWN = 0.02, 0.02, 0.2  # of intrinsics before: focal lengths and centre as parts of them, distortion coefficients
+ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # of every mirror's normal; and so that parts of them can be held out
+HARDNESS = 8  # of the norm in place of the maximum, so that a picture counts that helps the second worst mirror, too
 
 
 @dataclass(frozen=True)
 class Hint:
     """What to show next.
 
-    `rig_from_board` (4, 4), mm, is the pose; `mirror` the one that gains most; `covered` (mirrors,) the part of each
-    sub-image in which corners were seen so far.
+    `rig_from_board` (4, 4), mm, is the pose; `mirror` the one known worst. `sigma_deg` (mirrors,) are the standard
+    deviations of the normals, each in its weakest direction, as the pictures so far determine them, and `promised_deg`
+    (mirrors,) as they will be after the next one. It is `enough` when every normal is known to `ENOUGH_DEG`, from no
+    fewer than `ENOUGH_PICTURES`.
     """
 
     sentence: str
@@ -43,120 +46,131 @@ class Hint:
     depth_mm: float
     tilt_deg: tuple[float, float]
     mirror: int
-    covered: FloatArray
-
-    @property
-    def enough(self) -> bool:
-        """Whether the pictures so far have filled every mirror, so that another one adds little."""
-        return bool((self.covered >= ENOUGH).all())
-
-
-def next_picture(seen: Sequence[Observations], layout: Layout, target: Charuco | Checkerboard) -> Hint:
-    """The hint after pictures in which these corners were seen, each as frame 0 of its own.
-
-    Of poses at three depths, five tilts and nine places, the one whose corners fall into most empty cells of the
-    sub-images, those of the emptiest mirrors before others; a depth and tilt that no picture had yet counts in its
-    favour, for what is seen from one side alone tells little. `layout` need not be exact: the nominal one will do.
-    """
-    grids = _grids(layout)
-    filled = [np.zeros((CELLS, CELLS), dtype=bool) for _ in grids]
-    for picture in seen:
-        for mirror, grid in enumerate(grids):
-            filled[mirror] |= grid.hit(picture.pixels[picture.view == mirror])
-    covered = np.array([hit[grid.inside].mean() for hit, grid in zip(filled, grids, strict=True)])
-    held = [attitude for picture in seen if (attitude := _attitude(picture, layout, target)) is not None]
-
-    best: tuple[float, FloatArray, float, tuple[float, float], FloatArray] | None = None
-    for pose, depth_mm, tilt in _candidates(layout, target):
-        points = transform(pose, target.corners_in_board_mm)
-        gains = np.zeros(len(grids))
-        for mirror, grid in enumerate(grids):
-            pixels = grid.shown(layout.project(points, mirror))
-            if len(pixels) >= MIN_CORNERS:
-                gains[mirror] = (grid.hit(pixels) & ~filled[mirror]).sum() / grid.inside.sum()
-        new = all(
-            abs(np.log(depth_mm / depth)) > SAME_DEPTH or np.hypot(*np.subtract(tilt, other)) > SAME_TILT_DEG
-            for depth, other in held
-        )
-        worth = float((gains * (1.5 - covered)).sum()) + NEW_ATTITUDE * len(grids) * new
-        if best is None or worth > best[0]:
-            best = worth, pose, depth_mm, tilt, gains * (1.5 - covered)
-    assert best is not None  # there are always candidates
-    _, pose, depth_mm, tilt, gains = best
-    mirror = int(np.argmax(gains)) if gains.any() else int(np.argmin(covered))
-    sentence = (
-        f"next: the board at about {round(depth_mm, -1):.0f} mm, {_tilt_in_words(tilt)}, so that mirror {mirror} "
-        f"({_place_in_words(layout, mirror)} of the picture, {covered[mirror]:.0%} filled) is filled"
-    )
-    return Hint(sentence, pose, depth_mm, tilt, mirror, covered)
+    sigma_deg: FloatArray
+    promised_deg: FloatArray
+    enough: bool
 
 
 @dataclass(frozen=True)
-class _Grid:
-    """The cells of a sub-image: a grid over its bounds, of which those with their middle inside count."""
+class _Candidate:
+    """A pose of the board and what its corners would tell of the globals (g, g), the pose itself unknown."""
 
-    region: shapely.Polygon
-    low: FloatArray
-    step: FloatArray
-    inside: BoolArray
-
-    def shown(self, pixels: FloatArray) -> FloatArray:
-        """Those of pixels (n, 2) that lie in the sub-image."""
-        return pixels[shapely.contains_xy(self.region, *np.nan_to_num(pixels, nan=-1e9).T)]
-
-    def hit(self, pixels: FloatArray) -> BoolArray:
-        """Which cells (CELLS, CELLS) hold one of the pixels (n, 2)."""
-        at = np.clip(np.floor((pixels - self.low) / self.step).astype(int), 0, CELLS - 1)
-        found = np.zeros((CELLS, CELLS), dtype=bool)
-        found[at[:, 1], at[:, 0]] = True
-        return found & self.inside
+    rig_from_board: FloatArray
+    depth_mm: float
+    tilt_deg: tuple[float, float]
+    information: FloatArray
 
 
-@lru_cache(maxsize=2)
-def _grids_of(layout_json: str) -> tuple[_Grid, ...]:
-    layout = Layout.model_validate_json(layout_json)
-    sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
-    grids = []
-    for index in range(len(layout.mirrors)):
-        outline = layout.outline_px(index)
-        region = shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]).intersection(sensor)
-        if region.is_empty:
-            raise InputError(f"mirror {index} of the layout lies outside the sensor, expected all mirrors on it")
-        low_x, low_y, high_x, high_y = region.bounds
-        low, step = np.array([low_x, low_y]), np.array([high_x - low_x, high_y - low_y]) / CELLS
-        y, x = np.mgrid[:CELLS, :CELLS] + 0.5
-        inside = shapely.contains_xy(region, low[0] + x * step[0], low[1] + y * step[1])
-        grids.append(_Grid(region, low, step, np.asarray(inside)))
-    return tuple(grids)
+class Hints:
+    """Hints while pictures of a board are taken, one after the other, by a device of a layout, exact or nominal.
+
+    Of poses at three depths, five tilts and nine places, a hint names the one that most lowers the standard deviations
+    of the mirrors' normals, the largest before all. They are those of a joint fit of intrinsics, mirrors and poses to
+    corners with `NOISE_PX`, to a device that was built as designed up to `BUILT_MM`.
+    """
+
+    def __init__(self, layout: Layout, target: Charuco | Checkerboard) -> None:
+        self._layout, self._target = layout, target
+        self._model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(target.corners_in_board_mm))
+        self._pictures = 0
+        camera, (focal, centre, distortion) = layout.camera, KNOWN
+        intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
+        before = [*intrinsics, *[distortion] * (len(INTRINSIC_NAMES) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))]
+        self._information = np.diag(np.square(before) ** -1.0)
+        self._candidates = list(self._prepared())
+        if not self._candidates:
+            raise InputError("the layout's mirrors show the board in no pose, expected mirrors on the sensor")
+
+    def after(self, picture: Observations) -> Hint:
+        """The hint after another picture, in which these corners were seen, as frame 0."""
+        pose = self._pose(picture)
+        if pose is not None:
+            self._pictures += 1
+            self._information = self._information + self._told(pose, picture)
+        return self.next()
+
+    def next(self) -> Hint:
+        """The hint after the pictures so far."""
+        now = self._sigma_deg(self._information)
+        told = np.array([candidate.information for candidate in self._candidates])
+        promised = self._sigma_deg(self._information + told)
+        best = int(np.argmin(np.sum(promised**HARDNESS, axis=1)))
+        chosen, mirror = self._candidates[best], int(np.argmax(now))
+        pose = f"the board at about {round(chosen.depth_mm, -1):.0f} mm, {self._in_words(chosen)}"
+        worst = f"mirror {mirror} ({_place_in_words(self._layout, mirror)} of the picture)"
+        change = f"±{now[mirror]:.2g}° to ±{promised[best, mirror]:.2g}°"
+        enough = bool(now[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
+        if enough:
+            sentence = f"enough: every mirror within ±{now[mirror]:.2g}°; most would still help {pose}"
+        elif not self._pictures:
+            sentence = f"next: {pose}"
+        else:
+            sentence = f"next: {pose}; it would bring {worst}, known worst, from {change}"
+        return Hint(
+            sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, promised[best], enough
+        )
+
+    def _prepared(self) -> Iterator[_Candidate]:
+        """The poses in which a mirror shows enough of the board, each with what it would tell."""
+        layout, corners = self._layout, self._target.corners_in_board_mm
+        sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
+        regions = []
+        for index in range(len(layout.mirrors)):
+            outline = layout.outline_px(index, usable=True)
+            regions.append(shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]).intersection(sensor))
+        for pose, depth_mm, tilt_deg in poses_of(layout, self._target):
+            points, views = transform(pose, corners), []
+            for index, region in enumerate(regions):
+                pixels = layout.project(points, index)
+                ids = np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
+                if len(ids) >= MIN_CORNERS:
+                    views.append(Observations.of_view(0, index, ids, pixels[ids]))
+            if views:
+                yield _Candidate(pose, depth_mm, tilt_deg, self._told(pose, Observations.join(views)))
+
+    def _told(self, pose: FloatArray, picture: Observations) -> FloatArray:
+        """Fisher information (g, g) of the globals in a picture taken at about this pose, which is unknown."""
+        estimate = Estimate.of(self._layout.camera, self._layout.mirrors, pose[None])
+        normal = normal_equations(estimate, Grouped.of(picture, self._model), self._model)
+        return normal.reduced(0.0)[0] / NOISE_PX**2
+
+    def _pose(self, picture: Observations) -> FloatArray | None:
+        """Where the board stood, as the layout has it; None where no view shows enough."""
+        views = []
+        for mirror in np.unique(picture.view).tolist():
+            of_view = picture.view == mirror
+            if of_view.sum() >= MIN_CORNERS:
+                corners = Corners(picture.corner[of_view], picture.pixels[of_view])
+                views.append((self._layout.mirrors[mirror].apparent, corners))
+        if not views:
+            return None
+        return bootstrap.best_pose(self._layout.camera, views, self._target.corners_in_board_mm)
+
+    def _sigma_deg(self, information: FloatArray) -> FloatArray:
+        """Standard deviations (..., mirrors) of the normals in their weakest directions, of informations (..., g, g).
+
+        A normal n = -c / |c| turns by what the virtual centre c moves across it, over |c|.
+        """
+        covariance, sigma = np.linalg.inv(information), []
+        for index, mirror in enumerate(self._layout.mirrors):
+            at, across = len(INTRINSIC_NAMES) + 3 * index, mirror.rig_from_plane[:3, :2]
+            block = across.T @ covariance[..., at : at + 3, at : at + 3] @ across
+            sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / (2.0 * mirror.distance_mm))
+        return np.degrees(np.stack(sigma, axis=-1))
+
+    def _in_words(self, candidate: _Candidate) -> str:
+        """Tilt and place, as the camera sees the board in its middle."""
+        layout = self._layout
+        half = np.array([*self._target.size_mm, 0.0])[None] / 2.0
+        centre = layout.view_from_rig @ transform(candidate.rig_from_board, half)[0]
+        x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
+        column = "left" if x < -1.0 else "right" if x > 1.0 else ""
+        row = "up" if y < -1.0 else "down" if y > 1.0 else ""
+        place = " and ".join(word for word in (row, column) if word)
+        return _tilt_in_words(candidate.tilt_deg) + (f", moved {place}" if place else "")
 
 
-def _grids(layout: Layout) -> tuple[_Grid, ...]:
-    return _grids_of(layout.model_dump_json(by_alias=True))
-
-
-def _attitude(
-    picture: Observations, layout: Layout, target: Charuco | Checkerboard
-) -> tuple[float, tuple[float, float]] | None:
-    """Depth of the board's middle in mm and tilts about view x and y in degrees, as the layout has them."""
-    views = []
-    for mirror in np.unique(picture.view).tolist():
-        of_view = picture.view == mirror
-        if of_view.sum() >= MIN_CORNERS:
-            corners = Corners(picture.corner[of_view], picture.pixels[of_view])
-            views.append((layout.mirrors[mirror].apparent, corners))
-    if not views:
-        return None
-    pose = bootstrap.best_pose(layout.camera, views, target.corners_in_board_mm)
-    turn = layout.view_from_rig @ pose[:3, :3]
-    depth = float(layout.view_from_rig[2] @ transform(pose, target.corners_in_board_mm.mean(axis=0, keepdims=True))[0])
-    # Where the board's own axis into the paper points: how it is rolled does not matter.
-    about_x, about_y = np.degrees(np.arctan2([-turn[1, 2], turn[0, 2]], turn[2, 2])).tolist()
-    return max(depth, 1.0), (about_x, about_y)
-
-
-def _candidates(
-    layout: Layout, target: Charuco | Checkerboard
-) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
+def poses_of(layout: Layout, target: Charuco | Checkerboard) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
     """Poses, rig_from_board (4, 4), with the depth of their middle in mm and their tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
     half = np.array([*target.size_mm, 0.0]) / 2.0

@@ -25,6 +25,7 @@ MOST_PX = 14.0  # and at most this: of large cells, what lies further tells litt
 SAMPLES = 17  # along each side
 ITERATIONS = 5
 SETTLED_PX = 2e-3
+PRINTED = 0.7  # (white - black) / (white + black) of a print as it is seen: stray light adds to black
 OUTLIER_SIGMAS = 4.0  # of the noise around a corner, from where a pixel counts for nothing
 LEAST_SIGMA = 0.04  # of the contrast, below which the print itself is not even
 BLUR_STEP = 2.0**0.25
@@ -41,6 +42,7 @@ class Refined:
         contrast: white less black, in grey levels (n,).
         explained: part (n,) of the variance around the corner that is print.
         blur_cells: sigma (n,) of the blur, in cells.
+        copies: how strong copies of the print are (n, k), times what was expected, (n, 0) where that was not asked.
     """
 
     pixels: FloatArray
@@ -48,10 +50,23 @@ class Refined:
     contrast: FloatArray
     explained: FloatArray
     blur_cells: FloatArray
+    copies: FloatArray
 
     def where(self, mask: NDArray[np.bool_]) -> Refined:
         """Those of a boolean mask (n,)."""
         return Refined(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class Copies:
+    """Faint copies (k) of what is printed around each corner (n): shifted by (n, k, 2) px, parts (n, k) as bright."""
+
+    offsets_px: FloatArray
+    parts: FloatArray
+
+    @classmethod
+    def none(cls, count: int) -> Copies:
+        return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)))
 
 
 def sample(image: Image, at: FloatArray) -> FloatArray:
@@ -118,6 +133,9 @@ def refine(
     bends: FloatArray,
     target: Charuco | Checkerboard,
     blur_cells: float,
+    copies: Copies | None = None,
+    *,
+    free_copies: bool = False,
 ) -> Refined:
     """Corners at places (n, 2) on the print, in squares, found from pixels (n, 2) that are wrong by a few px at most.
 
@@ -125,6 +143,7 @@ def refine(
     second ones (xx, xy + yx, yy). Gauss-Newton for the shift, together with all that light, ink and lens may add: an
     even or sloping brightness, contrast, edges that have crept towards black or white (ink that spreads, a camera's
     gamma), more or less blur. Pixels that are not explained, of a glare or past a mirror's edge, lose their weight.
+    The `copies` are part of what is looked for, or where they are `free` as strong as each corner has them.
     Pixels are NaN where the search runs away.
     """
     count = len(places)
@@ -139,11 +158,22 @@ def refine(
     at = (places[:, None] + on_print + 1.0) * PX_PER_SQUARE - 0.5
     value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
     by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        by_px = by_square @ np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
+    squares_per_px = np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
+    copies = Copies.none(count) if copies is None else copies
+    shifts = copies.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
+    beside = [
+        part[:, None] * sample(blurred.value, at - shift[:, None])
+        for shift, part in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, strict=True)
+    ]
+    if not free_copies:
+        value, beside = sum(beside, value), []
+    by_px = by_square @ squares_per_px
     steep = np.linalg.norm(by_px, axis=2)
-    ones = np.ones_like(value)
-    terms = np.stack([ones, ones * u, ones * v, value, steep, laplacian, by_px[..., 0], by_px[..., 1]], axis=2)
+    # Light that fades to one side dims what is printed: of black it takes little. Taken off both alike, the fading of
+    # a lens towards the rim would pull all corners inwards.
+    level = 1.0 + PRINTED * value
+    looks = [np.ones_like(value), level * u, level * v, value, steep, laplacian, by_px[..., 0], by_px[..., 1]]
+    terms = np.stack([*looks, *beside], axis=2)
     scale = np.maximum(np.sqrt((terms**2).mean(axis=1)), 1e-9)
     terms /= scale[:, None]
     # What is near the corner counts most: where it is must not hang on what its cells look like further out.
@@ -152,20 +182,21 @@ def refine(
     found = np.array(pixels, dtype=np.float64)
     explained, contrast = np.zeros(count), np.zeros(count)
     sigma_px, blur = np.full(count, np.inf), np.full(count, blur_cells)
+    strength = np.zeros((count, len(beside)))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
     for iteration in range(ITERATIONS):
         seen = sample(picture, found[moving, None] + offsets[moving])
         columns, weight = terms[moving], weights[moving]
         weighted = columns * weight[:, :, None]
-        normal = weighted.transpose(0, 2, 1) @ columns + 1e-6 * np.eye(8)
+        normal = weighted.transpose(0, 2, 1) @ columns + 1e-6 * np.eye(columns.shape[2])
         inverse = np.linalg.inv(normal)
         numbers = (inverse @ (weighted.transpose(0, 2, 1) @ seen[:, :, None]))[:, :, 0]
         rest = seen - (columns @ numbers[:, :, None])[:, :, 0]
         numbers = numbers / scale[moving]
         b = numbers[:, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
-            move = -numbers[:, 6:] / b[:, None]
+            move = -numbers[:, 6:8] / b[:, None]
         limit = 0.15 * side_px[moving]
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, limit / np.maximum(length, 1e-12))[:, None]
@@ -179,8 +210,9 @@ def refine(
             (near * (seen - mean) ** 2).sum(axis=1), 1e-9
         )
         contrast[moving] = 2.0 * b
-        spread = inverse[:, 6:, 6:] / (scale[moving, 6:, None] * scale[moving, None, 6:])
+        spread = inverse[:, 6:8, 6:8] / (scale[moving, 6:8, None] * scale[moving, None, 6:8])
         with np.errstate(divide="ignore", invalid="ignore"):
+            strength[moving] = numbers[:, 8:] / b[:, None]
             sigma_px[moving] = np.sqrt(np.linalg.eigvalsh(spread)[:, 1]) * noise / np.abs(b)
             blur[moving] = blur_cells * np.sqrt(np.clip(1.0 + 2.0 * numbers[:, 5] / (b * blur_cells**2), 0.25, 4.0))
         still = (length > SETTLED_PX) & (b > 0)
@@ -188,4 +220,4 @@ def refine(
         if not len(moving):
             break
     found[~(contrast > 0)] = np.nan
-    return Refined(found, sigma_px, contrast, explained, blur)
+    return Refined(found, sigma_px, contrast, explained, blur, strength)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from optics.calibration.detection.corners import Corners, IntArray
-from optics.calibration.detection.refinement import Image, Refined, refine
+from optics.calibration.detection.refinement import Copies, Image, Refined, refine
 from optics.targets import Charuco, Checkerboard
 from optics.values import FloatArray
 
@@ -141,15 +141,38 @@ def grow(
         if len(have) >= 2 * FEWEST_PLACES:
             known_places, known_pixels = corners[have], found[have]
     have = np.flatnonzero(np.isfinite(found[:, 0]))
-    have = have[_smooth(corners[have], found[have])]
+    have = have[smooth(corners[have], found[have])]
     warp = warp_through(corners[have], found[have])
     if warp is None:
         return NONE
     ids, seen = _look(picture, warp, have, found[have], target, blur_cells, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     ids, pixels = ids[good], seen.pixels[good]
-    good = _smooth(corners[ids], pixels)
+    good = smooth(corners[ids], pixels)
     return Corners(ids[good].astype(np.int64), pixels[good])
+
+
+def again(
+    picture: Image,
+    corners: Corners,
+    target: Charuco | Checkerboard,
+    copies: Copies,
+    *,
+    free_copies: bool = False,
+    blur_cells: float | None = None,
+) -> Refined | None:
+    """The corners of a board, refined with the shape that they have together, among copies of the print.
+
+    None where they have no shape together.
+    """
+    places = corner_places(target)[corners.ids]
+    warp = warp_through(places, corners.pixels)
+    if warp is None:
+        return None
+    cells, bends = warp.shapes(places)
+    if blur_cells is None:
+        blur_cells = FIRST_BLUR_PX / max(_typical_cell(places, corners.pixels), SMALLEST_CELL_PX)
+    return refine(picture, places, corners.pixels, cells, bends, target, blur_cells, copies, free_copies=free_copies)
 
 
 def _look(
@@ -248,7 +271,7 @@ def _of_one_piece(places: FloatArray, pixels: FloatArray) -> BoolArray:
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def _smooth(places: FloatArray, pixels: FloatArray) -> BoolArray:
+def smooth(places: FloatArray, pixels: FloatArray) -> BoolArray:
     """Which corners lie on a smooth surface with the others, of the largest part that hangs together."""
     keep = np.zeros(len(places), dtype=bool)
     if len(places) < 2 * FEWEST_PLACES:

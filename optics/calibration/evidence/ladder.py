@@ -85,7 +85,9 @@ class Climb:
 
 
 @dataclass(frozen=True)
-class _Fitted:
+class Fitted:
+    """A model under the name of its level, and its fit."""
+
     name: str
     model: Model
     solution: Solution
@@ -116,24 +118,24 @@ def climb(
     and frames held out are predicted better. Raises UndeterminedError where the corners do not suffice.
     """
     asked = None if level is None else levels_of(level)
-    paper = _fitted("paper", start, observations, _model((), (), corners_in_board_mm))
-    rungs = [_first(paper)]
+    paper = fit_as("paper", start, observations, _model((), (), corners_in_board_mm))
+    rungs = [first_rung(paper)]
     try:
-        current = _fitted("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
+        current = fit_as("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
     except UndeterminedError:
         if asked is not None and level != "paper":
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
-        return _result(paper, rungs, observations, [], [note])
-    rungs.append(_held_out(_judged(current, paper, observations), current, paper, observations))
+        return concluded(paper, rungs, observations, [], [note])
+    rungs.append(rung_over(current, paper, observations))
     if level == "paper":
         note = "the intrinsics are held: what they may be off is in no uncertainty"
         doubts = [_alarm(current, "joint")] if rungs[-1].supported else []
-        return _result(paper, rungs, observations, doubts, [note])
+        return concluded(paper, rungs, observations, doubts, [note])
     if asked:
         for name in asked:
             taken = _added(current, name, observations, intrinsics, corners_in_board_mm)
-            rungs.append(_held_out(_judged(taken, current, observations), taken, current, observations))
+            rungs.append(rung_over(taken, current, observations))
             current = taken
     left = [name for name in ADDITIONS if name not in current.name.split("+")]
     alarms: list[str] = []
@@ -158,7 +160,7 @@ def climb(
         left.remove(addition)
     if "sheet" in current.name.split("+"):
         alarms += _no_sheet(current)
-    return _result(current, rungs, observations, alarms, notes)
+    return concluded(current, rungs, observations, alarms, notes)
 
 
 def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_board_mm: FloatArray) -> Model:
@@ -166,17 +168,18 @@ def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_boa
     return Model(intrinsics, sheet="sheet" in additions or "glass" in additions, bend="bend" in additions, board=board)
 
 
-def _fitted(name: str, start: Estimate, observations: Observations, model: Model) -> _Fitted:
-    return _Fitted(name, model, fit(start, observations, model))
+def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
+    """The fit of a model under the name of its level."""
+    return Fitted(name, model, fit(start, observations, model))
 
 
 def _tried(
-    current: _Fitted,
+    current: Fitted,
     left: Sequence[str],
     observations: Observations,
     intrinsics: tuple[str, ...],
     corners_in_board_mm: FloatArray,
-) -> tuple[list[_Fitted], list[str]]:
+) -> tuple[list[Fitted], list[str]]:
     """The fits with one more addition each, and a note on each addition that the corners leave open.
 
     Where the layout has no sheet to vary, "glass" stands in: sheets where it says there are none.
@@ -193,12 +196,12 @@ def _tried(
 
 
 def _added(
-    current: _Fitted,
+    current: Fitted,
     addition: str,
     observations: Observations,
     intrinsics: tuple[str, ...],
     corners_in_board_mm: FloatArray,
-) -> _Fitted:
+) -> Fitted:
     estimate = current.solution.estimate
     if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
         raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
@@ -207,7 +210,7 @@ def _added(
     if addition == "glass":
         estimate = _behind_glass(estimate)
     name = f"{current.name}+{addition}"
-    return _fitted(name, estimate, observations, _model(intrinsics, name.split("+"), corners_in_board_mm))
+    return fit_as(name, estimate, observations, _model(intrinsics, name.split("+"), corners_in_board_mm))
 
 
 def _behind_glass(estimate: Estimate) -> Estimate:
@@ -231,7 +234,7 @@ def _along(vectors: FloatArray, axes: FloatArray) -> FloatArray:
     return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
 
 
-def _thickness(fitted: _Fitted) -> tuple[float, float]:
+def _thickness(fitted: Fitted) -> tuple[float, float]:
     """Thickness of the thinnest sheet and its standard deviation, mm."""
     place = fitted.solution.parameters.index("sheet_mm")
     thickness = fitted.solution.estimate.thickness_mm
@@ -239,7 +242,7 @@ def _thickness(fitted: _Fitted) -> tuple[float, float]:
     return float(thickness[thickness > 0.0].min()), sigma
 
 
-def _no_sheet(fitted: _Fitted) -> list[str]:
+def _no_sheet(fitted: Fitted) -> list[str]:
     thickness, sigma = _thickness(fitted)
     if thickness > max(3.0 * sigma, THINNEST_MM):
         return []
@@ -249,7 +252,7 @@ def _no_sheet(fitted: _Fitted) -> list[str]:
     ]
 
 
-def _alarm(best: _Fitted, addition: str) -> str:
+def _alarm(best: Fitted, addition: str) -> str:
     if addition == "glass":
         thickness, sigma = _thickness(best)
         return (
@@ -259,7 +262,8 @@ def _alarm(best: _Fitted, addition: str) -> str:
     return f"the data support a further level, {best.name}"
 
 
-def _first(fitted: _Fitted) -> Rung:
+def first_rung(fitted: Fitted) -> Rung:
+    """The rung that a climb begins with, which stands against none."""
     solution = fitted.solution
     return Rung(
         name=fitted.name,
@@ -280,7 +284,12 @@ def _rms(solution: Solution) -> float:
     return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
 
 
-def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Rung:
+def rung_over(larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
+    """What likelihood and frames held out say of a larger model."""
+    return _held_out(_judged(larger, smaller, observations), larger, smaller, observations)
+
+
+def _judged(larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
     """What the likelihood says of the larger model, on the corners that it takes for no outliers."""
     rows = larger.solution.inliers
     seen = observations.where(rows)
@@ -308,14 +317,14 @@ def _judged(larger: _Fitted, smaller: _Fitted, observations: Observations) -> Ru
     )
 
 
-def _at_minimum(fitted: _Fitted, observations: Observations, rows: BoolArray) -> Estimate:
+def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> Estimate:
     """The estimate of a model at the minimum over other rows than it chose itself."""
     if np.array_equal(rows, fitted.solution.inliers):
         return fitted.solution.estimate
     return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
 
 
-def _held_out(rung: Rung, larger: _Fitted, smaller: _Fitted, observations: Observations) -> Rung:
+def _held_out(rung: Rung, larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
     """The rung with what frames held out say, where the likelihood speaks for it; supported where they agree.
 
     The gain is the mean over frames in standard errors of that mean: frames are independent where corners of one frame
@@ -344,9 +353,10 @@ def _held_out(rung: Rung, larger: _Fitted, smaller: _Fitted, observations: Obser
     )
 
 
-def _result(
-    current: _Fitted, rungs: Sequence[Rung], observations: Observations, alarms: list[str], notes: list[str]
+def concluded(
+    current: Fitted, rungs: Sequence[Rung], observations: Observations, alarms: list[str], notes: list[str]
 ) -> Climb:
+    """The climb that ends at `current`, with the check by free views and errors that corners share."""
     free = None
     try:
         free = free_views(current.solution, observations, current.model)

@@ -171,6 +171,57 @@ def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
     assert len(way_up) == 1
 
 
+@pytest.mark.parametrize(("cols", "rows"), [(6, 9), (8, 7)])
+def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_set: Set, cols: int, rows: int) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0) if cols == 6 else Checkerboard(cols=7, rows=8, square_mm=9.0)
+    exchanged = Checkerboard(cols=cols, rows=rows, square_mm=9.0)
+    assert (exchanged.cols, exchanged.rows) == (drawn.rows, drawn.cols)
+    pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
+    seen = sub_images(frame, small_set.nominal, exchanged)
+    assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
+    points = drawn.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    places = {}
+    for mirror in range(4):
+        rows_of = seen.view == mirror
+        apart = small_set.truth.project(points, mirror)[None] - seen.pixels[rows_of][:, None]
+        distance = np.linalg.norm(apart, axis=2)
+        assert distance.min(axis=1).max() < 0.3
+        places[mirror] = dict(zip(seen.corner[rows_of].tolist(), distance.argmin(axis=1).tolist(), strict=True))
+    # Whichever way up it was taken for, it is the same in all mirrors, and a rigid turn of the board that was drawn.
+    for corner in set.intersection(*(set(found) for found in places.values())):
+        assert len({found[corner] for found in places.values()}) == 1
+    shared = sorted(places[0])
+    was, now = drawn.corners_in_board_mm[[places[0][c] for c in shared]], exchanged.corners_in_board_mm[shared]
+    spans = [np.linalg.norm(a[:, None] - a[None], axis=2) for a in (was, now)]
+    np.testing.assert_allclose(spans[0], spans[1], atol=1e-9)
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(10, 6), (9, 7), (12, 9)])
+def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
+    small_set: Set, cols: int, rows: int
+) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
+    pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
+    assert len(sub_images(frame, small_set.nominal, drawn))
+    with pytest.raises(InputError, match="no corner of the board found in any of 1 frames"):
+        calibrate([frame], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(8, 6), (9, 5), (7, 5)])
+def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_not_believed(
+    small_set: Set, cols: int, rows: int
+) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
+    frames = [
+        render(small_set.truth.camera, small_set.truth, drawn, posed(drawn, np.array(at), np.array(turn), direct=False))
+        for at, turn in (([0.0, 330.0, 85.0], [10.0, 12.0, 20.0]), ([10.0, 350.0, 80.0], [-15.0, 20.0, 0.0]))
+    ]
+    with pytest.raises(InputError):
+        calibrate(frames, [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+
+
 def test_a_frame_without_a_board_is_named_and_left_out(
     small_set: Set, corners: tuple[list[Observations], list[Observations]]
 ) -> None:

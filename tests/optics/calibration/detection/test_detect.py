@@ -144,9 +144,15 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
 
     monkeypatch.setattr("optics.calibration.detection.detect.find_boards", not_again)
     same(alone, detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path))
+    # All that decides what is found: the board, the device and the programs.
     other = BOARD.replaced(square_mm=15.0)
     with pytest.raises(AssertionError, match="looked for"):
         detect_frames(iter(frames), NOMINAL, other, mirrored=True, folder=tmp_path)
+    with pytest.raises(AssertionError, match="looked for"):
+        detect_frames(iter(frames), TILTED, BOARD, mirrored=True, folder=tmp_path)
+    monkeypatch.setattr("optics.calibration.detection.cache.version", lambda: "another")
+    with pytest.raises(AssertionError, match="looked for"):
+        detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path)
 
 
 def test_a_picture_of_another_size_is_refused() -> None:

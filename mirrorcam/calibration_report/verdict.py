@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from scipy.stats import binom
 
-from mirrorcam.calibration_views import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
-from mirrorcam.figures.svg import SIGMA
+from mirrorcam.calibration_report.svg import SIGMA
+from mirrorcam.calibration_report.views import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
 from optics.calibration.evidence.cross_validation import ALARM_RATIO
 from optics.calibration.evidence.gather import Evidence
 from optics.calibration.observations import DIRECT

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.calibration_page import report_html, write_report
-from mirrorcam.calibration_verdict import Verdict, empty_region, judge, sigma_px
-from mirrorcam.calibration_views import board_normals, cell_means, view_figures
-from mirrorcam.figures.svg import Scale, coordinate, tick_text
+from mirrorcam.calibration_report.page import report_html, write_report
+from mirrorcam.calibration_report.svg import Scale, coordinate, tick_text
+from mirrorcam.calibration_report.verdict import Verdict, empty_region, judge, sigma_px
+from mirrorcam.calibration_report.views import board_normals, cell_means, view_figures
 from optics.calibration.calibrate import calibrate_corners
 from optics.calibration.observations import DIRECT
 from optics.calibration.result import Calibration

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from mirrorcam.calibration_views import ARROWS_ACROSS, ViewFigures, board_normals, cell_means
-from mirrorcam.figures.svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text
+from mirrorcam.calibration_report.svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text
+from mirrorcam.calibration_report.views import ARROWS_ACROSS, ViewFigures, board_normals, cell_means
 from optics.calibration.evidence.depth import DepthUncertainty
 from optics.calibration.evidence.projection import ProjectionMap
 from optics.calibration.observations import DIRECT

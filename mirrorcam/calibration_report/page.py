@@ -9,9 +9,7 @@ from string import Template
 
 import numpy as np
 
-from mirrorcam.calibration_verdict import STATES, Verdict, judge, sigma_px
-from mirrorcam.calibration_views import ViewFigures, board_normals, view_figures
-from mirrorcam.figures.calibration_drawings import (
+from mirrorcam.calibration_report.drawings import (
     board_distances,
     board_turns,
     coverage_map,
@@ -20,7 +18,9 @@ from mirrorcam.figures.calibration_drawings import (
     residual_histogram,
     residual_needles,
 )
-from mirrorcam.figures.svg import SIGMA
+from mirrorcam.calibration_report.svg import SIGMA
+from mirrorcam.calibration_report.verdict import STATES, Verdict, judge, sigma_px
+from mirrorcam.calibration_report.views import ViewFigures, board_normals, view_figures
 from mirrorcam.progress import count_text, figure_text
 from mirrorcam.report import CSS, TIMES, limit_table
 from optics.calibration.evidence.gather import Evidence
