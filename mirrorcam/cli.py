@@ -33,6 +33,7 @@ from mirrorcam.commands import (
     decode,
     depth,
     design,
+    export_light_field,
     features,
     picture,
     render,
@@ -59,6 +60,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     decode.DecodeOptions: decode.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
+    export_light_field.ExportLightFieldOptions: export_light_field.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -80,6 +82,7 @@ class Command:
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
+        | Annotated[export_light_field.ExportLightFieldOptions, subcommand("convert")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False
