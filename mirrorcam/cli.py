@@ -33,9 +33,11 @@ from mirrorcam.commands import (
     decode,
     depth,
     design,
+    epi,
     export_light_field,
     features,
     picture,
+    refocus,
     render,
     run,
     scene,
@@ -58,6 +60,8 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
+    refocus.RefocusOptions: refocus.run,
+    epi.EpiOptions: epi.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
     export_light_field.ExportLightFieldOptions: export_light_field.run,
@@ -80,6 +84,8 @@ class Command:
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
+        | Annotated[refocus.RefocusOptions, subcommand("refocus")]
+        | Annotated[epi.EpiOptions, subcommand("epi")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
         | Annotated[export_light_field.ExportLightFieldOptions, subcommand("convert")]
