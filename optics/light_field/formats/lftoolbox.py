@@ -92,26 +92,17 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
 
 
 def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of a .mat file of the toolbox, or of ours.
+    """The light field of a .mat file of the toolbox, which saves with -v7.3, or of any other version, or of ours.
 
     Geometry is that of `MirrorCam`, else of H, else assumed. Raises InputError in one line for a file that is not such
-    a one, and for one of MATLAB 7.3.
+    a one.
     """
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    if b"MATLAB 7.3" in read_bytes(path)[:128]:
-        raise InputError(f"{path}: of MATLAB 7.3, which is HDF5; expected one saved with save -v7")
-    try:
-        said = loadmat(path)
-    except (ValueError, TypeError, OSError, EOFError, MatReadError, NotImplementedError) as error:
-        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
-    lf = said.get("LF")
+    said = _hdf5(path) if b"MATLAB 7.3" in read_bytes(path)[:128] else _before_hdf5(path)
+    lf, h = said.get("LF"), said.get("H")
     if not isinstance(lf, np.ndarray) or lf.ndim not in (4, 5):
         raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
     samples, weights = _samples_and_weights(lf if lf.ndim == 5 else lf[..., None], path)
     rows, cols, height, width = weights.shape
-    h = _field(said.get("RectOptions"), "RectCamIntrinsicsH")
     if OURS in said:
         views = _our_views(said[OURS], path)
     elif h is not None:
@@ -122,6 +113,34 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
         return LightField.of(views, samples, weights)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def _before_hdf5(path: Path) -> dict[str, Any]:
+    """`LF`, `H` and `MirrorCam` of a file of MATLAB 5 to 7, as far as it has them."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        said: dict[str, Any] = loadmat(path)
+    except (ValueError, TypeError, OSError, EOFError, MatReadError, NotImplementedError) as error:
+        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
+    h = _field(said.get("RectOptions"), "RectCamIntrinsicsH")
+    return {**said, "H": h}
+
+
+def _hdf5(path: Path) -> dict[str, Any]:
+    """`LF` and `H` of a file of MATLAB 7.3, whose arrays HDF5 shows with their axes reversed."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    try:
+        with h5py.File(path, "r") as file:
+            for name, place in (("LF", "LF"), ("H", "RectOptions/RectCamIntrinsicsH")):
+                if isinstance(file.get(place), h5py.Dataset):
+                    found[name] = file[place][()].T
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
+    return found
 
 
 def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
