@@ -19,7 +19,7 @@ OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shape
 # everything else is in the base installation.
 MAY_IMPORT = {
     # Videos and loops are read and written, and streams of light fields, where these are made; all imported late.
-    "optics": OPTICS | {"av", "zarr", "PIL"},
+    "optics": OPTICS | {"av", "zarr", "PIL", "h5py"},
     "cad": OPTICS
     | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2", "markdown_it"},
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR", "av"},
@@ -27,7 +27,7 @@ MAY_IMPORT = {
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
-    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "PIL"),
+    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "PIL", "h5py"),
 )
 
 
