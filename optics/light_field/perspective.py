@@ -20,12 +20,15 @@ from optics.values import FloatArray, InputError
 
 UNKNOWN, OTHER = 0.01, 0.0001
 """What a view counts whose depth is not known there, or says that it sees something else: for want of better."""
+ALIKE = 0.03
+"""Standard deviation, of full brightness, of how differently views show the same thing: mirrors, glints, noise."""
+ALIKE_PX = 3
 STAND_IN = 0.1
 """A view this part of the views' distance away counts as one at the place itself."""
 
 
 def all_in_focus(light_field: LightField, depths: ViewDepths) -> Picture:
-    """The reference view with the noise of all views' mean: each pixel is met where it is deep, by all that see it."""
+    """The reference view with less noise: each pixel is met where it is deep, by all views that see it alike."""
     return _rendered(light_field, depths, np.zeros(3), np.ones((light_field.rows, light_field.cols)))
 
 
@@ -67,18 +70,35 @@ def _rendered(light_field: LightField, depths: ViewDepths, place: FloatArray, co
     apart = np.float32(AGREE_PX / px_per_nearness(light_field))
     height, width, channels = *nearness.shape, light_field.samples.shape[-1]
     total, weights = np.zeros((height, width, channels + 1), np.float32), np.zeros((height, width), np.float32)
+    own = [tuple(each) for each in np.argwhere((light_field.positions_mm == place).all(axis=-1))]
+    guide = _softened(premultiplied(light_field, own[0])) if own else None
     for index in np.ndindex(light_field.rows, light_field.cols):
         u, v = sources(light_field, place, index, nearness)
         shown: Any = cv2.remap(premultiplied(light_field, index), u, v, cv2.INTER_LINEAR)
         theirs = at(known[index], u, v)
         trust = np.where(np.abs(theirs - nearness) <= apart, 1.0, np.where(np.isnan(theirs), UNKNOWN, OTHER))
-        if np.array_equal(place, light_field.positions_mm[index]):
+        if index in own:
             trust[...] = 1.0  # From a view's own place, it shows what is to be seen, however deep that is.
+        elif guide is not None:
+            trust *= _alike(_softened(shown), guide)
         shown *= trust[..., None].astype(np.float32)
         weights += shown[..., -1]
         total += shown * np.float32(counts[index] / counts.max())
     part = np.divide(1.0, total[..., -1:], out=np.zeros_like(total[..., -1:]), where=weights[..., None] > 0)
     return Picture(total[..., :-1] * part, weights)
+
+
+def _softened(shown: Float32) -> Float32:
+    return np.asarray(cv2.blur(shown, (ALIKE_PX, ALIKE_PX)), dtype=np.float32)
+
+
+def _alike(shown: Float32, guide: Float32) -> Float32:
+    """How likely two softened pictures (v, u, c + 1), weighted, show the same thing (v, u): 1 where one has nothing."""
+    weight, guiding = shown[..., -1:], guide[..., -1:]
+    both = (weight[..., 0] > 0.5) & (guiding[..., 0] > 0.5)
+    apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)
+    likely = np.exp(-np.square(apart).mean(axis=-1) / (2.0 * ALIKE**2))
+    return np.where(both, likely, np.float32(1.0)).astype(np.float32)
 
 
 def _nearness_from(light_field: LightField, known: Float32, place: FloatArray) -> Float32:
