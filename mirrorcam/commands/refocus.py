@@ -155,8 +155,9 @@ def run(options: RefocusOptions) -> int:
                             layout_identity=np.array(light_field.layout_identity),
                         )
                     write_image(options.out / f"{name}_{title}.png", to_bytes(picture))
-                    if not picture.valid.all():
-                        unseen.append(f"{name}_{title}: no view shows {1.0 - picture.valid.mean():.1%} of it (grey)")
+                    hidden = 1.0 - picture.valid.mean()
+                    if hidden > 0.01:
+                        unseen.append(f"{name}_{title}: no view shows {hidden:.0%} of it (grey)")
                 if depths is not None and options.orbit is not None:
                     places = list(orbit(light_field, ORBIT_PICTURES))
                     pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]

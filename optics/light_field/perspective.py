@@ -20,6 +20,8 @@ from optics.values import FloatArray, InputError
 
 UNKNOWN, OTHER = 0.01, 0.0001
 """What a view counts whose depth is not known there, or says that it sees something else: for want of better."""
+LEAST = 1e-20
+"""Less than any view adds that has a sample: what rounding leaves."""
 ALIKE = 0.03
 """Standard deviation, of full brightness, of how differently views show the same thing: mirrors, glints, noise."""
 ALIKE_PX = 3
@@ -84,6 +86,7 @@ def _rendered(light_field: LightField, depths: ViewDepths, place: FloatArray, co
         shown *= trust[..., None].astype(np.float32)
         weights += shown[..., -1]
         total += shown * np.float32(counts[index] / counts.max())
+    weights[total[..., -1] < LEAST] = 0.0
     part = np.divide(1.0, total[..., -1:], out=np.zeros_like(total[..., -1:]), where=weights[..., None] > 0)
     return Picture(total[..., :-1] * part, weights)
 
@@ -97,7 +100,7 @@ def _alike(shown: Float32, guide: Float32) -> Float32:
     weight, guiding = shown[..., -1:], guide[..., -1:]
     both = (weight[..., 0] > 0.5) & (guiding[..., 0] > 0.5)
     apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)
-    likely = np.exp(-np.square(apart).mean(axis=-1) / (2.0 * ALIKE**2))
+    likely = np.maximum(np.exp(-np.square(apart).mean(axis=-1) / (2.0 * ALIKE**2)), OTHER)
     return np.where(both, likely, np.float32(1.0)).astype(np.float32)
 
 

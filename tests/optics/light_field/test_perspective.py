@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optics.light_field.light_field import Views
+from optics.light_field.light_field import LightField, Views
 from optics.light_field.perspective import all_in_focus, orbit, seen_from
 from optics.light_field.refocus import FocalPlane, refocus
 from optics.light_field.view_depths import ViewDepths, landed, referred_to, without_nearer
@@ -140,6 +140,21 @@ def test_what_stands_in_the_way_is_left_out() -> None:
         past = refocus(without, plane)
         assert psnr(past.image, true, past.valid & hidden) > least_db
         assert psnr(refocus(light_field, plane).image, true, hidden) < 25.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_that_look_unlike_still_fill_what_the_central_one_lacks() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    samples, weights = light_field.samples.copy(), light_field.weights.copy()
+    samples[1, 1] = 255
+    weights[1, 1, 30:50, 40:70], samples[1, 1, 30:50, 40:70] = 0.0, 0
+    picture = all_in_focus(LightField.of(views, samples, weights), true_depths(views, SCENE))
+    assert picture.valid.all()
+    assert np.isfinite(picture.image).all()
+    lacking = np.zeros((90, 120), dtype=bool)
+    lacking[31:49, 41:69] = True
+    assert psnr(picture.image, truth(views, SCENE), lacking) > 30.0
 
 
 def test_what_no_view_sees_stays_without_sample() -> None:
