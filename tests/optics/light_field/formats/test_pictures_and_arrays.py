@@ -11,6 +11,7 @@ import pytest
 from optics.files import read_image
 from optics.light_field.formats.arrays import read_arrays, write_arrays
 from optics.light_field.formats.eslf import read_mosaic, write_mosaic
+from optics.light_field.formats.pictures import write_rgba
 from optics.light_field.formats.stanford import NAME, read_stanford, write_stanford
 from optics.light_field.formats.views_file import Assumed
 from optics.values import InputError
@@ -79,6 +80,19 @@ def test_tiles_are_the_views_beside_each_other(tmp_path: Path) -> None:
     picture = read_image(tmp_path / "a.png")
     views = np.array([[picture[90 * t :, 120 * s :][:90, :120] for s in range(3)] for t in range(2)])
     assert shift_that_agrees(views, lambda k, t, s: (-k * s, -k * t), CANDIDATES) == pytest.approx(0.8, abs=0.02)
+
+
+def test_colours_of_pixels_without_weight_are_dropped(tmp_path: Path) -> None:
+    """Painting programs leave any colour where a picture is transparent."""
+    light_field = plane(2, 3, 0.8)
+    write_mosaic(tmp_path / "a.png", light_field, "tiles")
+    opacity = np.full((180, 360), 255, np.uint8)
+    opacity[:90, :120] = 0
+    write_rgba(tmp_path / "a.png", read_image(tmp_path / "a.png"), opacity)
+    found = read_mosaic(tmp_path / "a.png")
+    assert not found.samples[0, 0].any()
+    assert not found.weights[0, 0].any()
+    assert np.array_equal(found.samples[1], light_field.samples[1])
 
 
 def test_mosaics_must_divide_into_views(tmp_path: Path) -> None:

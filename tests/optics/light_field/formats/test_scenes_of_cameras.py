@@ -60,6 +60,18 @@ def test_colmap_sees_points_where_the_views_do(scene: tuple[LightField, FloatArr
         assert 0 < camera.principal_point_y < camera.height
 
 
+def test_colmaps_rig_is_that_of_its_model(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
+    """`rig_configurator` puts views where they are from the middle one: x_camera = x_rig - position."""
+    (rig,) = pycolmap.read_rig_config(colmap / "rig_config.json")
+    assert rig.cameras[0].image_prefix == "view_01_01/"
+    assert rig.cameras[0].ref_sensor
+    for camera in rig.cameras[1:]:
+        row, col = (int(word) for word in camera.image_prefix.rstrip("/").split("_")[1:])
+        assert camera.cam_from_rig is not None
+        assert np.allclose(camera.cam_from_rig.translation, -scene[0].positions_mm[row, col] / 1000.0, atol=1e-12)
+        assert np.allclose(camera.cam_from_rig.rotation.matrix(), np.eye(3))
+
+
 def test_colmap_triangulates_the_scene(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
     """Features, the rig and matches by pycolmap alone; the points lie on the surfaces that were photographed."""
     database = colmap / "database.db"
