@@ -55,15 +55,19 @@ class ExportLightFieldOptions(Value):
     depth: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(of HCI its own, for ply measured)")
     ] = Field(default=None, description="NAME_depth.npz of mirrorcam depth: depth for ply, truth for hci")
-    rows: int | None = Field(default=None, ge=1, description="views down, of pictures without views.json or the like")
-    cols: int | None = Field(default=None, ge=1, description="views across, likewise")
-    step_mm: float | None = Field(
+    rows: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
+        default=None, ge=1, description="views down, of pictures without views.json or the like"
+    )
+    cols: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
+        default=None, ge=1, description="views across, likewise"
+    )
+    step_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
         default=None, gt=0, allow_inf_nan=False, description="distance of neighbouring views where a file has none"
     )
-    focal_px: float | None = Field(
+    focal_px: Annotated[float | None, tyro.conf.arg(metavar="PX", help_behavior_hint="")] = Field(
         default=None, gt=0, allow_inf_nan=False, description="focal length of the views where a file has none"
     )
-    reference_depth_mm: float | None = Field(
+    reference_depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
         default=None, gt=0, allow_inf_nan=False, description="distance of zero disparity where a file has none"
     )
 
