@@ -192,3 +192,43 @@ def test_bad_depths_are_refused() -> None:
         all_in_focus(light_field, nothing)
     with pytest.raises(InputError, match="nothing lies nearer"):
         without_nearer(light_field, nothing, behind_mm(views) - 5.0)
+
+
+def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE, noise=0.0)[0]
+    depths = true_depths(views, SCENE)
+    wrong = ViewDepths(depths.nearness.copy(), depths.sure.copy())
+    wrong.nearness[1, 1, 20:60, 30:90] *= np.float32(0.7)
+    wrong.sure[1, 1, 20:60, 30:90] = False
+    picture = all_in_focus(light_field, wrong)
+    patch = np.zeros((90, 120), dtype=bool)
+    patch[20:60, 30:90] = True
+    assert psnr(picture.image, light_field.samples[1, 1] / 255.0, patch) > 35.0
+    stray = light_field.samples.copy()
+    stray[1, 1, 20:60, 30:90] = 128
+    picture = all_in_focus(LightField.of(views, stray, light_field.weights), wrong)
+    assert np.abs(picture.image[patch] - 128.0 / 255.0).mean() < 0.02
+
+
+def test_what_other_views_do_not_confirm_is_not_sure() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    samples = light_field.samples.copy()
+    samples[1, 1, 20:70, 70:110] = np.random.default_rng(2).integers(0, 256, (50, 40, 3))
+    depths = ViewDepths.measured(LightField.of(views, samples, light_field.weights))
+    assert depths.sure[1, 1, 20:70, 20:40].mean() > 0.8
+    assert depths.sure[1, 1, 25:65, 75:105].mean() < 0.5
+    assert (depths.nearness[depths.sure] > 0).all()
+
+
+def test_samples_just_around_what_is_left_out_are_too() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    depths = true_depths(views, SCENE)
+    nearer = depths.nearness > 1.0 / 460.0
+    weights = without_nearer(light_field, depths, 460.0 + behind_mm(views)).weights
+    assert (weights[nearer] == 0).all()
+    for shift in ((2, 0), (-2, 0), (0, 2), (0, -2)):
+        assert (weights[np.roll(nearer, shift, axis=(2, 3))] == 0).all()
+    assert (weights[np.roll(nearer, (3, 0), axis=(2, 3))] > 0).any()
