@@ -34,8 +34,11 @@ from mirrorcam.commands import (
     depth,
     design,
     export,
+    epi,
+    export_light_field,
     features,
     picture,
+    refocus,
     render,
     run,
     scene,
@@ -59,8 +62,11 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
     export.ExportOptions: export.run,
+    refocus.RefocusOptions: refocus.run,
+    epi.EpiOptions: epi.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
+    export_light_field.ExportLightFieldOptions: export_light_field.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -81,8 +87,11 @@ class Command:
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[export.ExportOptions, subcommand("export")]
+        | Annotated[refocus.RefocusOptions, subcommand("refocus")]
+        | Annotated[epi.EpiOptions, subcommand("epi")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
+        | Annotated[export_light_field.ExportLightFieldOptions, subcommand("convert")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False

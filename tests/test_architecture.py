@@ -18,8 +18,8 @@ OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shape
 # `render_scenes` alone come with the extras of these names, distributed and pyarrow with `cluster` and `parquet`;
 # everything else is in the base installation.
 MAY_IMPORT = {
-    # Videos are read, and streams of light fields written, where light fields are made; both are imported late.
-    "optics": OPTICS | {"av", "zarr"},
+    # Videos and loops are read and written, and streams of light fields, where these are made; all imported late.
+    "optics": OPTICS | {"av", "zarr", "PIL", "h5py"},
     "cad": OPTICS
     | {"optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2", "markdown_it"},
     "render_scenes": OPTICS | {"optics", "mitsuba", "drjit", "OpenEXR", "av"},
@@ -27,7 +27,7 @@ MAY_IMPORT = {
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
-    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr"),
+    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "PIL", "h5py"),
 )
 
 

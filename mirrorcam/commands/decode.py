@@ -50,9 +50,12 @@ class DecodeOptions(Value):
     limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
         default=None, ge=1, description="how many frames of a video or a camera to decode at most"
     )
-    to: Literal["zarr", "hci"] = Field(
+    to: Literal["zarr", "hci", "stanford"] = Field(
         default="zarr",
-        description="what to write of a video: one Zarr group, or a folder NAME with a scene in HCI format per frame",
+        description=(
+            "what to write of a video: one Zarr group, or a folder NAME with, per frame, a scene in HCI format or a "
+            "folder as of the Stanford gantry"
+        ),
     )
     field: Literal["common", "union"] = Field(
         default="common", description="show what all views see at the reference depth, or what any view sees"
@@ -188,13 +191,16 @@ def say_what_was_lost(name: str, recording: Recording, expected: int | None) -> 
         say("decode", f"{name}: ends after {seen} of {expected} frames; the file is cut off")
 
 
-def sink_of(format_name: Literal["zarr", "hci"]) -> tuple[Sink, str]:
+def sink_of(format_name: Literal["zarr", "hci", "stanford"]) -> tuple[Sink, str]:
     """How to write a stream, and what its name ends in."""
     from optics.light_field.formats.hci import write_hci
+    from optics.light_field.formats.stanford import write_stanford
     from optics.light_field.recording import Folders
     from optics.light_field.zarr_store import ZarrSink
 
-    return (ZarrSink(), ".zarr") if format_name == "zarr" else (Folders(write_hci), "")
+    if format_name == "zarr":
+        return ZarrSink(), ".zarr"
+    return Folders(write_hci if format_name == "hci" else write_stanford), ""
 
 
 def decode_stream(

@@ -22,7 +22,7 @@ from optics.files import read_image, write_image
 from optics.layout import Layout
 from optics.light_field.decode import Decoder
 from optics.light_field.files import load_npz, read_light_field
-from optics.light_field.formats.hci import read_hci
+from optics.light_field.formats.doors import read_any
 from optics.light_field.zarr_store import StoredLightFields
 from optics.spec import DesignSpec
 from tests.optics.conftest import faceted_parabola
@@ -83,17 +83,18 @@ def test_a_video_becomes_one_zarr_group_and_a_picture(
     assert content(here) == before
 
 
-def test_a_video_becomes_scenes_in_hci_format(here: Path) -> None:
-    arguments = "decode video.mp4 --layout layout.json --to hci --limit 4 --out out"
+@pytest.mark.parametrize("to", ["hci", "stanford"])
+def test_a_video_becomes_a_folder_of_pictures_per_frame(here: Path, to: str) -> None:
+    arguments = f"decode video.mp4 --layout layout.json --to {to} --limit 4 --out out"
     assert cli.main(arguments.split()) == 0
     folders = sorted(path.name for path in (here / "out" / "video").iterdir())
     assert folders == ["000000", "000001", "000002", "000003", "frames.json"]
     assert cli.main(["decode", "video.mp4", "--layout", "layout.json", "--limit", "4", "--out", "out"]) == 0
     for number in range(4):
-        scene = read_hci(here / "out" / "video" / folders[number])
+        found = read_any(here / "out" / "video" / folders[number])[0]
         expected = read_light_field(here / "out" / "video.zarr", number)
-        assert np.array_equal(scene.light_field.samples, expected.samples)
-        assert np.allclose(scene.light_field.positions_mm, expected.positions_mm)
+        assert np.array_equal(found.samples, expected.samples)
+        assert np.allclose(found.positions_mm, expected.positions_mm)
 
 
 def test_what_is_damaged_is_skipped_named_and_counted(here: Path, capfd: pytest.CaptureFixture[str]) -> None:

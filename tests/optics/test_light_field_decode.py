@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
-import cv2
 import numpy as np
 import pytest
 import shapely
@@ -14,7 +10,6 @@ from numpy.typing import NDArray
 from optics.layout import Layout
 from optics.light_field import decode
 from optics.light_field.decode import Decoder
-from optics.light_field.equalisation import Equalisation
 from optics.light_field.light_field import LightField
 from optics.mirror import Mirror
 from optics.values import FloatArray, InputError
@@ -416,29 +411,3 @@ def test_the_light_field_names_the_layout_it_came_from(crooked: Decoder, crooked
     assert isinstance(light_field, LightField)
     assert light_field.layout_identity == crooked_layout.identity
     assert np.array_equal(light_field.weights, crooked.weights)
-
-
-def test_decoding_costs_little_more_than_the_lookup_itself(default_layout: Layout) -> None:
-    decoder = Decoder(default_layout, width_px=400)
-    gain = np.random.default_rng(0).uniform(0.8, 1.2, (3, 3, 3))
-    equal = decoder.equalised(Equalisation(layout_identity=default_layout.identity, gain=gain))
-    frame = np.random.default_rng(0).integers(0, 255, (1080, 1920, 3), dtype=np.uint8)
-    ((where, fraction),) = decoder.tables
-    jobs: list[Callable[[], object]] = [
-        lambda: cv2.remap(frame, where, fraction, cv2.INTER_LINEAR),
-        lambda: decoder.decode(frame),
-        lambda: equal.decode(frame),
-    ]
-    threads = cv2.getNumThreads()
-    # The time of one thread on its processor, whoever else wants it; the best of many rounds is that of warm caches.
-    cv2.setNumThreads(1)
-    try:
-        best = [float("inf")] * len(jobs)
-        for _ in range(30):
-            for number, job in enumerate(jobs):
-                start = time.thread_time()
-                job()
-                best[number] = min(best[number], time.thread_time() - start)
-    finally:
-        cv2.setNumThreads(threads)
-    assert max(best[1:]) < 1.3 * best[0], best

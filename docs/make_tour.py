@@ -1,0 +1,88 @@
+"""Make the pictures of docs/tour.md by its own commands: `python docs/make_tour.py [--work FOLDER]`.
+
+Commands run in the folder, by default output/tour, and find their own folders empty; but a desk that is there already
+is not photographed again. Above each picture a comment names the files it is made of, which are put beside each other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from optics.files import encoded_image, read_image, write_bytes
+
+TOUR = Path(__file__).with_name("tour.md")
+WIDEST_PX = 1440
+JPEG_QUALITY = 88
+GAP_PX = 6
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A picture of the tour, relative to it, and the files it is made of, relative to the folder of the commands."""
+
+    picture: str
+    made_of: tuple[str, ...]
+
+
+def commands(text: str) -> list[str]:
+    """The command lines of a tour, in order."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    return [line for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def illustrations(text: str) -> list[Illustration]:
+    """The pictures of a tour, with what they are made of."""
+    found = re.findall(r"^(?:<!-- from (.+) -->\n)?!\[[^]]+\]\((.+)\)$", text, flags=re.MULTILINE)
+    unknown = [picture for made_of, picture in found if not made_of]
+    if unknown:
+        raise ValueError(f"{unknown}: no comment says what they are made of")
+    return [Illustration(picture, tuple(made_of.split())) for made_of, picture in found]
+
+
+def illustrate(made_of: list[Path], picture: Path) -> None:
+    """Write a picture: files beside each other, no wider than `WIDEST_PX`; what moves as it is."""
+    if made_of[0].suffix == ".gif":
+        shutil.copyfile(made_of[0], picture)
+        return
+    every = [read_image(path) for path in made_of]
+    height = min(image.shape[0] for image in every)
+    gap = np.full((height, GAP_PX, 3), 255, np.uint8)
+    row = np.concatenate([part for image in every for part in (gap, image[:height])][1:], axis=1)
+    if row.shape[1] > WIDEST_PX:
+        size = WIDEST_PX, round(row.shape[0] * WIDEST_PX / row.shape[1])
+        row = np.asarray(cv2.resize(row, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    write_bytes(picture, encoded_image(row, picture.suffix, JPEG_QUALITY))
+
+
+def main() -> None:
+    """Run all commands, then write all pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--work", type=Path, default=Path("output/tour"))
+    work: Path = parser.parse_args().work
+    work.mkdir(parents=True, exist_ok=True)
+    text = TOUR.read_text(encoding="utf-8")
+    for line in commands(text):
+        print(f"$ {line}", flush=True)
+        program, *arguments = shlex.split(line)
+        if program != "mirrorcam":
+            raise ValueError(f"{line!r}, expected a command of mirrorcam")
+        out = work / arguments[arguments.index("--out") + 1]
+        if arguments[0] != "scene" and out.exists():
+            shutil.rmtree(out)
+        subprocess.run([sys.executable, "-m", "mirrorcam", *arguments], cwd=work, check=True)
+    for each in illustrations(text):
+        illustrate([work / name for name in each.made_of], TOUR.parent / each.picture)
+
+
+if __name__ == "__main__":
+    main()
