@@ -30,12 +30,12 @@ from mirrorcam.commands import (
     board,
     cad,
     calibrate,
+    cameras,
     decode,
     depth,
     design,
-    export,
     epi,
-    export_light_field,
+    export,
     features,
     picture,
     refocus,
@@ -61,12 +61,12 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
     decode.DecodeOptions: decode.run,
-    export.ExportOptions: export.run,
+    cameras.CamerasOptions: cameras.run,
     refocus.RefocusOptions: refocus.run,
     epi.EpiOptions: epi.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
-    export_light_field.ExportLightFieldOptions: export_light_field.run,
+    export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
 }
 
@@ -86,12 +86,12 @@ class Command:
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
-        | Annotated[export.ExportOptions, subcommand("export")]
+        | Annotated[cameras.CamerasOptions, subcommand("cameras")]
         | Annotated[refocus.RefocusOptions, subcommand("refocus")]
         | Annotated[epi.EpiOptions, subcommand("epi")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
-        | Annotated[export_light_field.ExportLightFieldOptions, subcommand("convert")]
+        | Annotated[export.ExportOptions, subcommand("export")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]
     debug: bool = False

@@ -1,0 +1,36 @@
+"""`mirrorcam cameras`: every mirror of a layout as a camera that other tools know."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.commands.calibrate import pictures_in
+from mirrorcam.progress import say
+from optics.values import Value
+
+
+class CamerasOptions(Value):
+    """Write a layout, and pictures of its camera, for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF readers."""
+
+    layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
+        description="layout.json, calibrated where there is one"
+    )
+    pictures: tuple[Path, ...] = Field(
+        default=(),
+        description="frames of the camera, or folders of them: COLMAP gets them flipped and masked",
+    )
+    out: Path = Field(default=Path("output/cameras"), description="folder for the files; its README.md explains them")
+
+
+def run(options: CamerasOptions) -> int:
+    """Write the cameras."""
+    from optics.exports.write import write_exports
+    from optics.layout import Layout
+
+    write_exports(Layout.load(options.layout), options.out, pictures_in(options.pictures))
+    say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")
+    return 0
