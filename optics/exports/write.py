@@ -107,7 +107,8 @@ COLMAP, with the cameras as they are calibrated:
         --ImageReader.single_camera_per_folder 1
     colmap rig_configurator --database_path database.db --rig_config_path rig_config.json
     colmap exhaustive_matcher --database_path database.db
-    colmap point_triangulator --database_path database.db --image_path images --input_path sparse --output_path points
+    colmap point_triangulator --database_path database.db --image_path images --input_path sparse \\
+        --output_path points --Mapper.ba_refine_sensor_from_rig 0
 
 triangulates one picture; of many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0 --Mapper.ba_refine_focal_length 0
 --Mapper.ba_refine_extra_params 0` finds the rig's motion too. nerfstudio: `ns-train splatfacto --data nerfstudio`.
