@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from optics.calibration import bootstrap, checks
 from optics.calibration.detection.corners import Grey
 from optics.calibration.detection.detect import detect_frames
+from optics.calibration.detection.segmentation import Extremes, outlined
 from optics.calibration.evidence.cross_validation import held_out
 from optics.calibration.evidence.gather import gather
 from optics.calibration.evidence.ladder import Climb, climb
@@ -56,14 +57,20 @@ def calibrate(
     one with mirrors what was seen in these so far.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
+    extremes = Extremes()
+
+    def watched() -> Iterator[Grey]:
+        for grey in frames:
+            yield grey
+            extremes.add(grey)  # once it is asked for the next one, this one has the size of the others
 
     def hear(found: Sequence[Observations]) -> None:
         on_frame(len(found))
         on_seen(found)
 
-    seen = detect(frames, mirrored=True, on_frame=hear)
+    seen = detect(watched(), mirrored=True, on_frame=hear)
     base = detect(base_frames, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
-    return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level)
+    return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
 
 
 def calibrate_corners(
@@ -73,8 +80,12 @@ def calibrate_corners(
     corners_in_board_mm: FloatArray,
     *,
     level: str | None = None,
+    extremes: Extremes | None = None,
 ) -> Calibration:
-    """The same from corners that were found already, a list entry per frame with and per frame without mirrors."""
+    """The same from corners that were found already, a list entry per frame with and per frame without mirrors.
+
+    Where the frames' `extremes` are given, the mirrors' outlines are those that the frames show.
+    """
     notes = _notes(seen, base, layout)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)
@@ -91,7 +102,11 @@ def calibrate_corners(
         camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
         start = bootstrap.first_estimate(observations, camera, layout, corners_in_board_mm)
         reached = climb(start, observations, corners_in_board_mm, level=level).widened_to(screened.widened)
-        evidence = gather(reached, observations, _calibrated(reached, layout))
+        calibrated = _calibrated(reached, layout)
+        if extremes is not None:
+            calibrated, moved = outlined(calibrated, extremes)
+            notes += moved
+        evidence = gather(reached, observations, calibrated)
         reached = reached.widened_to(evidence.widened)
         solution = reached.solution
         notes += checks.judge(solution, layout, mirrored_frames=len(used))
@@ -101,7 +116,7 @@ def calibrate_corners(
         if len(used) > HOLD_OUT_EVERY:
             metrics |= _held_out(reached, observations, len(used))
         metrics |= evidence.metrics
-        calibrated = _calibrated(reached, layout).replaced(metrics=metrics)
+        calibrated = calibrated.replaced(metrics=metrics, uncertainty=uncertainty(solution))
     except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:

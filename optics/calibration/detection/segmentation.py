@@ -1,7 +1,8 @@
-"""Where each mirror's sub-image lies on the sensor, as the frames themselves show it.
+"""Where each mirror's sub-image ends on the sensor, as the frames themselves show it.
 
-What a mirror shows changes from frame to frame; the gaps between mirrors and the holder do not. The edges of the
-nominal sub-images are moved to where the change ends.
+What a mirror shows changes from frame to frame; the gaps between mirrors and the holder do not. A mirror cut too short
+or glued beside its place shows no other corners, only less or more of the scene: its plane is right and its outline
+is not. The edges of such a mirror are moved to where the change ends.
 """
 
 from __future__ import annotations
@@ -10,138 +11,247 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import ValidationError
+from shapely import Polygon
 
 from optics.calibration.detection.corners import Grey
+from optics.files import one_line
 from optics.layout import Layout
+from optics.mirror import Mirror
+from optics.slab import outer_tangent
 from optics.values import FloatArray
 
-REACH_PX = 45.0  # of an edge: 2 degrees of tilt move it by 15 px, 2 mm by 32 px, on a C920
+REACH_PX = 40.0  # to either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
+FINE_PX = 0.5  # across it
 LEAST_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest, of what a mirror shows
-LEAST_SEEN = 0.5  # part of an edge's length where it must be seen
+LEAST_SEEN = 0.5, 0.2, 0.2  # part of an edge's length where it must be seen: in all frames, and in each half
 LEAST_LENGTH_PX = 40.0
 TOLERANCE_PX = 1.5  # of a place to the straight line through the others
+ALONG = 0.97  # cosine between the edge of a sheet and where its picture ends
+AGREES_PX = 3.0  # an edge that is seen this near to its place is left there: dim or still parts of a scene bend it by 2
+HALVES_PX = 1.5  # by which an edge may differ between halves of the frames
 
 
 class Extremes:
-    """The darkest and the brightest that each pixel was in some frames (h, w)."""
+    """The darkest and the brightest that each pixel (h, w) was in some frames, in every other one and in the rest."""
 
     def __init__(self) -> None:
-        self.darkest: Grey | None = None
-        self.brightest: Grey | None = None
+        self._halves: list[tuple[Grey, Grey]] = []
+        self._count = 0
 
     def add(self, grey: Grey) -> None:
         """Take in a frame."""
-        if self.darkest is None or self.brightest is None:
-            self.darkest, self.brightest = grey.copy(), grey.copy()
+        half = self._count % 2
+        self._count += 1
+        if half == len(self._halves):
+            self._halves.append((grey.copy(), grey.copy()))
         else:
-            np.minimum(self.darkest, grey, out=self.darkest)
-            np.maximum(self.brightest, grey, out=self.brightest)
+            darkest, brightest = self._halves[half]
+            np.minimum(darkest, grey, out=darkest)
+            np.maximum(brightest, grey, out=brightest)
 
-    def change(self) -> NDArray[np.float32]:
-        """How much each pixel (h, w) changed, in grey levels; raises ValueError before there is a frame."""
-        if self.darkest is None or self.brightest is None:
-            raise ValueError("no frame was taken in, expected at least one")
-        return np.asarray(cv2.subtract(self.brightest, self.darkest), dtype=np.float32)
+    def changes(self) -> tuple[Grey, Grey, Grey] | None:
+        """How much each pixel changed, in grey levels: in all frames and in either half; None of fewer than four."""
+        if self._count < 4:
+            return None
+        (dark, bright), (other_dark, other_bright) = self._halves
+        whole = np.maximum(bright, other_bright) - np.minimum(dark, other_dark)
+        return whole, bright - dark, other_bright - other_dark
+
+
+def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...]]:
+    """A layout, whose planes are right, with its mirrors' outlines as the frames show them, and notes on those moved.
+
+    Edges are sought within `REACH_PX`. Those that are not seen stay: off the sensor, or where another sub-image begins
+    without a gap; or not at the same place in both halves of the frames, as where not the mirror ends but a board that
+    was held before it. A mirror stays as it is where its edges would make no mirror of this layout.
+    """
+    changes, waiting, notes = extremes.changes(), {}, []
+    if changes is None:
+        return layout, ()
+    for index, mirror in enumerate(layout.mirrors):
+        whole, *halves = (
+            _edges(change, layout, index, least) for change, least in zip(changes, LEAST_SEEN, strict=True)
+        )
+        moves = {
+            edge: seen
+            for edge, seen in whole.items()
+            if np.abs(seen[1]).max() > AGREES_PX and all(edge in half for half in halves)
+            if np.abs(halves[0][edge][1] - halves[1][edge][1]).max() < HALVES_PX
+        }
+        if moves:
+            far = max(float(np.abs(off_px).max()) for _, off_px in moves.values())
+            edges = f"mirror {index}: {len(moves)} of {len(mirror.outline_in_rig_mm)} edges are seen up to {far:.0f} px"
+            waiting[index] = {edge: line for edge, (line, _) in moves.items()}, edges
+    # One that must wait until another has made room has its turn again.
+    refused = dict.fromkeys(waiting, "")
+    for _ in range(len(waiting)):
+        for index in list(refused):
+            mirrors = list(layout.mirrors)
+            try:
+                mirrors[index] = _with_edges(mirrors[index], waiting[index][0])
+                layout = layout.replaced(mirrors=tuple(mirrors))
+            except ValidationError as error:
+                refused[index] = one_line(error)
+            else:
+                del refused[index]
+    for index, (_, edges) in waiting.items():
+        believed = f"not believed: {refused[index]}" if index in refused else "moved there"
+        notes.append(f"{edges} beside their places, {believed}")
+    return layout, tuple(notes)
+
+
+def _edges(change: Grey, layout: Layout, index: int, least_seen: float) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """The edges of an outline that are seen, by number: the line, and by how many pixels (2,) it is off at its ends.
+
+    A line (3,) is nx x + ny y = d in the mirror's own frame, mm.
+    """
+    mirror, camera = layout.mirrors[index], layout.camera
+    seen, shown = mirror.apparent, _shown_in_plane_mm(mirror)
+    found = {}
+    sides = [_Side.of(shown, edge) for edge in range(len(shown))]
+    for edge in range(len(mirror.outline_in_rig_mm)):
+        # The picture in a sheet ends before the edge of its coating does, almost along it.
+        own = _Side.of(mirror.outline_in_plane_mm, edge)
+        side = max(sides, key=lambda side: float(side.outward @ own.outward), default=None)
+        if side is None or side.outward @ own.outward < ALONG:
+            continue
+
+        def pixels(s: FloatArray, d: FloatArray, side: _Side = side) -> FloatArray:
+            """Pixels (..., 2) at `s` along a side and `d` out of it, in mm."""
+            flat = side.start + s[..., None] * side.along + d[..., None] * side.outward
+            points = seen.rig_from_plane[:3, 3] + flat @ seen.rig_from_plane[:3, :2].T
+            return camera.project(points + seen.sag_mm(points)[..., None] * seen.normal_in_rig)
+
+        first, last = pixels(np.array([0.0, side.length_mm]), np.zeros(2))
+        length_px = float(np.linalg.norm(last - first))
+        beside = pixels(np.full(2, side.length_mm / 2.0), np.array([0.0, 0.1]))
+        px_per_mm = float(np.linalg.norm(beside[1] - beside[0])) / 0.1
+        count = int(length_px / STEP_PX) if np.isfinite(length_px) else 0
+        if count < 4:
+            continue
+        # Not near the ends, where the neighbouring edges are.
+        s = side.length_mm * np.linspace(0.06, 0.94, count)
+        d = np.arange(-REACH_PX, REACH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
+        at = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
+        offsets = _ends_of_change(change, at, d * px_per_mm)
+        line = _line(s, offsets, least=max(LEAST_LENGTH_PX, least_seen * 0.88 * length_px) / STEP_PX)
+        if line is None:
+            continue
+        ends = np.array([0.0, side.length_mm])
+        off_mm = (line[0] * ends + line[1]) / px_per_mm
+        off_px = np.sign(off_mm) * np.linalg.norm(pixels(ends, off_mm) - pixels(ends, np.zeros(2)), axis=1)
+        found[edge] = own.moved(side, off_mm), off_px
+    return found
 
 
 @dataclass(frozen=True)
-class Outline:
-    """A sub-image as it was seen.
+class _Side:
+    """An edge of a polygon in a mirror's own frame, in mm, from `start` (2,) on; `outward` is its normal."""
 
-    `corners_px` (n, 2) are those of the polygon. `seen` (n,) tells of each edge, from a corner to the next, whether it
-    was found; else it is the nominal one: off the sensor, or where another sub-image begins without a gap. `rms_px`
-    (n,) is how straight a found edge is.
+    start: FloatArray
+    along: FloatArray
+    outward: FloatArray
+    length_mm: float
+
+    @classmethod
+    def of(cls, polygon: FloatArray, edge: int) -> _Side:
+        start, end = polygon[edge], polygon[(edge + 1) % len(polygon)]
+        length_mm = float(np.linalg.norm(end - start))
+        along = (end - start) / length_mm
+        outward = np.array([along[1], -along[0]])
+        return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
+
+    def moved(self, other: _Side, off_mm: FloatArray) -> FloatArray:
+        """The line (3,), nx x + ny y = d, of this edge moved as much as `other` near it, off by (2,) at its ends."""
+        ends = np.array([other.start, other.start + other.length_mm * other.along])
+        at = (ends - self.start) @ self.along
+        first, second = self.start + at[:, None] * self.along + off_mm[:, None] * self.outward
+        normal = np.array([second[1] - first[1], first[0] - second[0]]) / np.linalg.norm(second - first)
+        return np.array([*normal, normal @ first])
+
+
+def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
+    """The part (n, 2) of a mirror that shows the scene, where the camera sees it on the `apparent` mirror's plane.
+
+    All of a first-surface mirror. Of a sheet, whose front is cut like its coating, where light both enters and leaves
+    through the front. `Mirror.usable_normalized` tells about this, by the chief ray; rays to the sides enter beside it
+    by some pixels. Here corners are exact: the camera looks at each of the front, and into the front where light comes
+    out that entered at the corner, which is through twice the sheet.
     """
-
-    corners_px: FloatArray
-    seen: NDArray[np.bool_]
-    rms_px: FloatArray
-
-
-def segment(extremes: Extremes, layout: Layout) -> list[Outline | None]:
-    """The outline of each mirror's sub-image; None where fewer than two of its edges are seen.
-
-    Edges are sought within `REACH_PX` of the nominal ones, and taken to be straight on the sensor: a webcam's lens
-    bends them by about a pixel.
-    """
-    change = extremes.change()
-    return [_outline(change, layout, index) for index in range(len(layout.mirrors))]
-
-
-def _outline(change: NDArray[np.float32], layout: Layout, index: int) -> Outline | None:
-    camera = layout.camera
-    corners = camera.pixels_from_normalized(layout.mirrors[index].apparent.outline_normalized)
-    middle = corners.mean(axis=0)
-    lines, seen, rms = [], [], []
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        line, straight = _edge(change, start, end, middle)
-        nominal = _line(start, end)
-        lines.append(nominal if line is None else line)
-        seen.append(line is not None)
-        rms.append(straight)
-    if sum(seen) < 2:
-        return None
-    found = []
-    for number, line in enumerate(lines):
-        crossing = np.cross(lines[number - 1], line)
-        if abs(crossing[2]) < 1e-9:
-            return None
-        found.append(crossing[:2] / crossing[2])
-    return Outline(np.array(found), np.array(seen), np.array(rms))
+    seen = mirror.apparent
+    if mirror.surface == "first":
+        return seen.outline_in_plane_mm
+    air_mm = mirror.distance_mm - mirror.thickness_mm
+    foot = -air_mm * mirror.normal_in_rig
+    across = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
+    across_mm = np.linalg.norm(across, axis=1, keepdims=True)
+    tangent = outer_tangent(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
+    nearer = np.divide(air_mm * tangent, across_mm, out=np.ones_like(tangent), where=across_mm > 0.0)
+    front, into = foot + across, foot + nearer * across
+    shown = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(into[:, :2] / into[:, 2:]))
+    if shown.area <= 0.0:
+        return np.zeros((0, 2))
+    on_plane = seen.cut(np.array(shown.exterior.coords)[:-1])
+    return (on_plane - seen.rig_from_plane[:3, 3]) @ seen.rig_from_plane[:3, :2]
 
 
-def _line(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The line (3,) through two pixels, n.x + d = 0 with a unit normal."""
-    along = (end - start) / np.linalg.norm(end - start)
-    normal = np.array([along[1], -along[0]])
-    return np.array([*normal, -normal @ start])
+def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
+    """The mirror with some edges on other lines of its own frame; raises ValidationError where that is no mirror."""
+    corners = mirror.outline_in_plane_mm
+    unmoved = [side.moved(side, np.zeros(2)) for side in (_Side.of(corners, edge) for edge in range(len(corners)))]
+    edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
+    pairs = zip([edges[-1], *edges[:-1]], edges, strict=True)
+    found = np.array([np.linalg.solve([before[:2], line[:2]], [before[2], line[2]]) for before, line in pairs])
+    frame = mirror.rig_from_plane
+    outline = frame[:3, 3] + found @ frame[:3, :2].T
+    if not mirror.curvature_per_m.any():
+        return mirror.replaced(outline_in_rig_mm=outline)
+    # The same surface, described by the plane that touches it in the new middle; the two planes turn against each
+    # other by so little that the curvature is the same in both.
+    middle = found.mean(axis=0)
+    xx, yy, xy = mirror.curvature_per_m / 1e3
+    rise = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ middle
+    touching = outline.mean(axis=0) + mirror.sag_mm(outline.mean(axis=0)) * mirror.normal_in_rig
+    normal = mirror.normal_in_rig - rise
+    normal /= np.linalg.norm(normal)
+    centre = 2.0 * (normal @ touching) * normal
+    return mirror.replaced(
+        virtual_centre_in_rig_mm=centre,
+        outline_in_rig_mm=outline * ((touching @ normal) / (outline @ normal))[:, None],
+    )
 
 
-def _edge(
-    change: NDArray[np.float32], start: FloatArray, end: FloatArray, middle: FloatArray
-) -> tuple[FloatArray | None, float]:
-    """The line (3,) of an edge near that from start to end, and the rms of places off it; None where it is not seen."""
-    length = float(np.linalg.norm(end - start))
-    count = int(length / STEP_PX)
-    if count < 4:
-        return None, float("nan")
-    along = (end - start) / length
-    outward = np.array([along[1], -along[0]])
-    if outward @ (middle - start) > 0:
-        outward = -outward
-    # Not near the ends, where the neighbouring edges are.
-    places = start + along * np.linspace(0.06 * length, 0.94 * length, count)[:, None]
-    depths = np.arange(-REACH_PX, REACH_PX + 0.25, 0.5)
-    at = (places[:, None] + depths[:, None] * outward).astype(np.float32)
-    size = np.array(change.shape[::-1], dtype=np.float32)
-    on_sensor = ((at >= 0) & (at <= size - 1)).all(axis=2)
-    profile = cv2.remap(change, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    offsets = np.array([_end_of_change(p, depths) for p in np.where(on_sensor, profile, np.nan)])
+def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[float, float] | None:
+    """Slope and constant of the line that most offsets (n,) agree on, if `least` of them do; NaN are left out."""
     have = np.flatnonzero(np.isfinite(offsets))
-    if len(have) * STEP_PX < max(LEAST_LENGTH_PX, LEAST_SEEN * 0.88 * length):
-        return None, float("nan")
-    # The line that most places agree on, found by all pairs of some of them.
-    positions = (places - start) @ along
-    some = have[:: max(len(have) // 24, 1)]
-    best, votes = (0.0, 0.0), -1
+    if len(have) < least:
+        return None
+    some, span = have[:: max(len(have) // 24, 1)], np.ptp(positions)
+    best = np.zeros(len(offsets), dtype=bool)
     for i in some:
         for j in some:
-            if positions[j] - positions[i] > 0.25 * length:
+            if positions[j] - positions[i] > 0.25 * span:
                 slope = (offsets[j] - offsets[i]) / (positions[j] - positions[i])
-                level = offsets[i] - slope * positions[i]
-                near = np.abs(offsets[have] - slope * positions[have] - level) < TOLERANCE_PX
-                if near.sum() > votes:
-                    best, votes = (float(slope), float(level)), int(near.sum())
-    near = np.abs(offsets[have] - best[0] * positions[have] - best[1]) < TOLERANCE_PX
-    kept = have[near]
-    if len(kept) * STEP_PX < max(LEAST_LENGTH_PX, LEAST_SEEN * 0.88 * length):
-        return None, float("nan")
-    slope, level = np.polyfit(positions[kept], offsets[kept], 1)
-    rms = float(np.sqrt(np.mean((offsets[kept] - slope * positions[kept] - level) ** 2)))
-    ends = [start + along * s + outward * (slope * s + level) for s in (0.0, length)]
-    return _line(ends[0], ends[1]), rms
+                near = np.abs(offsets - offsets[i] - slope * (positions - positions[i])) < TOLERANCE_PX
+                if near.sum() > best.sum():
+                    best = near
+    if best.sum() < least:
+        return None
+    slope, constant = np.polyfit(positions[best], offsets[best], 1)
+    return float(slope), float(constant)
+
+
+def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> FloatArray:
+    """Where along each profile (n, m) of pixels (n, m, 2) the change ends, of the depths (m,); NaN where not seen."""
+    size = np.array(change.shape[::-1], dtype=np.float64)
+    on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
+    where = np.nan_to_num(at, nan=-1.0).astype(np.float32)
+    profiles = cv2.remap(
+        change.astype(np.float32), where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.array([_end_of_change(profile, depths_px) for profile in np.where(on_sensor, profiles, np.nan)])
 
 
 def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
@@ -160,4 +270,4 @@ def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
         return float("nan")
     first = int(np.argmax(run))
     before, after = profile[first - 1], profile[first]
-    return float(depths[first - 1] + 0.5 * (before - 0.5 * inside) / max(before - after, 1e-6))
+    return float(depths[first - 1] + FINE_PX * (before - 0.5 * inside) / max(before - after, 1e-6))
