@@ -53,11 +53,11 @@ def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
 
 
 def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[ViewFigures], str]) -> str:
-    """Words in the top left of every mirror's sub-image, to be drawn last."""
+    """Words in the corner of every mirror's sub-image that is nearest the top left, to be drawn last."""
     parts = []
     for view in views:
         if view.view != DIRECT:
-            x, y = window(view.outline_px.min(axis=0))
+            x, y = window(view.outline_px[np.argmin(view.outline_px.sum(axis=1))])
             parts.append(text(x + 7, y + 16, words(view), anchor="start", style="tag"))
     return "".join(parts)
 
