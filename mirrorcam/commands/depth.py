@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import InputError, Value
 
 if TYPE_CHECKING:
-    from optics.light_field.light_field import LightField
-
-PICTURES = (".png", ".jpg", ".jpeg")
+    pass
 
 
-class DepthOptions(Value):
+class DepthOptions(LightFieldsOptions):
     """Measure depth in light fields: a picture with a scale in mm, and arrays."""
 
-    light_fields: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LIGHTFIELD...", help_behavior_hint="")
-    ] = Field(
-        min_length=1,
-        description=(
-            "what mirrorcam decode wrote (.npz or .zarr), a folder of the 4D Light Field Benchmark, or, with --layout, "
-            "PNG or JPEG frames of the camera"
-        ),
-    )
-    layout: Path | None = Field(default=None, description="layout.json of frames, calibrated where there is one")
     near_mm: Annotated[
         float | None, tyro.conf.arg(help_behavior_hint="(0.6 reference depths, or what a scene states)")
     ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
@@ -46,32 +33,6 @@ class DepthOptions(Value):
     )
 
 
-def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField, tuple[float, float] | None]]:
-    """The light fields of a file or folder, one after the other, each with a name and the depths it says it has."""
-    from optics.files import read_image
-    from optics.light_field.files import load_npz
-    from optics.light_field.formats.hci import PARAMETERS, read_hci
-
-    if path.suffix.lower() in PICTURES:
-        if layout is None:
-            raise InputError(f"{path}: a frame, expected --layout to decode it with, or a light field")
-        from optics.layout import Layout
-        from optics.light_field.decode import Decoder
-
-        yield path.stem, Decoder(Layout.load(layout)).decode(read_image(path)), None
-    elif (path / PARAMETERS).exists():
-        scene = read_hci(path)
-        yield path.name, scene.light_field, scene.depth_range_mm
-    elif path.is_dir():
-        from optics.light_field.zarr_store import StoredLightFields
-
-        stored = StoredLightFields(path)
-        for frame in range(len(stored)):
-            yield f"{path.stem}_{frame:06d}", stored[frame], None
-    else:
-        yield path.stem, load_npz(path), None
-
-
 def run(options: DepthOptions) -> int:
     """Measure and write depths."""
     import numpy as np
@@ -81,10 +42,7 @@ def run(options: DepthOptions) -> int:
     from optics.light_field.depth import DepthEstimator
     from optics.light_field.formats.pfm import write_pfm
 
-    names = [path.stem for path in options.light_fields]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two light fields are called {twice!r}, expected different names: each names its depth map")
+    names = distinct_names(options.light_fields, "depth map")
     estimator: DepthEstimator | None = None
     summary: list[str] = []
     with long_work("depth", count_text(len(names), "light field"), "files") as advance:

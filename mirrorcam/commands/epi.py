@@ -8,26 +8,13 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.depth import opened
+from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import InputError, Value
 
 
-class EpiOptions(Value):
+class EpiOptions(LightFieldsOptions):
     """Cut epipolar-plane images out of light fields: a picture with depths as slopes, and arrays."""
 
-    light_fields: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LIGHTFIELD...", help_behavior_hint="")
-    ] = Field(
-        min_length=1,
-        description=(
-            "what mirrorcam decode wrote (.npz or .zarr), a folder of the 4D Light Field Benchmark, or, with --layout, "
-            "PNG or JPEG frames of the camera"
-        ),
-    )
-    layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="layout.json of frames, calibrated where there is one"
-    )
     axis: Literal["s", "t"] = Field(default="s", description="views beside each other (s), or above each other (t)")
     line: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(the middle)")] = Field(
         default=None, ge=0, description="row of the central view for s, column for t"
@@ -52,10 +39,7 @@ def run(options: EpiOptions) -> int:
     from optics.files import atomic
     from optics.light_field.epi import epi
 
-    names = [path.stem for path in options.light_fields]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two light fields are called {twice!r}, expected different names: each names its pictures")
+    names = distinct_names(options.light_fields, "pictures")
     with long_work("epi", count_text(len(names), "light field"), "files") as advance:
         for done, path in enumerate(options.light_fields, start=1):
             for name, light_field, known in opened(path, options.layout):

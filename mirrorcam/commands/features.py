@@ -8,29 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.depth import opened
+from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import InputError, Value
 
 if TYPE_CHECKING:
     from optics.light_field.features import FeatureFinder
 
 
-class FeaturesOptions(Value):
+class FeaturesOptions(LightFieldsOptions):
     """Find features in light fields: a picture of them, coloured by depth, and arrays."""
 
-    light_fields: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LIGHTFIELD...", help_behavior_hint="")
-    ] = Field(
-        min_length=1,
-        description=(
-            "what mirrorcam decode wrote (.npz or .zarr), a folder of the 4D Light Field Benchmark, or, with --layout, "
-            "PNG or JPEG frames of the camera"
-        ),
-    )
-    layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="layout.json of frames, calibrated where there is one"
-    )
     detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
         default="SIFT", description="of the keypoints; AKAZE needs the contributed modules of OpenCV"
     )
@@ -69,10 +56,7 @@ def run(options: FeaturesOptions) -> int:
     from optics.light_field.features import FeatureFinder
     from optics.light_field.features.files import save_csv, save_npz
 
-    names = [path.stem for path in options.light_fields]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two light fields are called {twice!r}, expected different names: each names its features")
+    names = distinct_names(options.light_fields, "features")
     finder: FeatureFinder | None = None
     depths_mm: tuple[float, float] | None = None
     summary: list[str] = []

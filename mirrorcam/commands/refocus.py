@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.depth import opened
+from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
 from mirrorcam.progress import count_text, long_work, say
-from optics.values import InputError, Value
 
 if TYPE_CHECKING:
     from optics.light_field.light_field import LightField
@@ -23,21 +22,9 @@ SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
 NEAR, FAR = 0.75, 2.0
 
 
-class RefocusOptions(Value):
+class RefocusOptions(LightFieldsOptions):
     """Focus light fields after the shot: on any plane, on everything, from between the views, past what is near."""
 
-    light_fields: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LIGHTFIELD...", help_behavior_hint="")
-    ] = Field(
-        min_length=1,
-        description=(
-            "what mirrorcam decode wrote (.npz or .zarr), a folder of the 4D Light Field Benchmark, or, with --layout, "
-            "PNG or JPEG frames of the camera"
-        ),
-    )
-    layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="layout.json of frames, calibrated where there is one"
-    )
     depth_mm: Annotated[
         tuple[Annotated[float, Field(allow_inf_nan=True)], ...],
         tyro.conf.arg(metavar="MM...", help_behavior_hint="(the reference plane's)"),
@@ -132,10 +119,7 @@ def run(options: RefocusOptions) -> int:
     from optics.light_field.refocus import to_bytes
     from optics.light_field.view_depths import ViewDepths, without_nearer
 
-    names = [path.stem for path in options.light_fields]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two light fields are called {twice!r}, expected different names: each names its pictures")
+    names = distinct_names(options.light_fields, "pictures")
     unseen: list[str] = []
     with long_work("refocus", count_text(len(names), "light field"), "files") as advance:
         for done, path in enumerate(options.light_fields, start=1):
