@@ -19,17 +19,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
-import cad.catalogue
-import cad.device_files
-import cad.part_files
-from cad.build import build
-from cad.device import Device
-from cad.part import PartPlan
-from cad.slicer import slicer_version
-from mirrorcam.workers import cores
-from optics.design.optimise import design
-from optics.layout import Layout
-from optics.spec import DesignSpec
+from mirrorcam.cad import device_files, part_files
+from mirrorcam.cad.assembly import catalogue
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.build import build
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.write.slicer import slicer_version
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 LIMITS_S = {9: 40.0, 25: 120.0}
@@ -63,14 +62,14 @@ def account(layout: Layout, out: Path) -> tuple[float, dict[str, float]]:
 
     def parts_of(device: Device) -> tuple[PartPlan, ...]:
         return tuple(
-            replace(part, make=timed(f"solid of {part.name}", part.make)) for part in cad.catalogue.parts_of(device)
+            replace(part, make=timed(f"solid of {part.name}", part.make)) for part in catalogue.parts_of(device)
         )
 
     with ExitStack() as stack:
-        for module, names in ((cad.part_files, PART_STEPS), (cad.device_files, DEVICE_STEPS)):
+        for module, names in ((part_files, PART_STEPS), (device_files, DEVICE_STEPS)):
             for name in names:
                 stack.enter_context(patch.object(module, name, timed(name, getattr(module, name))))
-        stack.enter_context(patch.object(cad.device_files, "parts_of", parts_of))
+        stack.enter_context(patch.object(device_files, "parts_of", parts_of))
         whole = seconds(lambda: build(layout, out))
     return whole, spent
 

@@ -27,11 +27,11 @@ from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from optics.calibration.observations import Observations
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Estimate
-from optics.calibration.solver.solve import fit, minimise
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit, minimise
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Estimate
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import disturbed, large_scene, small_scene, start_from
 from tests.optics.calibration.solver.test_at_the_limit import converges, over_bound, run_trials

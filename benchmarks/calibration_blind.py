@@ -11,13 +11,13 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from mirrorcam.validate import validate
-from optics.calibration.calibrate import calibrate_corners
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.result import Calibration
-from optics.layout import Layout
-from optics.targets import load_board
-from optics.values import InputError
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import load_board
+from mirrorcam.workflow.validation import validate
 
 SHOWN = (
     "held_out_rms_x_px",

@@ -15,18 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from optics.calibration.detection.corners import confirm
-from optics.calibration.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
-from optics.calibration.direct_view import INTRINSICS, calibrate_with_direct_view
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.result import Calibration
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Board, Estimate
-from optics.calibration.solver.solve import fit
-from optics.calibration.steadiness import camera_turns, steadied
-from optics.files import read_image
-from optics.targets import Checkerboard
-from optics.values import FloatArray
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import confirm
+from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
+from mirrorcam.optics.calibration.direct.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
+from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.targets import Checkerboard
 
 TARGET = Checkerboard(cols=8, rows=7, square_mm=1.0)
 PATHS = ((0, 1), (1, 0))

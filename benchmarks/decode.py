@@ -16,9 +16,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.equalisation import Equalisation
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import Equalisation
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 ROUNDS = 200

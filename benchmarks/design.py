@@ -19,11 +19,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
-from optics.design.errors import InfeasibleDesign
-from optics.design.optimise import design
-from optics.files import atomic
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.infeasible import InfeasibleDesign
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 LIMITS_S = {(3, 3): 1.5, (5, 5): 15.0}
 RUNS = {(3, 3): 9, (5, 5): 5}
@@ -32,8 +32,8 @@ GROWTH_RUNS = 3
 
 COLD = """
 import sys, time
-from optics.design.optimise import design
-from optics.spec import DesignSpec
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 spec = DesignSpec(rows=int(sys.argv[1]), cols=int(sys.argv[2]))
 started = time.perf_counter()
 design(spec)

@@ -11,15 +11,15 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from optics.design import constraints
-from optics.design.constraints import Kind
-from optics.design.overlap import common_region, seen_px, sensor_polygon, sub_images
-from optics.design.problem import Problem
-from optics.design.program import IPOPT
-from optics.design.terms import ELASTIC
-from optics.layout import Layout
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program import constraints
+from mirrorcam.optics.design.program.constraints import Kind
+from mirrorcam.optics.design.program.design_problem import Problem
+from mirrorcam.optics.design.program.nonlinear_program import IPOPT
+from mirrorcam.optics.design.program.terms import ELASTIC
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sub_images import common_region, seen_px, sensor_polygon, sub_images
 
 ACTIVE = 1e-5
 """A multiplier above this part of the objective's scale (1) counts as active."""

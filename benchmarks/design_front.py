@@ -21,18 +21,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optics.design.errors import InfeasibleDesign
-from optics.design.metrics import grid_error
-from optics.design.optimise import MEETINGS, design
-from optics.design.overlap import pixel_efficiency
-from optics.design.problem import Keep, problem_of, usual_keeps
-from optics.design.program import Outcome
-from optics.design.seeds import layout_of, mirrors_of, seed_of
-from optics.design.verify import require_passed, verify
-from optics.files import atomic
-from optics.layout import Layout
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.assess.layout_metrics import grid_error
+from mirrorcam.optics.design.assess.verify import require_passed, verify
+from mirrorcam.optics.design.infeasible import InfeasibleDesign
+from mirrorcam.optics.design.optimise import MEETINGS, design
+from mirrorcam.optics.design.program.design_problem import Keep, problem_of, usual_keeps
+from mirrorcam.optics.design.program.nonlinear_program import Outcome
+from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sub_images import pixel_efficiency
 
 TRADEOFFS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
 

@@ -30,12 +30,12 @@ from benchmarks.design_account import (
     rolls_deg,
 )
 from benchmarks.design_front import Point, designed, efficiency_at, searched, upper
-from optics.design.optimise import design
-from optics.design.problem import Keep, problem_of, usual_keeps
-from optics.design.seeds import seed_of
-from optics.files import atomic
-from optics.layout import Layout
-from optics.spec import DesignSpec
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.program.design_problem import Keep, problem_of, usual_keeps
+from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
 
 FOLDS_DEG = tuple(range(75, 140, 5))
 FEW_TRADEOFFS = (0.1, 0.2, 0.3, 0.45, 0.65, 0.8)

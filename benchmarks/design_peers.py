@@ -16,10 +16,10 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
 
-from optics.design.problem import Problem, problem_of, usual_keeps
-from optics.design.seeds import seed_of
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.design_problem import Problem, problem_of, usual_keeps
+from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 PEER_COUNTS = ((1, 2), (2, 2), (3, 3))
 PEERS = ("SLSQP", "trust-constr")

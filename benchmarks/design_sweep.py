@@ -19,14 +19,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from mirrorcam.figures.sweep import pareto
-from mirrorcam.sweep import outcome_of, sweep, table_of, write_table
-from mirrorcam.sweep_run import design_here
-from mirrorcam.sweep_work import Answer
-from mirrorcam.workers import Died, cores
-from optics.camera import Camera
-from optics.design.sweep import Outcome
-from optics.spec import DesignSpec
+from mirrorcam.figures.sweep_figure import pareto
+from mirrorcam.optics.design.spec_grid import Outcome
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.design_sweep import outcome_of, sweep, table_of, write_table
+from mirrorcam.workflow.sweep_run import design_here
+from mirrorcam.workflow.sweep_work import Answer
+from mirrorcam.workflow.workers import Died, cores
 
 Level = TypeVar("Level")
 

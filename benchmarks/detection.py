@@ -19,18 +19,18 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from mirrorcam.workers import cores
-from optics.calibration.detection.corners import Grey
-from optics.calibration.detection.detect import detect_frames
-from optics.calibration.observations import Observations
-from optics.files import read_image
-from optics.layout import Layout
-from optics.targets import default_board
-from optics.tolerances import Tolerances
-from optics.values import FloatArray
-from render_scenes.dataset import Dataset
-from render_scenes.render_set import SetRequest, render_set
-from render_scenes.settings import SENSORS, RenderSettings, SensorName
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
+from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 TILT_DEG = 2.0

@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.files import read_image
-from optics.layout import Layout
-from optics.light_field.decode import Decoder, choose_views
-from optics.light_field.depth import DepthEstimator
-from optics.light_field.depth.metrics import bad_pixels, mean_square_error
-from optics.light_field.formats.hci import HciScene, read_hci, write_hci
-from optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder, choose_views
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth.benchmark_metrics import bad_pixels, mean_square_error
+from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci, write_hci
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 Disparity = NDArray[np.float32]
@@ -35,9 +35,9 @@ Disparity = NDArray[np.float32]
 def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: int = 16, views: int = 9) -> None:
     """Photograph the desk with an even grid of square pinhole views about the central virtual camera, 9x9 as in the
     benchmark, and write it with its truth."""
-    from render_scenes.desk.desk import desk, nearest_mm
-    from render_scenes.desk.desk_set import default_depths_mm
-    from render_scenes.desk.room import Room, pinhole_rays
+    from mirrorcam.render_scenes.tabletop.tabletop import desk, nearest_mm
+    from mirrorcam.render_scenes.tabletop.tabletop_scene import Room, pinhole_rays
+    from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
     layout = Layout.load(DEFAULT_LAYOUT)
     base = choose_views(layout, 375.0, "common")
@@ -165,7 +165,7 @@ def _inner(scene: HciScene) -> HciScene:
 
 
 def desk_errors(folder: Path) -> None:
-    from render_scenes.desk.desk_set import DeskSet, read_map
+    from mirrorcam.render_scenes.tabletop.tabletop_set import DeskSet, read_map
 
     manifest = DeskSet.load(folder)
     t, s = manifest.central_view

@@ -29,15 +29,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.files import read_image
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.features import DetectorName, FeatureFinder, Features
-from optics.light_field.features.detect import detector, grey_views, inner_masks
-from optics.light_field.features.slope import Geometry
-from optics.light_field.light_field import LightField
-from optics.values import FloatArray, InputError
-from render_scenes.desk.desk_set import MASK, DeskSet, read_map
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
+from mirrorcam.optics.light_field.features.keypoints import detector, grey_views, inner_masks
+from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, DeskSet, read_map
 
 RATIO = 0.8
 ON_LINE_PX = 1.0

@@ -22,15 +22,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.files import read_image
-from optics.layout import FOLD_90_VIEW_FROM_RIG, Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.equalisation import measure
-from optics.light_field.light_field import LightField, Views
-from optics.light_field.perspective import all_in_focus, seen_from
-from optics.light_field.refocus import FocalPlane, aperture, homography, refocus
-from optics.light_field.view_depths import ViewDepths
-from render_scenes.desk.desk_set import MASK, DeskSet, read_map
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG, Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import measure
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, seen_from
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, homography, refocus
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths
+from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, DeskSet, read_map
 
 SOFTNESS_PX = 0.95
 IN_FOCUS_PX = 0.25

@@ -24,12 +24,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.frames import Frame, Lost, Video
-from optics.light_field.recording import Recording, about
-from optics.light_field.stream import light_fields, record
-from optics.light_field.zarr_store import ZarrSink
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.frames import Frame, Lost, Video
+from mirrorcam.optics.light_field.io.recording import Recording, about
+from mirrorcam.optics.light_field.io.stream import light_fields, record
+from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 LENGTH = 240

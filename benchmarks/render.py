@@ -21,19 +21,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mirrorcam.workers import cores, run_local
-from optics.design.optimise import design
-from optics.files import atomic
-from optics.layout import Layout
-from optics.spec import DesignSpec
-from optics.targets import Charuco, default_board
-from optics.values import FloatArray
-from render_scenes.fast.scene import FastScene
-from render_scenes.frame import FrameTask, Stage, render_frame
-from render_scenes.poses import plan_frames
-from render_scenes.reference.scene import BoardScene
-from render_scenes.settings import SENSORS, RenderSettings
-from render_scenes.truth.oracle import Oracle
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, default_board
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene
+from mirrorcam.render_scenes.reference.board_scene import BoardScene
+from mirrorcam.render_scenes.sets.frame_task import FrameTask, Stage, render_frame
+from mirrorcam.render_scenes.sets.poses import plan_frames
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
+from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.workflow.workers import cores, run_local
 
 LIMIT_S = 0.1
 TIMES_FASTER = 10.0

@@ -15,12 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mirrorcam.commands.render import in_workers
-from mirrorcam.pipeline import scaled
-from mirrorcam.workers import cores
-from optics.layout import Layout
-from optics.targets import Charuco
-from render_scenes.render_set import SetRequest, render_set
-from render_scenes.settings import RenderSettings
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.workflow.pipeline import scaled
+from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cad.crew import Advance, crew
-from cad.device import plan_device
-from cad.hardware import HARDWARE, Hardware
-from optics.layout import Layout
-from optics.values import InputError, Metric
+from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.process_pool import Advance, crew
+from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
 
@@ -32,8 +32,8 @@ def build(
     device = plan_device(layout, hardware)
     with crew(workers) as executor:
         try:
-            from cad.device_files import write_device
-            from cad.holder.solid import check_gaps
+            from mirrorcam.cad.device_files import write_device
+            from mirrorcam.cad.holder.holder_solid import check_gaps
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] not in EXTRA:
                 raise

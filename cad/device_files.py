@@ -5,26 +5,26 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from pathlib import Path
 
-from cad.assembly import write_assembly
-from cad.bom import bill_of, write_bom
-from cad.catalogue import parts_of
-from cad.checks import check_device
-from cad.crew import Advance, Task, results
-from cad.device import Device
-from cad.documents.guide import write_guide
-from cad.documents.page import write_page
-from cad.documents.pictures import pictures_of, write_picture
-from cad.gltf import write_glb
-from cad.hardware import Cutting
-from cad.mirrors.dxf import write_dxf
-from cad.mirrors.sheets import MirrorSheet, plan_sheets, sheet_metrics
-from cad.mirrors.svg import write_svg
-from cad.part_files import make_part
-from cad.pieces import pieces_of
-from cad.robot import write_robot
-from optics.files import write_metrics
-from optics.layout import Layout
-from optics.values import Metric
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import pieces_of
+from mirrorcam.cad.checks import check_device
+from mirrorcam.cad.documents.assembly_guide import write_guide
+from mirrorcam.cad.documents.device_page import write_page
+from mirrorcam.cad.documents.device_pictures import pictures_of, write_picture
+from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.mirror_svg import write_svg
+from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet, plan_sheets, sheet_metrics
+from mirrorcam.cad.part_files import make_part
+from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.cad.process_pool import Advance, Task, results
+from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
+from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.write.robot_link import write_robot
+from mirrorcam.cad.write.step_assembly import write_assembly
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
 
 
 def write_device(

@@ -11,15 +11,15 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from cad.checks import check_part
-from cad.documents import write_drawing
-from cad.exports import mass_properties, write_step, write_stl
-from cad.hardware import Printer
-from cad.part import BuiltPart, PartPlan, plain
-from cad.slicer import slicer_version
-from cad.threemf import write_3mf
-from optics.files import write_text
-from optics.values import Value
+from mirrorcam.cad.checks import check_part
+from mirrorcam.cad.documents import write_drawing
+from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
+from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
+from mirrorcam.cad.write.slicer import slicer_version
+from mirrorcam.cad.write.threemf import write_3mf
+from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.values import Value
 
 # Their change may change what is written.
 TOOLS = (
@@ -101,7 +101,7 @@ def _key(part: PartPlan, printer: Printer) -> str:
 @cache
 def _makers() -> str:
     total = hashlib.sha256()
-    for path in sorted((*ROOT.glob("cad/**/*.py"), *ROOT.glob("optics/*.py"))):
+    for path in sorted((*ROOT.glob("cad/**/*.py"), *ROOT.glob("optics/base/*.py"), *ROOT.glob("optics/geometry/*.py"))):
         total.update(f"{path.relative_to(ROOT).as_posix()} {_digest(path)}\n".encode())
     versions = {tool: metadata.version(tool) for tool in TOOLS} | {"slicer": slicer_version()}
     total.update(json.dumps(versions).encode())

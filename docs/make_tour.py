@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from optics.files import encoded_image, read_image, write_bytes
+from mirrorcam.optics.base.files import encoded_image, read_image, write_bytes
 
 TOUR = Path(__file__).with_name("tour.md")
 WIDEST_PX = 1440

@@ -25,7 +25,6 @@ from tyro.conf import (
 )
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from mirrorcam import interruption
 from mirrorcam.commands import (
     board,
     cad,
@@ -45,8 +44,9 @@ from mirrorcam.commands import (
     sweep,
     validate,
 )
-from optics.camera import Camera
-from optics.values import InputError
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.workflow import interruption
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -102,7 +102,7 @@ def camera_from_text(text: str) -> Camera:
     """A camera by its preset's name, or read from a JSON or TOML file."""
     if text == "c920":
         return Camera.c920()
-    from optics.files import read_model
+    from mirrorcam.optics.base.files import read_model
 
     return read_model(Camera, Path(text))
 

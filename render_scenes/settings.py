@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from optics.values import Value
+from mirrorcam.optics.base.values import Value
 
 
 class SensorModel(Value):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from optics.layout import Layout
+from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parent.parent
 

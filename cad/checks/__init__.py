@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cad.checks.device import check_device
-from cad.checks.part import check_part
+from mirrorcam.cad.checks.device_checks import check_device
+from mirrorcam.cad.checks.part_checks import check_part
 
 __all__ = ["check_device", "check_part"]

@@ -23,8 +23,8 @@ from shapely import (
     unary_union,
 )
 
-from cad.hardware import Printer
-from optics.values import FloatArray, Metric
+from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.optics.base.values import FloatArray, Metric
 
 LAYER_MM = 0.2
 # An angle is read from a mesh: round shapes are facets, and numbers of a file are rounded.

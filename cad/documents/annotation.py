@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 from shapely import MultiLineString, Polygon
 
-from cad.documents.dimension import Hole, Length
-from cad.documents.projection import Placed
-from cad.documents.sheet import ARROW_MM, INK, Sheet, text_width_mm
-from optics.values import FloatArray
+from mirrorcam.cad.documents.drawing_sheet import ARROW_MM, INK, Sheet, text_width_mm
+from mirrorcam.cad.documents.part_views import Placed
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.optics.base.values import FloatArray
 
 LINE_MM = 0.18
 TEXT_MM = 2.5

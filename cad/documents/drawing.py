@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from build123d import Part
 
-from cad.documents.annotation import LANES_MM, WORDS_MM, annotate
-from cad.documents.dimension import Hole, Length, Table
-from cad.documents.holder_sheet import seat_names, seat_table
-from cad.documents.plan_dimensions import offered
-from cad.documents.projection import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
-from cad.documents.sheet import SOFT, Sheet, text_width_mm
-from cad.hardware import Printer
-from cad.holder.plan import HolderPlan
-from cad.part import PartPlan
-from cad.split import PiecePlan
-from optics.values import FloatArray
+from mirrorcam.cad.documents.annotation import LANES_MM, WORDS_MM, annotate
+from mirrorcam.cad.documents.drawing_sheet import SOFT, Sheet, text_width_mm
+from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
+from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
+from mirrorcam.cad.documents.plan_dimensions import offered
+from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.plan.dimension import Hole, Length, Table
+from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.plan.split import PiecePlan
+from mirrorcam.optics.base.values import FloatArray
 
 A3_MM = (420.0, 297.0)
 BORDER_MM = 10.0

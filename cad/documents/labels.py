@@ -9,8 +9,8 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from cad.documents.render import Pixels, Shot
-from optics.values import FloatArray
+from mirrorcam.cad.documents.shading import Pixels, Shot
+from mirrorcam.optics.base.values import FloatArray
 
 INK = (28, 33, 45)
 SOFT = (104, 112, 128)

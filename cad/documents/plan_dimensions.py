@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from cad.documents.dimension import Dimensioned, Hole, Length
-from cad.documents.holder_sheet import holder_holes
-from cad.holder.plan import HolderPlan
-from cad.split import PiecePlan
+from mirrorcam.cad.documents.holder_drawing import holder_holes
+from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.plan.dimension import Dimensioned, Hole, Length
+from mirrorcam.cad.plan.split import PiecePlan
 
 
 def offered(plan: Any) -> tuple[Length | Hole, ...]:

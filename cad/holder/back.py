@@ -9,13 +9,13 @@ from manifold3d import Manifold
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, unary_union
 from shapely.geometry.polygon import orient
 
-from cad.hardware import Fastening, Hardware
-from cad.holder.rims import GROUND_MM, RELIEF_MM
-from cad.parts.fasteners import ROOF_DEG
-from cad.seats import back_height_mm, outline_at, seat_distance_mm
-from cad.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
-from optics.layout import Layout
-from optics.values import FloatArray, InputError
+from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
+from mirrorcam.cad.plan.hardware import Fastening, Hardware
+from mirrorcam.cad.plan.seats import back_height_mm, outline_at, seat_distance_mm
+from mirrorcam.cad.plan.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
 
 # Fillers that recede into the slab end this far in it.
 IN_SLAB_MM = 0.5

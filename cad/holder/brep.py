@@ -16,8 +16,8 @@ from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
 from OCP.TopAbs import TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
-from cad.holder.mesh import Workshop
-from optics.values import FloatArray
+from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.optics.base.values import FloatArray
 
 # Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
 CORNER_MM = 1e-4

@@ -10,11 +10,11 @@ import numpy as np
 from shapely import LineString, Polygon, box, get_coordinates, union_all
 from shapely.geometry.base import BaseGeometry
 
-from cad.hardware import Hardware
-from cad.seats import Frustum, back_height_mm, outline_at
-from optics.mirror import Mirror
-from optics.transforms import transform
-from optics.values import FloatArray
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, back_height_mm, outline_at
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
 
 # An edge that runs along a groove to less than this does not cross it, and leaves a thin wall beside it.
 ALONG_DEG = 30.0

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
-from cad.hardware import Hardware
-from cad.holder.glue import Groove, groove_volume
-from cad.seats import Frustum, back_height_mm, outline_at
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.transforms import transform
-from optics.values import FloatArray
+from mirrorcam.cad.holder.glue import Groove, groove_volume
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, back_height_mm, outline_at
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
 
 # Room is tried at points this far apart; what is found free is shortened by as much at both ends.
 STEP_MM = 0.25

@@ -11,10 +11,10 @@ from shapely import Point, Polygon, box, get_coordinates
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from cad.hardware import Hardware
-from cad.seats import planes_of
-from cad.split import reach_of_pin_mm
-from optics.values import FloatArray
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import planes_of
+from mirrorcam.cad.plan.split import reach_of_pin_mm
+from mirrorcam.optics.base.values import FloatArray
 
 # A narrower hollow saves nothing.
 NARROWEST_MM = 5.0

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
 
 # Room for rounding, so that a piece as wide as the sheet's room is not refused.
 ROUNDING_MM = 1e-6

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cad.hardware import Hardware
-from cad.parts.clip import ABOVE, ClipPlan
-from cad.parts.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
-from cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
-from cad.parts.prisms import box, corners_of
-from cad.seats import Frustum
-from optics.values import FloatArray, InputError
+from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import box, corners_of
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray, InputError
 
 if TYPE_CHECKING:
-    from cad.documents.dimension import Hole, Length
+    from mirrorcam.cad.plan.dimension import Hole, Length
 
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
@@ -49,7 +49,7 @@ class RingPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The bore, the clamp's band, and the holes."""
-        from cad.parts.dimensions import holes, length
+        from mirrorcam.cad.plan.hole_dimensions import holes, length
 
         middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
         across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])

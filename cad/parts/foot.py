@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cad.hardware import Hardware
-from cad.parts.clip import ClipPlan
-from cad.parts.fasteners import stack
-from optics.values import FloatArray
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.plan.fasteners import stack
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.optics.base.values import FloatArray
 
 # The adapter's screws in the mount's foot: +-x from the middle, and below the slide's plane. In the adapter the roofs
 # of their heads' holes have a wall to its end and between them.

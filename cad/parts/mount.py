@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from shapely import LineString, Polygon
 
-from cad.hardware import Hardware
-from cad.holder.plan import HolderPlan
-from cad.parts.beam import Section, bends_per_newton
-from cad.parts.bed import Lay, joint_blocks, lay, turn
-from cad.parts.clip import ABOVE, ClipPlan
-from cad.parts.fasteners import Bore, Hexagon, Stack, stack_into
-from cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws
-from cad.parts.openings import cable_reach_mm, openings
-from cad.parts.prisms import overlap_mm, volume_mm3
-from cad.parts.truss import inner_path, offset, to_head, truss
-from cad.seats import Frustum, keep_outs
-from optics.layout import Layout
-from optics.transforms import transform
-from optics.values import FloatArray, InputError
+from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
+from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws
+from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings
+from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss
+from mirrorcam.cad.plan.beam import Section, bends_per_newton
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, stack_into
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import overlap_mm, volume_mm3
+from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
 
 if TYPE_CHECKING:
-    from cad.documents.dimension import Hole, Length
+    from mirrorcam.cad.plan.dimension import Hole, Length
 
 # Webs at this angle to the skins: less plastic than at 45 deg, and stiff enough.
 WEB_DEG = 36.0
@@ -76,7 +76,7 @@ class MountPlan:
 
         From the foot's corner at the slide along both axes of the bed, as its drawing is seen, and from row to row.
         """
-        from cad.parts.dimensions import holes, length
+        from mirrorcam.cad.plan.hole_dimensions import holes, length
 
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])

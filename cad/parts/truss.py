@@ -9,15 +9,15 @@ from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates
 from shapely.geometry.polygon import orient
 from shapely.ops import substring
 
-from cad.hardware import Hardware
-from cad.holder.plan import HolderPlan
-from cad.parts.beam import Section
-from cad.parts.clip import ClipPlan
-from cad.parts.foot import foot_plate_mm, foot_z_mm
-from cad.parts.prisms import along_x
-from cad.seats import Frustum
-from optics.transforms import transform
-from optics.values import FloatArray, InputError
+from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.foot import foot_plate_mm, foot_z_mm
+from mirrorcam.cad.plan.beam import Section
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import along_x
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import transform
 
 
 def inner_path(

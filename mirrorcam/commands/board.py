@@ -8,8 +8,8 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.progress import say
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.progress import say
 
 
 class BoardOptions(Value):
@@ -27,8 +27,8 @@ class BoardOptions(Value):
 
 def run(options: BoardOptions) -> int:
     """Write the sheet."""
-    from mirrorcam.figures.board import FORMATS, page_for, write_board
-    from optics.targets import default_board, load_board, save_board
+    from mirrorcam.figures.board_print import FORMATS, page_for, write_board
+    from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
 
     if options.out.suffix not in FORMATS:
         raise InputError(f"--out {options.out}: expected a name that ends in {' or '.join(FORMATS)}")

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.extras import require
-from mirrorcam.folders import merged
-from mirrorcam.progress import count_text, long_work, print_metrics, say
-from optics.values import Value
+from mirrorcam.optics.base.values import Value
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.folders import merged
+from mirrorcam.workflow.progress import count_text, long_work, print_metrics, say
 
 if TYPE_CHECKING:
-    from cad.hardware import Hardware
+    from mirrorcam.cad.plan.hardware import Hardware
 
 LISTING = ".files.txt"
 # Of all checks those of the whole are printed, and every one that fails.
@@ -46,8 +46,8 @@ class CadOptions(Value):
 
 def hardware_of(options: CadOptions) -> Hardware:
     """The table of dimensions that the options name; raises InputError for a file that is none."""
-    from cad.hardware import HARDWARE, Hardware, read_camera
-    from optics.files import read_model
+    from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+    from mirrorcam.optics.base.files import read_model
 
     hardware = read_model(Hardware, options.hardware) if options.hardware else HARDWARE
     if options.camera:
@@ -59,13 +59,13 @@ def hardware_of(options: CadOptions) -> Hardware:
 
 def run(options: CadOptions) -> int:
     """Build the parts and print their checks."""
-    from optics.layout import Layout
+    from mirrorcam.optics.geometry.layout import Layout
 
     layout = Layout.load(options.layout)
     hardware = hardware_of(options)
     require("cad")
-    from cad.build import build
-    from mirrorcam.workers import cores
+    from mirrorcam.cad.build import build
+    from mirrorcam.workflow.workers import cores
 
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance, merged(options.out, listing=LISTING) as folder:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.progress import Advance, long_work, print_metrics, say
-from optics.values import InputError, Metric, Value
+from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.workflow.progress import Advance, long_work, print_metrics, say
 
 if TYPE_CHECKING:
-    from optics.calibration.detection.corners import Grey
-    from optics.calibration.observations import Observations
-    from optics.calibration.result import Calibration
+    from mirrorcam.optics.calibration.detection.checkerboard import Grey
+    from mirrorcam.optics.calibration.result import Calibration
+    from mirrorcam.optics.calibration.solver.observations import Observations
 
 PICTURES = (".png", ".jpg", ".jpeg")
 
@@ -73,13 +73,13 @@ def pictures_in(paths: Sequence[Path]) -> list[Path]:
 
 def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibration:
     """The calibration that the options ask for; every picture is read one at a time."""
-    from mirrorcam.workers import cores
-    from optics.calibration.calibrate import calibrate
-    from optics.calibration.detection.hint import Hints
-    from optics.calibration.direct_view import calibrate_with_direct_view
-    from optics.files import read_image
-    from optics.layout import Layout
-    from optics.targets import Checkerboard, load_board
+    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.calibration.calibration import calibrate
+    from mirrorcam.optics.calibration.detection.next_pose import Hints
+    from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry.targets import Checkerboard, load_board
+    from mirrorcam.workflow.workers import cores
 
     target = load_board(options.board)
     paths, base_paths = pictures_in(options.images), pictures_in(options.base)
@@ -117,9 +117,9 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
 
 def write_calibration(calibration: Calibration, out: Path, *, command: str) -> None:
     """Write layout.json, metrics.json, report.html and residuals.png into `out`, each atomically."""
-    from mirrorcam.calibration_report.page import write_report
-    from mirrorcam.figures.calibration import residual_figure
-    from optics.files import write_metrics
+    from mirrorcam.figures.calibration_figure import residual_figure
+    from mirrorcam.optics.base.files import write_metrics
+    from mirrorcam.pages.calibration.calibration_page import write_report
 
     residual_figure(calibration, out / "residuals.png")
     write_report(calibration, out / "report.html", command=command)

@@ -9,8 +9,8 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.calibrate import pictures_in
-from mirrorcam.progress import say
-from optics.values import Value
+from mirrorcam.optics.base.values import Value
+from mirrorcam.workflow.progress import say
 
 
 class CamerasOptions(Value):
@@ -28,8 +28,8 @@ class CamerasOptions(Value):
 
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
-    from optics.exports.write import write_exports
-    from optics.layout import Layout
+    from mirrorcam.optics.exports.write_exports import write_exports
+    from mirrorcam.optics.geometry.layout import Layout
 
     write_exports(Layout.load(options.layout), options.out, pictures_in(options.pictures))
     say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")

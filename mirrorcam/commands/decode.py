@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.progress import Advance, count_text, long_work, say
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.progress import Advance, count_text, long_work, say
 
 if TYPE_CHECKING:
-    from optics.layout import Layout
-    from optics.light_field.decode import Decoder
-    from optics.light_field.equalisation import Equalisation
-    from optics.light_field.frames import Device, Video
-    from optics.light_field.light_field import LightField
-    from optics.light_field.recording import Recording, Sink
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.light_field.decoder import Decoder
+    from mirrorcam.optics.light_field.equalisation import Equalisation
+    from mirrorcam.optics.light_field.io.frames import Device, Video
+    from mirrorcam.optics.light_field.io.recording import Recording, Sink
+    from mirrorcam.optics.light_field.light_field import LightField
 
 PICTURES = (".png", ".jpg", ".jpeg")
 MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scene/"}
@@ -112,9 +112,9 @@ def taken_with(path: Path) -> str | None:
 
 def check_sizes(paths: Sequence[Path], layout: Layout, layout_path: Path) -> None:
     """Read pictures once, open videos: raise InputError for one that cannot be read or is not of the layout."""
-    from optics.files import read_image
-    from optics.light_field.decode import check_belongs
-    from optics.light_field.frames import Video
+    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.light_field.decoder import check_belongs
+    from mirrorcam.optics.light_field.io.frames import Video
 
     expected = layout.camera.width_px, layout.camera.height_px
     for path in paths:
@@ -133,9 +133,9 @@ def check_sizes(paths: Sequence[Path], layout: Layout, layout_path: Path) -> Non
 
 def measured(paths: Sequence[Path], decoder: Decoder) -> Equalisation:
     """The equalisation measured in pictures and the first frames of videos."""
-    from optics.files import read_image
-    from optics.light_field.equalisation import measure
-    from optics.light_field.frames import Frame, Video
+    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.light_field.equalisation import measure
+    from mirrorcam.optics.light_field.io.frames import Frame, Video
 
     def light_fields() -> Iterator[LightField]:
         for path in paths:
@@ -153,8 +153,8 @@ def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance:
 
     Raises InputError for a frame that cannot be read or is not of the layout's camera.
     """
-    from optics.layout import Layout
-    from optics.light_field.decode import Decoder
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.light_field.decoder import Decoder
 
     layout = Layout.load(layout_path)
     check_sizes(frames, layout, layout_path)
@@ -163,9 +163,9 @@ def decode_frames(frames: Sequence[Path], layout_path: Path, out: Path, advance:
 
 def decode_pictures(frames: Sequence[Path], decoder: Decoder, out: Path, advance: Advance) -> None:
     """Decode pictures that are known to be good into `out`."""
-    from optics.files import read_image, write_image
-    from optics.light_field.files import save_npz
-    from optics.light_field.tiles import tiles
+    from mirrorcam.optics.base.files import read_image, write_image
+    from mirrorcam.optics.light_field.io.npz import save_npz
+    from mirrorcam.optics.light_field.io.tiles import tiles
 
     for done, frame in enumerate(frames, start=1):
         light_field = decoder.decode(read_image(frame))
@@ -193,10 +193,10 @@ def say_what_was_lost(name: str, recording: Recording, expected: int | None) -> 
 
 def sink_of(format_name: Literal["zarr", "hci", "stanford"]) -> tuple[Sink, str]:
     """How to write a stream, and what its name ends in."""
-    from optics.light_field.formats.hci import write_hci
-    from optics.light_field.formats.stanford import write_stanford
-    from optics.light_field.recording import Folders
-    from optics.light_field.zarr_store import ZarrSink
+    from mirrorcam.optics.light_field.io.formats.hci import write_hci
+    from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
+    from mirrorcam.optics.light_field.io.recording import Folders
+    from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 
     if format_name == "zarr":
         return ZarrSink(), ".zarr"
@@ -210,11 +210,11 @@ def decode_stream(
 
     Raises InputError for a stream without a frame that can be used, and where nothing can be written.
     """
-    from optics.files import write_image
-    from optics.light_field.frames import Video
-    from optics.light_field.recording import Recording, about
-    from optics.light_field.stream import record
-    from optics.light_field.tiles import tiles
+    from mirrorcam.optics.base.files import write_image
+    from mirrorcam.optics.light_field.io.frames import Video
+    from mirrorcam.optics.light_field.io.recording import Recording, about
+    from mirrorcam.optics.light_field.io.stream import record
+    from mirrorcam.optics.light_field.io.tiles import tiles
 
     sink, suffix = sink_of(options.to)
     path, picture = options.out / f"{name}{suffix}", options.out / f"{name}_views.png"
@@ -253,10 +253,10 @@ def decode_stream(
 
 def run(options: DecodeOptions) -> int:
     """Decode the frames."""
-    from optics.layout import Layout
-    from optics.light_field.decode import Decoder
-    from optics.light_field.equalisation import Equalisation
-    from optics.light_field.frames import Device, Video
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.light_field.decoder import Decoder
+    from mirrorcam.optics.light_field.equalisation import Equalisation
+    from mirrorcam.optics.light_field.io.frames import Device, Video
 
     layout = Layout.load(options.layout)
     pictures = [path for path in options.frames if is_picture(path)]

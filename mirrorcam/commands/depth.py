@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.progress import count_text, long_work, say
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
     pass
@@ -37,10 +37,10 @@ def run(options: DepthOptions) -> int:
     """Measure and write depths."""
     import numpy as np
 
-    from mirrorcam.figures.depth import draw_depth
-    from optics.files import atomic
-    from optics.light_field.depth import DepthEstimator
-    from optics.light_field.formats.pfm import write_pfm
+    from mirrorcam.figures.depth_figure import draw_depth
+    from mirrorcam.optics.base.files import atomic
+    from mirrorcam.optics.light_field.depth import DepthEstimator
+    from mirrorcam.optics.light_field.io.formats.pfm import write_pfm
 
     names = distinct_names(options.light_fields, "depth map")
     estimator: DepthEstimator | None = None

@@ -8,10 +8,10 @@ from typing import Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.progress import long_work, print_metrics, say
-from optics.spec import DesignSpec
-from optics.tolerances import Tolerances
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.workflow.progress import long_work, print_metrics, say
 
 GROUPS = {
     "what the views share": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
@@ -48,11 +48,11 @@ def write_design(spec: DesignSpec, out: Path) -> str:
     Some specs have no faceted parabola: then there is no parabola.json, and what is returned says why (else "").
     Raises InfeasibleDesign, before anything is written, when no layout meets the spec.
     """
-    from mirrorcam.figures.design import before_after
-    from optics.design.metrics import evaluate
-    from optics.design.optimise import design
-    from optics.design.seeds import faceted_parabola
-    from optics.design.verify import verify
+    from mirrorcam.figures.design_figure import before_after
+    from mirrorcam.optics.design.assess.layout_metrics import evaluate
+    from mirrorcam.optics.design.assess.verify import verify
+    from mirrorcam.optics.design.optimise import design
+    from mirrorcam.optics.design.program.seeds import faceted_parabola
 
     optimised = design(spec)
     try:
@@ -74,7 +74,7 @@ def write_design(spec: DesignSpec, out: Path) -> str:
 
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
-    from optics.layout import Layout
+    from mirrorcam.optics.geometry.layout import Layout
 
     with long_work("design", f"{options.spec.rows} x {options.spec.cols} mirrors"):
         missing = write_design(options.spec, options.out)
@@ -88,7 +88,7 @@ def run(options: DesignOptions) -> int:
     for name in ("tolerance.json", "tolerance.png"):
         (options.out / name).unlink(missing_ok=True)  # of an earlier layout
     if options.tolerance:
-        from mirrorcam.tolerance import print_tolerance, write_tolerance
+        from mirrorcam.workflow.tolerance import print_tolerance, write_tolerance
 
         with long_work("tolerance", "devices as built"):
             study = write_tolerance(columns["optimised"], options.tolerances, options.out)

@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.progress import count_text, long_work, say
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 
 class EpiOptions(LightFieldsOptions):
@@ -35,9 +35,9 @@ def run(options: EpiOptions) -> int:
     """Cut and write epipolar-plane images."""
     import numpy as np
 
-    from mirrorcam.figures.epi import draw_epi
-    from optics.files import atomic
-    from optics.light_field.epi import epi
+    from mirrorcam.figures.epi_figure import draw_epi
+    from mirrorcam.optics.base.files import atomic
+    from mirrorcam.optics.light_field.render.epipolar_images import epi
 
     names = distinct_names(options.light_fields, "pictures")
     with long_work("epi", count_text(len(names), "light field"), "files") as advance:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.progress import say
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.progress import say
 
 if TYPE_CHECKING:
-    from optics.light_field.light_field import LightField
+    from mirrorcam.optics.light_field.light_field import LightField
 
 # Those of optics.light_field.formats.doors, which is imported late.
 Format = Literal[
@@ -76,7 +76,7 @@ def depth_from(path: Path, light_field: LightField) -> Any:
     """The depth (v, u) in mm that `mirrorcam depth` wrote for a light field; InputError for another's."""
     import numpy as np
 
-    from optics.files import read_bytes
+    from mirrorcam.optics.base.files import read_bytes
 
     read_bytes(path)
     try:
@@ -99,9 +99,9 @@ def run(options: ExportOptions) -> int:
     """Read, and write in the other format."""
     import numpy as np
 
-    from optics.light_field.depth import DepthEstimator
-    from optics.light_field.formats.doors import ENDINGS, format_of, named, read_any, write_any
-    from optics.light_field.formats.views_file import Assumed
+    from mirrorcam.optics.light_field.depth import DepthEstimator
+    from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, format_of, named, read_any, write_any
+    from mirrorcam.optics.light_field.io.formats.views_file import Assumed
 
     assumed = Assumed(
         rows=options.rows,

@@ -9,10 +9,10 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.progress import count_text, long_work, say
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
-    from optics.light_field.features import FeatureFinder
+    from mirrorcam.optics.light_field.features import FeatureFinder
 
 
 class FeaturesOptions(LightFieldsOptions):
@@ -52,9 +52,9 @@ def run(options: FeaturesOptions) -> int:
     """Find and write features."""
     import numpy as np
 
-    from mirrorcam.figures.features import draw_features
-    from optics.light_field.features import FeatureFinder
-    from optics.light_field.features.files import save_csv, save_npz
+    from mirrorcam.figures.features_figure import draw_features
+    from mirrorcam.optics.light_field.features import FeatureFinder
+    from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
 
     names = distinct_names(options.light_fields, "features")
     finder: FeatureFinder | None = None

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
 
 if TYPE_CHECKING:
-    from optics.light_field.light_field import LightField
+    from mirrorcam.optics.light_field.light_field import LightField
 
 PICTURES = (".png", ".jpg", ".jpeg")
 
@@ -45,22 +45,22 @@ def distinct_names(paths: Sequence[Path], what: str) -> list[str]:
 
 def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField, tuple[float, float] | None]]:
     """The light fields of a file or folder, one after the other, each with a name and the depths it says it has."""
-    from optics.files import read_image
-    from optics.light_field.files import load_npz
-    from optics.light_field.formats.hci import PARAMETERS, read_hci
+    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci
+    from mirrorcam.optics.light_field.io.npz import load_npz
 
     if path.suffix.lower() in PICTURES:
         if layout is None:
             raise InputError(f"{path}: a frame, expected --layout to decode it with, or a light field")
-        from optics.layout import Layout
-        from optics.light_field.decode import Decoder
+        from mirrorcam.optics.geometry.layout import Layout
+        from mirrorcam.optics.light_field.decoder import Decoder
 
         yield path.stem, Decoder(Layout.load(layout)).decode(read_image(path)), None
     elif (path / PARAMETERS).exists():
         scene = read_hci(path)
         yield path.name, scene.light_field, scene.depth_range_mm
     elif path.is_dir():
-        from optics.light_field.zarr_store import StoredLightFields
+        from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
 
         stored = StoredLightFields(path)
         for frame in range(len(stored)):

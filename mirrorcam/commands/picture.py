@@ -7,9 +7,9 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
-from mirrorcam.extras import require
-from mirrorcam.progress import say
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.progress import say
 
 QUALITY = 85  # of a JPEG
 
@@ -28,15 +28,15 @@ class PictureOptions(Value):
 
 def run(options: PictureOptions) -> int:
     """Render and write the picture."""
-    from optics.files import encoded_image, write_bytes
-    from optics.layout import Layout
+    from mirrorcam.optics.base.files import encoded_image, write_bytes
+    from mirrorcam.optics.geometry.layout import Layout
 
     suffix = options.out.suffix.lower()
     if suffix not in (".jpg", ".png"):
         raise InputError(f"--out {options.out}: expected a name that ends in .jpg or .png")
     layout = Layout.load(options.layout)
     require("render")
-    from render_scenes.reference.product import product_picture
+    from mirrorcam.render_scenes.tabletop.product_picture import product_picture
 
     say("picture", f"{options.spp} samples a pixel ...")
     picture = product_picture(layout, options.parts, spp=options.spp)

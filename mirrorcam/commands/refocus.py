@@ -10,12 +10,12 @@ import tyro
 from pydantic import Field, model_validator
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.progress import count_text, long_work, say
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
-    from optics.light_field.light_field import LightField
-    from optics.light_field.refocus import Picture
-    from optics.light_field.view_depths import ViewDepths
+    from mirrorcam.optics.light_field.light_field import LightField
+    from mirrorcam.optics.light_field.render.refocusing import Picture
+    from mirrorcam.optics.light_field.render.view_depths import ViewDepths
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
@@ -81,7 +81,7 @@ class RefocusOptions(LightFieldsOptions):
 
 def focused(light_field: LightField, options: RefocusOptions, depth_mm: float) -> Picture:
     """The picture in focus at a depth, as the options want it."""
-    from optics.light_field.refocus import FocalPlane, aperture, refocus
+    from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, refocus
 
     return refocus(
         light_field,
@@ -98,7 +98,7 @@ def stills(
     """The pictures that are asked for, each with what its name ends in."""
     import numpy as np
 
-    from optics.light_field.perspective import all_in_focus, seen_from
+    from mirrorcam.optics.light_field.render.perspective import all_in_focus, seen_from
 
     others = options.all_in_focus or options.from_mm or options.orbit or options.sweep
     for depth_mm in options.depth_mm or (() if others else (light_field.reference_depth_mm,)):
@@ -113,11 +113,11 @@ def run(options: RefocusOptions) -> int:
     """Focus and write pictures."""
     import numpy as np
 
-    from optics.files import atomic, write_image
-    from optics.light_field.animation import write_loop
-    from optics.light_field.perspective import orbit, seen_from
-    from optics.light_field.refocus import to_bytes
-    from optics.light_field.view_depths import ViewDepths, without_nearer
+    from mirrorcam.optics.base.files import atomic, write_image
+    from mirrorcam.optics.light_field.io.animation import write_loop
+    from mirrorcam.optics.light_field.render.perspective import orbit, seen_from
+    from mirrorcam.optics.light_field.render.refocusing import to_bytes
+    from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 
     names = distinct_names(options.light_fields, "pictures")
     unseen: list[str] = []

@@ -11,16 +11,16 @@ import numpy as np
 import tyro
 from pydantic import Field, ValidationError, model_validator
 
-from mirrorcam.extras import require
-from mirrorcam.progress import count_text, long_work, say
-from optics.tolerances import Tolerances
-from optics.values import FloatArray, InputError, Shaped, Value
-from render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
+from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
-    from mirrorcam.workers import Died
-    from render_scenes.dataset import Dataset
-    from render_scenes.render_set import Run
+    from mirrorcam.render_scenes.sets.dataset import Dataset
+    from mirrorcam.render_scenes.sets.render_set import Run
+    from mirrorcam.workflow.workers import Died
 
 
 class PosesFile(Value):
@@ -60,7 +60,7 @@ def tolerances_from_text(text: str) -> Tolerances:
 
 def sensor_from_text(text: str) -> SensorModel:
     """A preset by its name, or a TOML file of a `SensorModel`."""
-    from optics.files import read_model
+    from mirrorcam.optics.base.files import read_model
 
     presets = {str(name): model for name, model in SENSORS.items()}
     if text in presets:
@@ -152,9 +152,9 @@ def run(options: RenderOptions) -> int:
     """Render the set, or verify one."""
     if options.verify is not None:
         return verify(options.verify)
-    from optics.files import read_model
-    from optics.layout import Layout
-    from optics.targets import default_board, load_board
+    from mirrorcam.optics.base.files import read_model
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry.targets import default_board, load_board
 
     assert options.layout is not None
     layout = Layout.load(options.layout)
@@ -164,9 +164,9 @@ def run(options: RenderOptions) -> int:
     finish = Finish() if options.finish is None else read_model(Finish, options.finish)
     settings = settings_of(options, sensor, finish)
     require("render")
-    from mirrorcam.workers import cores
-    from render_scenes.dataset import MANIFEST
-    from render_scenes.render_set import SetRequest, render_set
+    from mirrorcam.render_scenes.sets.dataset import MANIFEST
+    from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+    from mirrorcam.workflow.workers import cores
 
     request = SetRequest(
         layout=layout,
@@ -213,7 +213,7 @@ def reach_text(dataset: Dataset) -> str:
 
 def verify(folder: Path) -> int:
     """Compare every file of a set with its checksum; 1 where one is missing or altered."""
-    from render_scenes.dataset import Dataset
+    from mirrorcam.render_scenes.sets.dataset import Dataset
 
     dataset = Dataset.load(folder)
     wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
@@ -229,16 +229,16 @@ def verify(folder: Path) -> int:
 
 def in_workers(workers: int) -> Run:
     """Who renders frames: so many processes of this machine, each on one core."""
-    from mirrorcam.workers import run_local
-    from render_scenes.frame import render_frame_on_one_core
+    from mirrorcam.render_scenes.sets.frame_task import render_frame_on_one_core
+    from mirrorcam.workflow.workers import run_local
 
     return partial(_living, partial(run_local, workers=workers, work=render_frame_on_one_core))
 
 
 def on_cluster(address: str) -> Run:
     """Who renders frames: the workers of a Dask scheduler."""
-    from mirrorcam.cluster import run_cluster
-    from render_scenes.frame import render_frame_in_turn
+    from mirrorcam.render_scenes.sets.frame_task import render_frame_in_turn
+    from mirrorcam.workflow.cluster import run_cluster
 
     return partial(_living, partial(run_cluster, address=address, work=render_frame_in_turn))
 
@@ -247,11 +247,11 @@ def _living(
     run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, bytes]]]:
     """The frames that are done; raises InputError for one that ended all of its workers."""
-    from mirrorcam.workers import Died
+    from mirrorcam.workflow.workers import Died
 
     for number, got in run(tasks):
         if isinstance(got, Died):
-            from render_scenes.frame import FrameTask
+            from mirrorcam.render_scenes.sets.frame_task import FrameTask
 
             raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {got.reason}")
         yield number, got

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from optics.values import Value
+from mirrorcam.optics.base.values import Value
 
 
 class RunOptions(Value):
@@ -23,7 +23,7 @@ class RunOptions(Value):
 
 def run(options: RunOptions) -> int:
     """Run the pipeline."""
-    from mirrorcam.pipeline import full_recipe, quick_recipe, run_all
+    from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all
 
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
     out = options.out or Path("output/quick" if options.quick else "output/default")

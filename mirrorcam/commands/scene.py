@@ -9,12 +9,12 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.render import sensor_from_text, tolerances_from_text
-from mirrorcam.extras import require
-from mirrorcam.progress import long_work, say
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.progress import long_work, say
 
 if TYPE_CHECKING:
-    from render_scenes.desk.desk import NamedMesh
+    from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
 
 
 OVERVIEW = "truth/overview.jpg"
@@ -52,7 +52,7 @@ class SceneOptions(Value):
 
 def mesh_from_text(text: str) -> NamedMesh:
     """A mesh and its place of a text like vase.stl:10,-30,350, or of its file alone."""
-    from render_scenes.desk.desk import NamedMesh
+    from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
 
     name, colon, place = text.rpartition(":")
     numbers = place.split(",")
@@ -66,14 +66,14 @@ def mesh_from_text(text: str) -> NamedMesh:
 
 def run(options: SceneOptions) -> int:
     """Render the scene."""
-    from optics.files import write_image
-    from optics.layout import Layout
+    from mirrorcam.optics.base.files import write_image
+    from mirrorcam.optics.geometry.layout import Layout
 
     layout = Layout.load(options.layout)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
-    from mirrorcam.figures.desk import overview
-    from render_scenes.desk.desk_set import MANIFEST, DeskRequest, render_desk
+    from mirrorcam.figures.tabletop_figure import overview
+    from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, DeskRequest, render_desk
 
     request = DeskRequest(
         layout=layout,

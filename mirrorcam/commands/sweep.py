@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.extras import require
-from mirrorcam.progress import count_text, long_work, say
-from optics.design.sweep import grid
-from optics.spec import DesignSpec
-from optics.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.design.spec_grid import grid
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
-    from mirrorcam.sweep import Runner
-    from optics.design.sweep import Outcome
+    from mirrorcam.optics.design.spec_grid import Outcome
+    from mirrorcam.workflow.design_sweep import Runner
 
 
 def count_from_text(text: str) -> tuple[int, int]:
@@ -96,8 +96,8 @@ class SweepOptions(Value):
 
 def _runner(options: SweepOptions) -> tuple[Runner, str]:
     """Who does the work, and how people call it."""
-    from mirrorcam.sweep_run import design_here, design_on_cluster
-    from mirrorcam.workers import cores
+    from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
+    from mirrorcam.workflow.workers import cores
 
     if options.scheduler is not None:
         return partial(design_on_cluster, address=options.scheduler), f"the workers of {options.scheduler}"
@@ -127,9 +127,9 @@ def run(options: SweepOptions) -> int:
         require("parquet")
     if options.scheduler is not None:
         require("cluster")
-    from mirrorcam.figures.sweep import pareto
-    from mirrorcam.sweep import sweep, table_of, write_table
-    from optics.design.overlap import sensor_polygon
+    from mirrorcam.figures.sweep_figure import pareto
+    from mirrorcam.optics.geometry.sub_images import sensor_polygon
+    from mirrorcam.workflow.design_sweep import sweep, table_of, write_table
 
     sensor_polygon(options.common.camera)
     specs = options.specs()

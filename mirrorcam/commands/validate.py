@@ -7,8 +7,8 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
-from mirrorcam.progress import long_work, print_metrics, say
-from optics.values import Value
+from mirrorcam.optics.base.values import Value
+from mirrorcam.workflow.progress import long_work, print_metrics, say
 
 
 class ValidateOptions(Value):
@@ -24,8 +24,8 @@ class ValidateOptions(Value):
 def run(options: ValidateOptions) -> int:
     """Validate, and print every figure beside its limit."""
     from mirrorcam.commands.calibrate import write_calibration
-    from mirrorcam.validate import validate
-    from optics.files import write_metrics
+    from mirrorcam.optics.base.files import write_metrics
+    from mirrorcam.workflow.validation import validate
 
     with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
         validation = validate(options.set, advance)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.calibration.evidence.gather import Evidence
-from optics.calibration.evidence.uncertainty import mirror_covariance, normal_and_distance_sigmas
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.solver.solve import Solution
-from optics.layout import Layout, Uncertainty
-from optics.values import FloatArray, Metric
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 
 @dataclass(frozen=True)

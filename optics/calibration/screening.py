@@ -10,14 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optics.calibration import bootstrap, checks
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Board, Estimate, residuals
-from optics.calibration.solver.solve import DROP_SIGMAS, minimise, start_robustly
-from optics.camera import INTRINSIC_NAMES
-from optics.layout import Layout
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration import consistency
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from mirrorcam.optics.geometry.layout import Layout
 
 SHEET_TRIED_MM, INDEX_TRIED = 1.0, 1.49
 
@@ -44,29 +45,29 @@ def screen(
     A list entry per frame with and per frame without mirrors, as it comes back. Raises InputError where so much
     contradicts itself that none of it can be believed, and UndeterminedError where nothing can be solved.
     """
-    checks.enough_mirrors(layout)
+    consistency.enough_mirrors(layout)
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
     notes = []
-    for again, first in checks.repeats(frames).items():
+    for again, first in consistency.repeats(frames).items():
         frames[again] = Observations.none()
         notes.append(f"{names[again]}: the same picture as {names[first]}, not used")
 
     rows = Observations.join([o.shifted(number) for number, o in enumerate(frames)])
-    odd = checks.odd_corners(rows, layout.camera, corners_in_board_mm)
-    notes += checks.board_fits(rows, odd, names)
+    odd = consistency.odd_corners(rows, layout.camera, corners_in_board_mm)
+    notes += consistency.board_fits(rows, odd, names)
     rows = rows.where(~odd)
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
-    checks.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
+    consistency.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
     free = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners_in_board_mm))
-    camera = bootstrap.base_camera(direct, layout.camera, corners_in_board_mm)
+    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
-    start = bootstrap.first_estimate(packed, camera, layout, corners_in_board_mm)
+    start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)
     paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
-    kept, elsewhere = checks.agreeing_views(
+    kept, elsewhere = consistency.agreeing_views(
         packed, residuals(estimate, packed, free.board), [names[n] for n in numbers]
     )
     notes += elsewhere
@@ -76,7 +77,7 @@ def screen(
         still = np.isin(numbers, mirrored.frame)
         estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
         ratio = _camera_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
-        if ratio > checks.DRIFT_WIDENS:
+        if ratio > consistency.DRIFT_WIDENS:
             # A sheet or a bend that the layout leaves out pulls at the intrinsics, too: they get their chance first.
             sheets = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, SHEET_TRIED_MM)
             index = np.maximum(estimate.refractive_index, INDEX_TRIED)
@@ -86,8 +87,8 @@ def screen(
             ):
                 other = _camera_disagreement(tried, _packed(mirrored), _packed(direct), layout, richer)
                 ratio = min(ratio, other)
-        notes += checks.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-        widened = ratio if ratio > checks.DRIFT_WIDENS else 1.0
+        notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
+        widened = ratio if ratio > consistency.DRIFT_WIDENS else 1.0
     return Screened(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
         base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
@@ -105,17 +106,17 @@ def _packed(observations: Observations) -> Observations:
 def _camera_disagreement(
     with_mirrors: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
 ) -> float:
-    """`checks.camera_disagreement` of fits to frames with mirrors, without, and to both.
+    """`consistency.camera_disagreement` of fits to frames with mirrors, without, and to both.
 
     The common fit is to all corners that fit either kind alone: what contradicts it must not go as an outlier.
     """
     mirrored, with_mirrors = _cleaned(mirrored, with_mirrors, model)
-    start = bootstrap.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
+    start = initial_estimates.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
     direct, without = _cleaned(direct, start, model)
     both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
     poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
     common, _ = minimise(replace(with_mirrors, rig_from_board=poses), both, model)
-    return checks.camera_disagreement(
+    return consistency.camera_disagreement(
         [residuals(with_mirrors, mirrored, model.board), residuals(without, direct, model.board)],
         residuals(common, both, model.board),
         unknowns=len(model.parameters(len(layout.mirrors))) + len(INTRINSIC_NAMES) + 6 * len(poses),

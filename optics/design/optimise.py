@@ -7,11 +7,12 @@ from importlib.metadata import version
 
 import numpy as np
 
-from optics.design.errors import GAVE_UP, InfeasibleDesign
-from optics.design.gaps import pairs_closer_than, seen_closer_than
-from optics.design.light import blocked_light
-from optics.design.metrics import evaluate
-from optics.design.problem import (
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.assess.chief_rays import blocked_light
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import require_passed, verify
+from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
+from mirrorcam.optics.design.program.design_problem import (
     LEAST_EFFICIENCY,
     SLACK_WEIGHTS,
     Keep,
@@ -19,14 +20,13 @@ from optics.design.problem import (
     problem_of,
     usual_keeps,
 )
-from optics.design.program import Outcome, Solver
-from optics.design.seeds import layout_of, mirrors_of, seed_of
-from optics.design.terms import ELASTIC
-from optics.design.verify import require_passed, verify
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.design.program.nonlinear_program import Outcome, Solver
+from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.design.program.terms import ELASTIC
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
 
 MISSED, CLEARLY_MISSED = 1e-5, 1e-3
 """What a search for feasibility may leave, in scales, of a limit that is met; and leaves of one that cannot be."""

@@ -1,6 +1,6 @@
 """A calibrated layout in the files of other tools: every mirror as a camera of its own."""
 
-from optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
-from optics.exports.write import write_exports
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.exports.write_exports import write_exports
 
 __all__ = ["VirtualCamera", "virtual_cameras", "write_exports"]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.camera import Camera
-from optics.exports.numbers import numbers
-from optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.exports.numbers import numbers
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.geometry.camera import Camera
 
 GAUSS_NEWTON_STEPS = 10
 SAMPLES = 40  # across and down a sub-image, where a lens with k3 is met by one without

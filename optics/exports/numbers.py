@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
 
 
 def number(value: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 
 
 def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:

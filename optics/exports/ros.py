@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from optics.exports.numbers import number, numbers
-from optics.exports.virtual_cameras import VirtualCamera
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports.numbers import number, numbers
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 
 
 def frame_id(view: VirtualCamera) -> str:

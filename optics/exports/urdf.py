@@ -10,10 +10,10 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optics.exports.numbers import numbers
-from optics.exports.ros import frame_id
-from optics.exports.virtual_cameras import VirtualCamera
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports.numbers import numbers
+from mirrorcam.optics.exports.ros import frame_id
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 
 ROOT = "mirrorcam_camera_link"
 CAMERA = "mirrorcam_camera_optical_frame"

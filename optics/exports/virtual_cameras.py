@@ -26,10 +26,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from optics.camera import Camera
-from optics.exports.nearest import nearest_pinhole
-from optics.layout import Layout
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.exports.nearest_pinhole import nearest_pinhole
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
 
 Flip = Literal["left-right", "top-bottom"]
 

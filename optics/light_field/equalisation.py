@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from optics.files import read_model, write_text
-from optics.light_field.light_field import LightField, Samples, Views
-from optics.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 # Views are compared at a part of their size, a quarter at least: no detail is asked for, and noise averages out.
 SHRINK = 4

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from optics.values import FloatArray, InputError, Shaped
+from mirrorcam.optics.base.values import FloatArray, InputError, Shaped
 
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]

@@ -22,11 +22,11 @@ from benchmarks.design_account import (
 )
 from benchmarks.design_front import Point, compared, efficiency_at, upper
 from benchmarks.design_peers import HELD, Question, Trace, first_problem
-from optics.design.overlap import pixel_efficiency
-from optics.design.seeds import faceted_parabola
-from optics.layout import Layout
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.seeds import faceted_parabola
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sub_images import pixel_efficiency
 
 LAYOUT = Layout.load(Path(__file__).parents[1] / "data" / "default_layout.json")
 DEPTHS_MM = (300.0, 500.0)

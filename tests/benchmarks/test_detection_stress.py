@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import DEFAULT_LAYOUT, WAYS, Score, score, stress
-from optics.calibration.observations import Observations
-from optics.layout import Layout
-from render_scenes.settings import SensorName
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.settings import SensorName
 
 # Part of the visible corners that is found, and px, of a good camera.
 EXPECTED = {

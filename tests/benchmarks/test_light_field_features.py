@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from benchmarks.light_field_features import RATIO, Desk, baseline, counts, flagged, pairs, read_desk, relative_error
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.features import DetectorName, FeatureFinder
-from optics.light_field.light_field import LightField
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder
+from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
 LAYOUT = Path(__file__).parents[1] / "data" / "default_layout.json"
@@ -55,7 +55,7 @@ def test_the_baseline_is_plain_matching_with_a_ratio_test(scene: tuple[LightFiel
     reference, other = (
         cv2.cvtColor(np.ascontiguousarray(light_field.samples[t, s]), cv2.COLOR_RGB2GRAY) for t, s in ((1, 1), (0, 2))
     )
-    from optics.light_field.features.detect import detector, inner_masks
+    from mirrorcam.optics.light_field.features.keypoints import detector, inner_masks
 
     masks = inner_masks(light_field)
     one, two = (
@@ -105,7 +105,7 @@ def test_light_field_features_are_more_and_righter_than_pairs(
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 def test_on_a_rendered_desk_the_limits_hold(tmp_path: Path) -> None:
-    from render_scenes.desk.desk_set import DeskRequest, render_desk
+    from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, render_desk
 
     render_desk(DeskRequest(layout=Layout.load(LAYOUT), seed=23, spp=32), tmp_path / "desk")
     desk = read_desk(tmp_path / "desk")

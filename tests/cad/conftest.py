@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from build123d import Box, BuildPart, Locations, Part
 
-from cad.build import build
-from cad.device import Device, plan_device
-from cad.exports import mass_properties, write_step, write_stl
-from cad.hardware import HARDWARE
-from cad.part import BuiltPart, PartPlan
-from optics.camera import Camera
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.values import FloatArray, Metric
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
+from mirrorcam.cad.build import build
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
+from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 
 Surface = Literal["first", "second"]
 Built = tuple[Layout, Path, dict[str, Metric]]

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-import cad.build
-from cad.build import build
-from cad.hardware import HARDWARE
-from cad.part import BuiltPart, PartPlan
-from optics.layout import Layout
-from optics.values import InputError, Metric
+import mirrorcam.cad.build
+from mirrorcam.cad.build import build
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
+from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.geometry.layout import Layout
 
 Built = tuple[Layout, Path, dict[str, Metric]]
 PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
@@ -49,7 +49,9 @@ def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_su
     layout, folder, _ = built_second_surface
     layout.save(tmp_path / "layout.json")
     program = (
-        "import sys; from pathlib import Path; from optics.layout import Layout; from cad.build import build\n"
+        "import sys; from pathlib import Path\n"
+        "from mirrorcam.cad.build import build\n"
+        "from mirrorcam.optics.geometry.layout import Layout\n"
         "if __name__ == '__main__':\n"
         "    build(Layout.load(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)\n"
     )
@@ -72,7 +74,7 @@ def test_unchanged_parts_are_taken_over(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout, folder, _ = built_second_surface
-    monkeypatch.setattr("cad.part_files.write_step", refuse_to_make)
+    monkeypatch.setattr("mirrorcam.cad.part_files.write_step", refuse_to_make)
     build(layout, tmp_path / "again", previous=folder)
     assert names(tmp_path / "again") == names(folder)
     for name in sorted(names(folder)):
@@ -82,9 +84,9 @@ def test_unchanged_parts_are_taken_over(
 def test_what_has_changed_is_made_again(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from cad.catalogue import parts_of
-    from cad.device import plan_device
-    from cad.part_files import make_part
+    from mirrorcam.cad.assembly.catalogue import parts_of
+    from mirrorcam.cad.assembly.device_plan import plan_device
+    from mirrorcam.cad.part_files import make_part
 
     layout, folder, _ = built_second_surface
     made: list[str] = []
@@ -93,7 +95,7 @@ def test_what_has_changed_is_made_again(
         made.append(str(getattr(solid, "label", "")))
         raise InterruptedError
 
-    monkeypatch.setattr("cad.part_files.write_step", note)
+    monkeypatch.setattr("mirrorcam.cad.part_files.write_step", note)
 
     def remade(plans: tuple[PartPlan, ...], previous: Path) -> list[str]:
         made.clear()
@@ -133,14 +135,19 @@ def test_a_folder_that_is_a_file_is_refused(default_layout: Layout, tmp_path: Pa
 def test_a_missing_extra_is_named_with_its_command(
     default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = ("cad.build", "cad.crew", "cad.device", "cad.hardware")
-    for name in [name for name in sys.modules if name.startswith("cad.") and name not in loaded]:
+    loaded = (
+        "mirrorcam.cad.build",
+        "mirrorcam.cad.process_pool",
+        "mirrorcam.cad.assembly.device_plan",
+        "mirrorcam.cad.plan.hardware",
+    )
+    for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "build123d", None)
     with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install -e "\.\[cad\]"$'):
-        cad.build.build(default_layout, tmp_path)
+        mirrorcam.cad.build.build(default_layout, tmp_path)
     # What is missing for another reason is a bug, and is not blamed on the installation.
     monkeypatch.setitem(sys.modules, "build123d", type(sys)("build123d"))
-    monkeypatch.setitem(sys.modules, "cad.exports", None)
+    monkeypatch.setitem(sys.modules, "mirrorcam.cad.write.part_export", None)
     with pytest.raises(ImportError):
-        cad.build.build(default_layout, tmp_path)
+        mirrorcam.cad.build.build(default_layout, tmp_path)

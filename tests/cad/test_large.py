@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cad.build import build
-from optics.design.optimise import design
-from optics.spec import DesignSpec
+from mirrorcam.cad.build import build
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 
 @pytest.mark.slow

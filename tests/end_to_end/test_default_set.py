@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.pipeline import SETTINGS
-from mirrorcam.validate import LIMITS, Validation, calibrate_set, mirror_errors, validate
-from optics.calibration.evidence.uncertainty import mirror_covariance
-from optics.layout import Layout
-from optics.targets import default_board
-from optics.tolerances import Tolerances
-from render_scenes.render_set import SetRequest, render_set
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.workflow.pipeline import SETTINGS
+from mirrorcam.workflow.validation import LIMITS, Validation, calibrate_set, mirror_errors, validate
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_the_command_fails_past_a_limit_and_still_reports(
 ) -> None:
     strict = {n: m.replaced(limit=1e-9) if m.limit else m for n, m in validation.metrics.items()}
     for found, code in ((validation, 0), (Validation(validation.calibration, strict), 1)):
-        monkeypatch.setattr("mirrorcam.validate.validate", lambda *_, found=found: found)
+        monkeypatch.setattr("mirrorcam.workflow.validation.validate", lambda *_, found=found: found)
         assert main(["validate", str(default_set), "--out", str(tmp_path / str(code))]) == code
         assert {path.name for path in (tmp_path / str(code)).iterdir()} == {
             "layout.json",

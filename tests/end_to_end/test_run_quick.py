@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.pipeline import SETTINGS
-from mirrorcam.stages import MANIFEST, digests
+from mirrorcam.workflow.pipeline import SETTINGS
+from mirrorcam.workflow.stages import MANIFEST, digests
 
 STAGES = ("design", "cad", "set", "validation", "light_field", "page")
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optics.camera import Camera
-from optics.layout import Layout
-from optics.mirror import Mirror
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 
 ROOT = Path(__file__).parents[2]
 

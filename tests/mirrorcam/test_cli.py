@@ -17,12 +17,12 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.commands.render import RenderOptions, tolerances_from_text
-from mirrorcam.progress import figure_text, long_work
-from optics.files import read_image, write_image
-from optics.layout import Layout
-from optics.targets import Checkerboard, default_board, save_board
-from optics.tolerances import Tolerances
-from optics.values import InputError
+from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.workflow.progress import figure_text, long_work
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
@@ -348,7 +348,8 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     tmp_path: Path, layout_data: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mirrorcam.extras.find_spec", lambda module: None if module == "build123d" else object())
+    found = {"build123d": None}
+    monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: found.get(module, object()))
     assert cli.main(["cad", "layout.json"]) == 2
     assert capfd.readouterr().err == (
         'mirrorcam: build123d not installed, needed for this command: pip install -e ".[cad]"\n'

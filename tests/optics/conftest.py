@@ -7,10 +7,10 @@ import pytest
 from hypothesis import settings
 from scipy.spatial.transform import Rotation
 
-from optics.camera import Camera
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.spec import DesignSpec
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 
 # The same examples in every run, and no limit on an example's time that a busy machine could exceed.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
-from optics.camera import Camera
-from optics.layout import Layout
-from optics.targets import Charuco, Checkerboard
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 
 SUPERSAMPLING = 2
 PX_PER_SQUARE = 48

@@ -12,10 +12,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
-from optics.layout import Layout
-from optics.targets import Checkerboard
-from optics.values import FloatArray
-from render_scenes.truth.oracle import Oracle
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.render_scenes.truth.corners import Oracle
 
 BLUR_PX = 0.8
 HALF_PX = 7  # of the localiser's window

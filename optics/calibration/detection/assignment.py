@@ -9,12 +9,12 @@ import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
-from optics.calibration import bootstrap
-from optics.calibration.detection.corners import Corners
-from optics.layout import Layout
-from optics.targets import Charuco, Checkerboard
-from optics.transforms import transform
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Corners
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
 
 LEAST_INSIDE = 0.5  # part of a board's corners inside a mirror's sub-image, to be the mirror's
 MOST_ASTRAY = 0.7  # of a sub-image's size, between a board and where another view's pose has it
@@ -80,7 +80,7 @@ def _places(
             break
         for corners in board:
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
-            pose = bootstrap.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
+            pose = initial_estimates.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
             if pose is not None:
                 found.append(_Place(mirror, corners, float(inside[mirror]), pose))
     return found

@@ -14,12 +14,12 @@ import numpy as np
 from pydantic import ValidationError
 from shapely import Polygon
 
-from optics.calibration.detection.corners import Grey
-from optics.files import one_line
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.slab import outer_tangent
-from optics.values import FloatArray
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.plate import outer_tangent
 
 REACH_PX = 40.0  # to either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge

@@ -12,11 +12,11 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optics.calibration.observations import DIRECT, IntArray, Observations
-from optics.camera import INTRINSIC_NAMES, Camera
-from optics.image import Derivatives, Surfaces, images
-from optics.mirror import Mirror
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_imaging import Derivatives, Surfaces, images
 
 N_INTRINSICS = 9
 

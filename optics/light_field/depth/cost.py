@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.depth.geometry import other_views, parallax
-from optics.light_field.depth.semiglobal import Map
-from optics.light_field.light_field import Views
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
+from mirrorcam.optics.light_field.depth.semiglobal import Map
+from mirrorcam.optics.light_field.light_field import Views
 
 Grey = NDArray[np.uint8]
 Cost = NDArray[np.uint16]

@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.depth import cost
-from optics.light_field.depth.cost import Planes
-from optics.light_field.depth.depth_map import DepthMap
-from optics.light_field.depth.geometry import halved, other_views, plane_inverse_distances, reference_index
-from optics.light_field.depth.photometry import grey, normalised
-from optics.light_field.depth.refine import Evidence, Refiner, enlarged, guided
-from optics.light_field.depth.semiglobal import aggregate
-from optics.light_field.light_field import LightField, Views
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.depth import cost
+from mirrorcam.optics.light_field.depth.cost import Planes
+from mirrorcam.optics.light_field.depth.depth_map import DepthMap
+from mirrorcam.optics.light_field.depth.geometry import halved, other_views, plane_inverse_distances, reference_index
+from mirrorcam.optics.light_field.depth.photometry import grey, normalised
+from mirrorcam.optics.light_field.depth.refine import Evidence, Refiner, enlarged, guided
+from mirrorcam.optics.light_field.depth.semiglobal import aggregate
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.light_field import Views
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 

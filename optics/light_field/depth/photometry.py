@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.light_field import LightField
 
 Float32 = NDArray[np.float32]
 

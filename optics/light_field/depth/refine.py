@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.depth.cost import TRUNCATION, UNSEEN, best_half, sides
-from optics.light_field.depth.geometry import Parallax, other_views, parallax
-from optics.light_field.depth.photometry import GAIN_STRIDE_PX, NO_SAMPLE, brightened, patches
-from optics.light_field.depth.semiglobal import Map
-from optics.light_field.light_field import Views
+from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNSEEN, best_half, sides
+from mirrorcam.optics.light_field.depth.geometry import Parallax, other_views, parallax
+from mirrorcam.optics.light_field.depth.photometry import GAIN_STRIDE_PX, NO_SAMPLE, brightened, patches
+from mirrorcam.optics.light_field.depth.semiglobal import Map
+from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 

@@ -1,6 +1,6 @@
 """Features of light fields: keypoints with slope and place that all views agree on."""
 
-from optics.light_field.features.detect import DetectorName
-from optics.light_field.features.features import FeatureFinder, Features
+from mirrorcam.optics.light_field.features.keypoints import DetectorName
+from mirrorcam.optics.light_field.features.light_field_features import FeatureFinder, Features
 
 __all__ = ["DetectorName", "FeatureFinder", "Features"]

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
 
 RADIUS_PX = 4
 SIDE = 2 * RADIUS_PX + 1

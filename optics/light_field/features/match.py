@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.features.detect import DetectorName, Keypoints, distances
-from optics.light_field.features.slope import Geometry
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoints, distances
+from mirrorcam.optics.light_field.features.slope import Geometry
 
 # Views are parallel and near each other: what a keypoint shows neither grows nor turns from one to the other.
 MOST_SCALE_RATIO = 1.5

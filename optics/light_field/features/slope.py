@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.light_field.light_field import Views
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.light_field import Views
 
 # Pictures of eight bits tell no better where something is, however well views seem to agree.
 LEAST_NOISE_PX = 0.003

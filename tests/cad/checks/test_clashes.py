@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from manifold3d import Manifold
 
-from cad.checks.clashes import NEAR_MM, check_clashes, common_mm3, meetings
-from optics.values import Metric
+from mirrorcam.cad.checks.clashes import NEAR_MM, check_clashes, common_mm3, meetings
+from mirrorcam.optics.base.values import Metric
 
 
 def box(size: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Manifold:

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from manifold3d import CrossSection, JoinType, Manifold
 
-from cad.checks.mesh import solid_of
-from cad.checks.overhangs import LAYER_MM, check_overhangs, floating_mm2, overhangs
-from cad.hardware import HARDWARE
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.checks.overhangs import LAYER_MM, check_overhangs, floating_mm2, overhangs
+from mirrorcam.cad.plan.hardware import HARDWARE
 
 PRINTER = HARDWARE.printer
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from build123d import Box, BuildPart, Cylinder, Locations, Mode, Part
 
-from cad.documents.dimension import Hole, Length
-from cad.part import PartPlan
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.part_plan import PartPlan
 
 
 @dataclass(frozen=True)

@@ -17,24 +17,24 @@ import numpy as np
 import pytest
 import trimesh
 
-from cad.bom import bill_of, write_bom
-from cad.catalogue import bought_items, parts_of
-from cad.device import Device, plan_device
-from cad.documents.guide import write_guide
-from cad.documents.page import WEB, figure_text, write_page
-from cad.documents.pictures import Picture, pictures_of, write_picture
-from cad.documents.render import Screen, render
-from cad.documents.stages import Stages, home_of
-from cad.exports import write_stl
-from cad.gltf import write_glb
-from cad.hardware import HARDWARE, Hardware
-from cad.mirrors.dxf import write_dxf
-from cad.mirrors.sheets import plan_sheets
-from cad.part import BoughtItem, BuiltPart
-from cad.pieces import Piece, item_pieces, mass_of, pieces_of
-from optics.files import read_image
-from optics.layout import Layout
-from optics.values import Metric
+from mirrorcam.cad.assembly.catalogue import bought_items, parts_of
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
+from mirrorcam.cad.assembly.pieces import Piece, item_pieces, mass_of, pieces_of
+from mirrorcam.cad.documents.assembly_guide import write_guide
+from mirrorcam.cad.documents.assembly_steps import Stages, home_of
+from mirrorcam.cad.documents.device_page import WEB, figure_text, write_page
+from mirrorcam.cad.documents.device_pictures import Picture, pictures_of, write_picture
+from mirrorcam.cad.documents.shading import Screen, render
+from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
+from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
+from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.write.part_export import write_stl
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,18 @@ import pytest
 from build123d import Box, Pos
 from shapely import LineString, Polygon
 
-from cad.catalogue import parts_of
-from cad.device import Device, plan_device
-from cad.documents.annotation import number
-from cad.documents.dimension import Hole, Length
-from cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
-from cad.documents.sheet import Sheet
-from cad.hardware import HARDWARE
-from cad.part import PartPlan
-from cad.parts.dimensions import holes
-from cad.parts.fasteners import Bore
-from cad.split import PiecePlan
-from optics.layout import Layout
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
+from mirrorcam.cad.documents.annotation import number
+from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
+from mirrorcam.cad.documents.drawing_sheet import Sheet
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hole_dimensions import holes
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.plan.split import PiecePlan
+from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parents[3]
 SVG = "{http://www.w3.org/2000/svg}"
@@ -168,7 +168,7 @@ def test_files_are_real_and_the_same_in_another_process(block: Callable[..., Par
     program = (
         "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path;"
         "from tests.cad.documents.conftest import block_part;"
-        "from cad.hardware import HARDWARE; from cad.documents.drawing import write_drawing;"
+        "from mirrorcam.cad.plan.hardware import HARDWARE; from mirrorcam.cad.documents.drawing import write_drawing;"
         "part = block_part();"
         "write_drawing(Path(sys.argv[2]), part.make(part.plan), part, HARDWARE.printer)"
     )

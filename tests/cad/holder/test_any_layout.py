@@ -12,13 +12,13 @@ from build123d import GeomType, Part
 from manifold3d import Error, Manifold, Mesh64
 from shapely import LineString, Polygon, build_area, multilinestrings, set_precision
 
-from cad.exports import write_stl
-from cad.hardware import HARDWARE
-from cad.holder.plan import HolderPlan, plan_holder
-from cad.holder.solid import make_holder
-from cad.seats import back_height_mm, camera_cone, reflected_beam
-from optics.layout import Layout
-from optics.mirror import Mirror
+from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.seats import back_height_mm, camera_cone, reflected_beam
+from mirrorcam.cad.write.part_export import write_stl
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 
 
 def random_layout(seed: int, make_parabola: Callable[..., Layout]) -> Layout:

@@ -10,9 +10,9 @@ from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
 from shapely import box
 
-from cad.hardware import HARDWARE
-from cad.holder.webs import plan_hollows
-from optics.transforms import transform
+from mirrorcam.cad.holder.webs import plan_hollows
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.transforms import transform
 
 
 @settings(max_examples=12, deadline=None)

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from ezdxf.entities.lwpolyline import LWPolyline
 
-from cad.checks.cuts import read_cuts
-from cad.hardware import HARDWARE
-from cad.mirrors.dxf import write_dxf
-from cad.mirrors.sheets import MirrorSheet, plan_sheets
-from cad.mirrors.svg import write_svg
-from optics.layout import Layout
+from mirrorcam.cad.checks.cut_outlines import read_cuts
+from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.mirror_svg import write_svg
+from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet, plan_sheets
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.layout import Layout
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -93,9 +93,11 @@ def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
 ) -> None:
     default_layout.save(tmp_path / "layout.json")
     program = (
-        "import sys; from pathlib import Path; from optics.layout import Layout; from cad.hardware import HARDWARE;"
-        "from cad.mirrors.dxf import write_dxf; from cad.mirrors.sheets import plan_sheets;"
-        "from cad.mirrors.svg import write_svg;"
+        "import sys; from pathlib import Path; from mirrorcam.optics.geometry.layout import Layout;"
+        "from mirrorcam.cad.plan.hardware import HARDWARE;"
+        "from mirrorcam.cad.mirrors.mirror_dxf import write_dxf;"
+        "from mirrorcam.cad.mirrors.stock_sheets import plan_sheets;"
+        "from mirrorcam.cad.mirrors.mirror_svg import write_svg;"
         "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), HARDWARE.cutting); out = Path(sys.argv[2]);"
         "write_dxf(out.with_suffix('.dxf'), sheet); write_svg(out.with_suffix('.svg'), sheet)"
     )

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPoint, Polygon
 
-from cad.mirrors.nesting import fits, nest
-from optics.values import FloatArray
+from mirrorcam.cad.mirrors.nesting import fits, nest
+from mirrorcam.optics.base.values import FloatArray
 
 GAP = 3.0
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from build123d import GeomType
 
-from cad.hardware import HARDWARE, Hardware
-from cad.parts.adapter import CAP_EAR_MM, plan_adapter
-from cad.parts.clip import plan_clip
-from cad.parts.foot import foot_z_mm
-from cad.parts.solids import make_ring
-from optics.values import InputError
+from mirrorcam.cad.parts.adapter import CAP_EAR_MM, plan_adapter
+from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.parts.foot import foot_z_mm
+from mirrorcam.cad.parts.part_solids import make_ring
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.optics.base.values import InputError
 
 
 def segment_area(radius: float, distance: float) -> float:

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cad.hardware import HARDWARE, Hardware, read_camera
-from cad.parts.clip import ClipPlan, body_box, plan_clip
-from cad.parts.fasteners import Bore
-from cad.parts.prisms import box, moved, overlap_mm
-from cad.parts.solids import make_clip
-from cad.seats import Frustum
-from optics.values import InputError
+from mirrorcam.cad.parts.clip import ClipPlan, body_box, plan_clip
+from mirrorcam.cad.parts.part_solids import make_clip
+from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+from mirrorcam.cad.plan.prisms import box, moved, overlap_mm
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import InputError
 
 THIRD = """
 name = "Some webcam"

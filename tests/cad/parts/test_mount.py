@@ -11,19 +11,19 @@ from build123d import GeomType
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cad.hardware import HARDWARE, read_camera
-from cad.holder.plan import HolderPlan, plan_holder
-from cad.parts.clip import ClipPlan, plan_clip
-from cad.parts.fasteners import Bore
-from cad.parts.foot import FOOT_DEPTH_MM
-from cad.parts.mount import MountPlan, plan_mount, stiff_profiles
-from cad.parts.openings import _scale
-from cad.parts.prisms import moved, overlap_mm, volume_mm3
-from cad.parts.solids import make_mount
-from cad.parts.truss import truss
-from cad.seats import keep_outs
-from optics.layout import Layout
-from optics.values import InputError
+from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
+from mirrorcam.cad.parts.mount import MountPlan, plan_mount, stiff_profiles
+from mirrorcam.cad.parts.mount_openings import _scale
+from mirrorcam.cad.parts.part_solids import make_mount
+from mirrorcam.cad.parts.truss import truss
+from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
+from mirrorcam.cad.plan.prisms import moved, overlap_mm, volume_mm3
+from mirrorcam.cad.plan.seats import keep_outs
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
 

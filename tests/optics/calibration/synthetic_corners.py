@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from shapely import contains_xy
 from shapely.geometry import Polygon
 
-from optics.calibration.detection.corners import MIN_CORNERS
-from optics.calibration.observations import DIRECT, Observations
-from optics.layout import Layout
-from optics.targets import Charuco, Checkerboard
-from optics.transforms import transform
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.synthetic import posed
 
 MARGIN = 0.95  # of an outline or sensor, about its middle, within which corners count as seen

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optics.calibration import bootstrap
-from optics.calibration.evidence.ladder import climb
-from optics.calibration.observations import DIRECT, Observations
-from optics.layout import Layout
-from optics.targets import Charuco
+from mirrorcam.optics.calibration.diagnostics.model_selection import climb
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 
 BOARD = Charuco(cols=12, rows=8, square_mm=20.0, marker_mm=14.0)
@@ -31,8 +31,8 @@ def off_in_sigmas(nominal: Layout, seed: int) -> float:
     views = views_of(truth, BOARD, mirrored, direct, noise_px=0.02, seed=seed)
     frames = [o for o in [*views.seen, *views.base] if len(o)]
     rows = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
-    camera = bootstrap.base_camera(rows.where(rows.view == DIRECT), nominal.camera, CORNERS)
-    reached = climb(bootstrap.first_estimate(rows, camera, nominal, CORNERS), rows, CORNERS)
+    camera = initial_estimates.base_camera(rows.where(rows.view == DIRECT), nominal.camera, CORNERS)
+    reached = climb(initial_estimates.first_estimate(rows, camera, nominal, CORNERS), rows, CORNERS)
     assert reached.level == "joint+sheet", f"seed {seed}"
     place = reached.solution.parameters.index("sheet_mm")
     sigma = float(np.sqrt(reached.solution.covariance[place, place]))

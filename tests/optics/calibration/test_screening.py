@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from optics.calibration import bootstrap, checks
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.screening import screen
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Board
-from optics.calibration.solver.solve import Solution, fit
-from optics.camera import INTRINSIC_NAMES
-from optics.layout import Layout
-from optics.targets import Charuco
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration import consistency
+from mirrorcam.optics.calibration.screening import screen
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import Views, as_built, direct_poses, mirrored_poses, views_of
 
 BOARD = Charuco(cols=12, rows=8, square_mm=20.0, marker_mm=14.0)
@@ -46,13 +47,13 @@ def solved(
     screened = screen(seen, base, layout, corners)
     frames = [o for o in [*screened.seen, *screened.base] if len(o)]
     observations = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
-    camera = bootstrap.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
-    start = bootstrap.first_estimate(observations, camera, layout, corners)
+    camera = initial_estimates.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
+    start = initial_estimates.first_estimate(observations, camera, layout, corners)
     model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners))
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *checks.judge(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *consistency.judge(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
@@ -147,10 +148,10 @@ def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(default_layou
         random = np.random.default_rng(seed)
         centres = default_layout.virtual_centres_in_rig_mm
         moved = centres + 4.0 * random.standard_normal(centres.shape)  # mirrors tilted by 1.4 deg and 2 mm off
-        factor, sigma = checks.common_scale(default_layout, moved)
+        factor, sigma = consistency.common_scale(default_layout, moved)
         assert abs(factor - 1.0) < 4.0 * sigma
-        checks.scale_note(default_layout, moved)
-        bare, _ = checks.common_scale(default_layout, 1.2 * centres)
+        consistency.scale_note(default_layout, moved)
+        bare, _ = consistency.common_scale(default_layout, 1.2 * centres)
         assert bare == pytest.approx(1.2, abs=0.02)
 
 
@@ -174,7 +175,7 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
 ) -> None:
     drifted = views_of(with_focal(truth, 1.003), BOARD, [], BASE, seed=5)
     screened = screen(good.seen, drifted.base, default_layout, CORNERS)
-    assert screened.widened > checks.DRIFT_NOTED
+    assert screened.widened > consistency.DRIFT_NOTED
     solution, notes = solved(good.seen, drifted.base, default_layout)
     assert any("disagree about the camera" in note for note in notes)
     squared, count = nees(solution, truth)
@@ -295,12 +296,12 @@ def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, default_layou
 
 def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_not_believed(good: Views, default_layout: Layout) -> None:
     solution, _ = solved(good.seen, good.base, default_layout)
-    checks.believable(solution)
+    consistency.believable(solution)
     open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 5 ")]
     covariance = solution.covariance.copy()
     covariance[np.ix_(open_rows, open_rows)] += np.diag([10.0, 10.0, 10.0]) ** 2
     with pytest.raises(InputError, match="leave mirror 5 open by "):
-        checks.believable(replace(solution, covariance=covariance))
+        consistency.believable(replace(solution, covariance=covariance))
     fitting = np.arange(len(solution.inliers)) % 5 > 0
     with pytest.raises(InputError, match="20% of the corners fit neither mirrors nor camera"):
-        checks.believable(replace(solution, inliers=fitting))
+        consistency.believable(replace(solution, inliers=fitting))

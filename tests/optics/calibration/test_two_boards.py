@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optics.calibration.calibrate import calibrate
-from optics.spec import DesignSpec
-from optics.values import InputError
-from tests.optics.calibration.test_calibrate import BOARD, CAMERA, draw, mirrored_pose
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from tests.optics.calibration.test_calibration import BOARD, CAMERA, draw, mirrored_pose
 from tests.optics.conftest import faceted_parabola
 from tests.optics.synthetic import render
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from optics.camera import Camera
-from optics.exports import VirtualCamera, virtual_cameras
-from optics.layout import Layout
-from optics.mirror import Mirror, cut
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports import VirtualCamera, virtual_cameras
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, cut
 
 TOLERANCE_PX = 1e-6
 

@@ -10,12 +10,12 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from optics.camera import Camera
-from optics.exports import write_exports
-from optics.files import write_image
-from optics.layout import Layout
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports import write_exports
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.conftest import faceted_parabola
 from tests.optics.synthetic import posed, render
 

@@ -15,11 +15,11 @@ import yaml
 from scipy.spatial.transform import Rotation
 from urdf_parser_py.urdf import URDF
 
-from optics.exports import virtual_cameras, write_exports
-from optics.exports.kalibr import radtan
-from optics.exports.numbers import number
-from optics.files import read_image, write_image
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.exports import virtual_cameras, write_exports
+from mirrorcam.optics.exports.kalibr import radtan
+from mirrorcam.optics.exports.numbers import number
 from tests.optics.exports.conftest import TOLERANCE_PX, Case, seen_through, without_k3
 
 

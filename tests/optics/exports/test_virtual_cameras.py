@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from optics.exports import virtual_cameras
-from optics.exports.virtual_cameras import flipped_camera, flipped_pixels
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.values import InputError
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports import virtual_cameras
+from mirrorcam.optics.exports.virtual_cameras import flipped_camera, flipped_pixels
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 from tests.optics.exports.conftest import TOLERANCE_PX, Case, seen_through, sideways_layout
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from optics.layout import Layout
-from optics.light_field.light_field import Views
-from optics.mirror import Mirror
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.light_field.light_field import Views
 
 Texture = Callable[[FloatArray, FloatArray], FloatArray]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.equalisation import Equalisation, measure
-from optics.light_field.light_field import LightField
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.photographs import Texture, photographed, reflected_rays, waves
 
 RANDOM = np.random.default_rng(8)

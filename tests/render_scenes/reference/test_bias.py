@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optics.layout import Layout
-from optics.values import FloatArray
-from render_scenes.reference.integrator import Light, integrator
-from render_scenes.reference.scene import BoardScene
-from render_scenes.reference.sensor import sensor
-from render_scenes.settings import RenderSettings
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.reference.board_scene import BoardScene
+from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.reference.integrator import Light, integrator
+from mirrorcam.render_scenes.settings import RenderSettings
 from tests.render_scenes.corners import TARGET, Crop, errors_by_mirror, photographed, tilted_board, windows
 
 BIAS_PX = 0.002  # of the mean of all corners

@@ -9,13 +9,13 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from optics.calibration.detection.corners import Grey
-from optics.calibration.detection.segmentation import Extremes, _with_edges, outlined
-from optics.camera import Camera
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.spec import DesignSpec
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, _with_edges, outlined
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 from tests.optics.conftest import faceted_parabola
 
 PINHOLE = Camera(width_px=1920, height_px=1080, fx_px=1360.0, fy_px=1360.0, cx_px=959.5, cy_px=539.5)

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from optics.calibration.observations import IntArray, Observations
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.normal import Grouped, Places, columns_of, residuals_of
-from optics.calibration.solver.residuals import Estimate, global_names
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.normal_equations import Grouped, Places, columns_of, residuals_of
+from mirrorcam.optics.calibration.solver.observations import IntArray, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names
 
 
 class Peer:

@@ -12,17 +12,17 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optics.calibration import bootstrap
-from optics.calibration.detection.corners import Corners
-from optics.calibration.observations import DIRECT, Observations
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
-from optics.camera import INTRINSIC_NAMES, Camera
-from optics.layout import Layout
-from optics.mirror import Mirror
-from optics.spec import DesignSpec
-from optics.targets import Checkerboard
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Corners
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.optics.calibration.synthetic_corners import direct_corners, direct_poses, mirrored_corners, mirrored_poses
 from tests.optics.conftest import faceted_parabola
 
@@ -155,5 +155,5 @@ def start_from(camera: Camera, mirrors: tuple[Mirror, ...], observations: Observ
             for view in np.unique(rows.view)
             if (shown := rows.view == view).any()
         ]
-        poses.append(bootstrap.best_pose(camera, views, board.corners_in_board_mm))
+        poses.append(initial_estimates.best_pose(camera, views, board.corners_in_board_mm))
     return Estimate.of(camera, mirrors, np.array(poses))

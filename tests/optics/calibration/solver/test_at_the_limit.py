@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from optics.calibration.observations import Observations
-from optics.calibration.solver.residuals import Estimate, residuals
-from optics.calibration.solver.solve import fit, minimise
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit, minimise
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import (
     SIGMA_PX,

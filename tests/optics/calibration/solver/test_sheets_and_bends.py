@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from optics.calibration.calibrate import moved_to
-from optics.calibration.observations import DIRECT
-from optics.calibration.solver.model import Model
-from optics.calibration.solver.residuals import Estimate, residuals
-from optics.calibration.solver.solve import UndeterminedError, fit
-from optics.mirror import Mirror
-from optics.targets import Checkerboard
-from optics.transforms import transform
+from mirrorcam.optics.calibration.calibration import moved_to
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.solver.scenes import (
     LENS,
     SIGMA_PX,

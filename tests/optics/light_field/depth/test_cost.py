@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from optics.light_field.depth.cost import ONE_SIDE, TRUNCATION, UNITS, UNSEEN, Planes, best_half, sides
-from optics.light_field.depth.geometry import parallax
+from mirrorcam.optics.light_field.depth.cost import ONE_SIDE, TRUNCATION, UNITS, UNSEEN, Planes, best_half, sides
+from mirrorcam.optics.light_field.depth.geometry import parallax
 from tests.optics.light_field.depth.surfaces import grid_views
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optics.files import read_image
-from optics.layout import Layout
-from optics.light_field.decode import Decoder
-from optics.light_field.depth import DepthEstimator
-from render_scenes.desk.desk_set import DeskRequest, read_map, render_desk
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, read_map, render_desk
 
 
 @pytest.mark.slow

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optics.light_field.depth import DepthEstimator, DepthMap
-from optics.light_field.depth.depth_map import DepthMap as Map
-from optics.light_field.light_field import LightField, Views
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
+from mirrorcam.optics.light_field.depth.depth_map import DepthMap as Map
+from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 WALL = Surface(560.0, slope=(0.25, -0.35), seed=1)

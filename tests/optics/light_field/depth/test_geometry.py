@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.light_field.depth.geometry import halved, other_views, parallax, plane_inverse_distances, reference_index
+from mirrorcam.optics.light_field.depth.geometry import (
+    halved,
+    other_views,
+    parallax,
+    plane_inverse_distances,
+    reference_index,
+)
 from tests.optics.light_field.depth.surfaces import grid_views
 
 VIEWS = grid_views()

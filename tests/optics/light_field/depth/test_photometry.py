@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.light_field.depth.photometry import (
+from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     NO_SAMPLE,
     brightened,
@@ -12,7 +12,7 @@ from optics.light_field.depth.photometry import (
     normalised,
     patches,
 )
-from optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
 
 EVERY = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from optics.light_field.depth.semiglobal import aggregate
+from mirrorcam.optics.light_field.depth.semiglobal import aggregate
 
 
 def plainly(volume: np.ndarray, next_plane: int, any_plane: int) -> np.ndarray:

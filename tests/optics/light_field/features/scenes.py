@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from optics.layout import FOLD_90_VIEW_FROM_RIG
-from optics.light_field.light_field import LightField, Views
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SUPERSAMPLING = 2
 MM_PER_TEXEL = 0.4

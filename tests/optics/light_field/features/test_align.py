@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optics.light_field.features import align as alignment
-from optics.light_field.features.align import Aligned, Pyramid, align, templates
-from optics.light_field.features.detect import grey_views
-from optics.light_field.light_field import LightField
-from optics.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.features import align as alignment
+from mirrorcam.optics.light_field.features.align import Aligned, Pyramid, align, templates
+from mirrorcam.optics.light_field.features.keypoints import grey_views
+from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
 PIXELS = np.stack(np.meshgrid(np.arange(40.0, 221.0, 9.0), np.arange(40.0, 141.0, 9.0)), axis=-1).reshape(-1, 2)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from optics.light_field.features.detect import Keypoints
-from optics.light_field.features.match import KEPT, Candidates, candidates, vote
-from optics.light_field.features.slope import Geometry
-from optics.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.features.keypoints import Keypoints
+from mirrorcam.optics.light_field.features.match import KEPT, Candidates, candidates, vote
+from mirrorcam.optics.light_field.features.slope import Geometry
 from tests.optics.light_field.features.scenes import uneven_views
 
 RANGE = (1 / 5000.0, 1 / 200.0)

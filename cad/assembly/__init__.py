@@ -1,0 +1,1 @@
+"""The device put together: every part's plan, its pieces, what is bought."""

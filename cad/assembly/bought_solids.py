@@ -1,0 +1,91 @@
+"""What is bought, as plain solids: camera and fasteners, for pictures, the assembly and clearances; never printed."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from build123d import (
+    Align,
+    Box,
+    BuildPart,
+    BuildSketch,
+    Cylinder,
+    Hole,
+    Locations,
+    Part,
+    Plane,
+    RegularPolygon,
+    extrude,
+)
+
+from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody
+from mirrorcam.cad.plan.part_plan import BoughtItem
+
+ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
+BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)
+HINGE_MM = 7.8
+CABLE_STUB_MM = 20.0
+# A set screw (ISO 4026) has no head: its origin is at the end with the socket.
+SET = " set"
+# ISO 4762 and ISO 4032: head and flats of a thread, over its diameter.
+HEAD, FLATS = 5.5 / 3.0, 5.5 / 3.0
+
+
+def camera_solid(camera: CameraBody) -> Part:
+    """The camera in rig, its entrance pupil in the origin: body, lens ring or barrel, hinge, a stub of the cable."""
+    front = camera.pupil_behind_front_mm
+    middle = (-camera.lens_x_mm, -camera.lens_y_mm)
+    with BuildPart() as body:
+        with Locations((*middle, front)):
+            Box(camera.width_mm, camera.height_mm, camera.depth_mm, align=BELOW)
+        if camera.lens_protrusion_mm > 0.0:
+            with Locations((0.0, 0.0, front)):
+                Cylinder(camera.lens_ring_mm / 2.0, camera.lens_protrusion_mm, align=ABOVE)
+        if camera.hinge_mm > 0.0:
+            low = front - camera.depth_mm + HINGE_MM / 2.0
+            with Locations((middle[0], middle[1] + camera.height_mm / 2.0, low)):
+                Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
+        with Locations((camera.cable_x_mm, middle[1], front - camera.depth_mm)):
+            Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
+        if isinstance(camera.held_by, BoardHoles):
+            with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
+                Hole(camera.held_by.hole_mm / 2.0)
+    return _solid(body)
+
+
+def item_solid(item: BoughtItem) -> Part:
+    """A screw, insert, nut or pin in its own frame: origin under the head (at the mouth of the hole), z outwards."""
+    diameter = thread_mm(item)
+    with BuildPart() as body:
+        if item.kind == "screw":
+            Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
+            if not item.size.endswith(SET):
+                Cylinder(HEAD * diameter / 2.0, diameter, align=ABOVE)
+        elif item.kind == "nut":
+            with BuildSketch(Plane.XY.offset(-item.length_mm)):
+                RegularPolygon(FLATS * diameter / 2.0, 6, major_radius=False)
+            extrude(amount=item.length_mm)
+            Hole(diameter / 2.0)
+        elif item.kind == "insert":
+            # Outer diameter 4.6 for M3, pressed into a hole of 4.0: what is seen of it is the hole's size.
+            Cylinder(4.0 / 3.0 * diameter / 2.0, item.length_mm, align=BELOW)
+            Hole(diameter / 2.0)
+        else:
+            Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
+    return _solid(body)
+
+
+def thread_mm(item: BoughtItem) -> float:
+    """The diameter in an item's size, "M3" or "3"."""
+    found = re.search(r"\d+(\.\d+)?", item.size)
+    if found is None:
+        raise ValueError(f"{item.size=} names no diameter, expected one like M3")
+    return float(found.group())
+
+
+def _solid(body: BuildPart) -> Part:
+    part = body.part
+    if part is None or len(part.solids()) != 1:
+        raise ValueError("expected one solid")
+    return part

@@ -1,0 +1,230 @@
+"""The printed parts of a device: name, number, how each is made, how it lies on the bed; and all that is bought."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.parts.bed_placement import turn
+from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount, make_ring
+from mirrorcam.cad.plan.fasteners import Stack
+from mirrorcam.cad.plan.hardware import Lips
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan
+from mirrorcam.cad.plan.prisms import corners_of
+from mirrorcam.cad.plan.split import Pieces, split
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import transform
+
+# Which way a part stands when printed: rows are the bed's x, y and z in rig.
+X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+Z_UP = np.eye(3)
+ACROSS = np.array([1.0, 0.0, 0.0])
+
+EXPLODE = {
+    "mirror_holder": (0.0, 30.0, 60.0),
+    "mount": (0.0, -60.0, 0.0),
+    "camera_clip": (0.0, 20.0, -20.0),
+    "adapter_saddle": (0.0, -60.0, -45.0),
+    "adapter_cap": (0.0, -60.0, -95.0),
+    "fit_coupon": (0.0, 0.0, 0.0),
+}
+
+
+def parts_of(device: Device) -> tuple[PartPlan, ...]:
+    """Every part to print, in the order of their numbers; one that is larger than the bed in pieces."""
+    return _on_bed(device).parts
+
+
+@lru_cache(maxsize=2)
+def _on_bed(device: Device) -> Pieces:
+    """What is printed, and the pins between pieces; cutting a part makes it, so this is done once per device."""
+    corners = {
+        "mirror_holder": device.holder.corners_in_rig,
+        "mount": corners_of(device.mount.pieces),
+        "camera_clip": corners_of(device.clip.pieces),
+        "adapter_saddle": corners_of((device.adapter.saddle.bounds,)),
+        "adapter_cap": corners_of((device.adapter.cap.bounds,)),
+        "fit_coupon": corners_of(device.coupon.pieces),
+    }
+    cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
+    if device.mount.bed_cuts_mm:
+        cuts["mount"] = ((), device.mount.bed_cuts_mm)
+    pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
+    return Pieces(
+        tuple(part for piece in pieces for part in piece.parts), tuple(pin for piece in pieces for pin in piece.pins)
+    )
+
+
+def _whole(device: Device) -> tuple[PartPlan, ...]:
+    mount, clip, adapter, coupon = device.mount, device.clip, device.adapter, device.coupon
+    return (
+        _part(
+            "mirror_holder",
+            "Mirror holder",
+            1,
+            device.holder,
+            make_holder,
+            lying_on(device.holder.rig_from_mount),
+            (0.36, 0.39, 0.44),
+        ),
+        _part(
+            "mount",
+            "Mount",
+            2,
+            mount,
+            make_mount,
+            turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
+            (0.16, 0.46, 0.62),
+        ),
+        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
+        _part(
+            "adapter_saddle",
+            "Adapter saddle",
+            4,
+            adapter.saddle,
+            make_ring,
+            standing(Y_DOWN, -adapter.saddle.band_mm[1]),
+            (0.35, 0.60, 0.42),
+        ),
+        _part(
+            "adapter_cap",
+            "Adapter cap",
+            5,
+            adapter.cap,
+            make_ring,
+            standing(Y_DOWN, -adapter.cap.band_mm[1]),
+            (0.55, 0.74, 0.52),
+        ),
+        _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
+    )
+
+
+def _part(
+    name: str,
+    title: str,
+    number: int,
+    plan: Any,
+    make: Any,
+    print_from_rig: FloatArray,
+    rgb: tuple[float, float, float],
+) -> PartPlan:
+    return PartPlan(
+        name=name,
+        title=title,
+        number=f"MC-{number:02d}",
+        plan=plan,
+        make=make,
+        print_from_rig=print_from_rig,
+        explode_mm=np.array(EXPLODE[name]),
+        rgb=rgb,
+    )
+
+
+def bought_items(device: Device) -> tuple[BoughtItem, ...]:
+    """Every screw, insert, nut and pin of the device, in its place."""
+    mount, clip, adapter = device.mount, device.clip, device.adapter
+    head_z = -mount.rig_from_head[:3, 2]
+    holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
+    slide = np.array(
+        [(x, clip.slide_y_mm - clip.slide.grip_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)]
+    )
+    slots = device.holder.slot_ways if device.holder.slots else ACROSS
+    down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+    return (
+        *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder"), slots),
+        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip")),
+        *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
+        # The channel for these nuts runs along y: their flats are on its sides.
+        *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle"), scene),
+        *_camera_screws(device),
+        *_on_bed(device).pins,
+    )
+
+
+def _screws(
+    device: Device,
+    heads: FloatArray,
+    out: FloatArray,
+    stack: Stack,
+    joins: tuple[str, str],
+    corners: FloatArray = ACROSS,
+) -> Iterator[BoughtItem]:
+    """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head.
+
+    Nuts have a corner in the direction `corners`, (3,) or (n, 3).
+    """
+    screw = device.hardware.screw
+    outer, inner = (np.array(EXPLODE[name]) for name in joins)
+    for head, corner in zip(heads, np.broadcast_to(corners, heads.shape), strict=True):
+        yield BoughtItem("screw", "M3", stack.length_mm, _along(head, out), outer + 25.0 * out, joins)
+        mouth = head - stack.grip_mm * out
+        if screw.kind == "insert":
+            yield BoughtItem("insert", "M3", screw.insert_mm, _along(mouth, out), inner + 12.0 * out, joins[1:])
+        else:
+            near = mouth - stack.begins_mm * out
+            yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out, corner), inner - 12.0 * out, joins[1:])
+
+
+def _camera_screws(device: Device) -> Iterator[BoughtItem]:
+    """What holds the camera in its clip: set screws behind a body, or a board's own screws."""
+    clip, hardware = device.clip, device.hardware
+    screw, above = hardware.screw, np.array([0.0, 0.0, 1.0])
+    apart = np.array(EXPLODE["camera_clip"])
+    if not isinstance(hardware.camera.held_by, Lips):
+        for head in clip.board_screws:
+            size = f"M{hardware.camera.held_by.screw_mm:g}{FORMING}"
+            yield BoughtItem(
+                "screw",
+                size,
+                hardware.camera.held_by.screw_length_mm,
+                _along(head, above),
+                apart + 20.0 * above,
+                ("camera_clip",),
+            )
+        return
+    for tip in clip.set_screw_tips:
+        outer = tip - hardware.clip.set_screw_mm * above
+        yield BoughtItem(
+            "screw", "M3 set", hardware.clip.set_screw_mm, _along(outer, -above), apart - 30.0 * above, ("camera_clip",)
+        )
+        mouth = tip - hardware.clip.behind_mm * above
+        length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
+        yield BoughtItem(screw.kind, "M3", length, _along(mouth, above), apart + 15.0 * above, ("camera_clip",))
+
+
+def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
+    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
+    x_axis = across - (z_axis @ across) * z_axis
+    matrix = np.eye(4)
+    matrix[:3, 0] = x_axis / np.linalg.norm(x_axis)
+    matrix[:3, 1] = np.cross(z_axis, matrix[:3, 0])
+    matrix[:3, 2], matrix[:3, 3] = z_axis, origin
+    return matrix
+
+
+def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
+    """The transform (4, 4) to the bed of a part that stands as a rotation (3, 3) says, its foot at `low_mm`."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = bed_from_rig
+    matrix[2, 3] = -low_mm
+    return matrix
+
+
+def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:
+    """The transform (4, 4) of a part that lies turned on the bed."""
+    about_z = np.eye(4)
+    about_z[:2, :2] = turn(degrees)
+    return np.asarray(about_z @ bed_from_rig)
+
+
+def lying_on(rig_from_face: FloatArray) -> FloatArray:
+    """The transform (4, 4) to the bed of a part that lies on a flat face, whose frame's z points out of the part."""
+    bed_from_face = np.diag([1.0, -1.0, -1.0, 1.0])
+    face_from_rig = np.linalg.inv(rig_from_face)
+    return np.asarray(bed_from_face @ face_from_rig)

@@ -1,0 +1,127 @@
+"""The whole device as plain numbers: a plan for every part of a layout, refused here where it cannot be made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
+from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
+from mirrorcam.cad.parts.clip import ABOVE, ClipPlan, body_box, plan_clip
+from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
+from mirrorcam.cad.parts.mount import MountPlan, plan_mount
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import box, moved, require_dark
+from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """The plans of all printed parts of a layout; one equals only itself."""
+
+    layout: Layout
+    hardware: Hardware
+    holder: HolderPlan
+    mount: MountPlan
+    clip: ClipPlan
+    adapter: AdapterPlan
+    coupon: CouponPlan
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Where one part is joined to another: the same frame, once from the plan of each; both (4, 4) in rig.
+
+    z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
+    """
+
+    name: str
+    parent: str
+    child: str
+    rig_from_parent_joint: FloatArray
+    rig_from_child_joint: FloatArray
+    slides_mm: float = 0.0
+
+
+def plan_device(layout: Layout, hardware: Hardware) -> Device:
+    """Plan every part; raises InputError with the measure that breaks where the device cannot be made."""
+    require_cuttable(layout, hardware.cutting)
+    clip = plan_clip(hardware)
+    adapter = plan_adapter(clip, hardware)
+    light = keep_outs(layout, hardware)
+    # The camera's cones end in the pupil, inside the camera.
+    beams = [[pocket, beam] for pocket, _, beam in light]
+    require_dark("camera", camera_boxes(hardware), layout, beams)
+    for name, solids in {
+        "camera clip": slid(clip.pieces, clip.travel_mm),
+        "adapter": (adapter.saddle.bounds, adapter.cap.bounds),
+        "robot's wrist": (wrist_box(adapter, hardware),),
+    }.items():
+        require_dark(name, solids, layout, light)
+    # Last what takes longest: of large layouts a minute.
+    holder = plan_holder(layout, hardware)
+    return Device(
+        layout=layout,
+        hardware=hardware,
+        holder=holder,
+        mount=plan_mount(layout, holder, clip, hardware),
+        clip=clip,
+        adapter=adapter,
+        coupon=plan_coupon(layout, hardware),
+    )
+
+
+def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
+    """Boxes around the camera's body and hinge."""
+    camera, body = hardware.camera, body_box(hardware.camera)
+    boxes = [body.solid]
+    if camera.hinge_mm:
+        half, side, back = camera.hinge_mm / 2.0, float(body.high[1]), float(body.low[2])
+        boxes.append(
+            box((-half, side, back), (half, side + camera.hinge_from_back_mm / 2.0, back + camera.hinge_from_back_mm))
+        )
+    return tuple(boxes)
+
+
+def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
+    """Solids at both ends of their travel along z and amid it."""
+    return tuple(moved(solid, np.array([0.0, 0.0, by])) for by in (-travel_mm, 0.0, travel_mm) for solid in solids)
+
+
+def wrist_box(adapter: AdapterPlan, hardware: Hardware) -> Frustum:
+    """A box around the cylindrical shell of the wrist, the clamp in its middle."""
+    radius, level = adapter.saddle.radius_mm, adapter.saddle.axis_z_mm
+    middle, half = float(adapter.saddle.band_mm.mean()), hardware.wrist.length_mm / 2.0
+    return box((-radius, middle - half, level - radius), (radius, middle + half, level + radius))
+
+
+def connections(device: Device) -> tuple[Connection, ...]:
+    """How the parts hang together, from the holder on."""
+    mount, clip, adapter = device.mount, device.clip, device.adapter
+    out_of_back = device.holder.rig_from_mount
+    foot = np.eye(4)
+    foot[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    saddle_foot = foot.copy()
+    foot[:3, 3] = mount.foot.mean(axis=0)
+    saddle_foot[:3, 3] = adapter.foot_heads.mean(axis=0) + adapter.foot.grip_mm * ABOVE
+    # x along the slide, z towards the clip.
+    slide = np.eye(4)
+    slide[:3, :3] = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+    clip_slide = slide.copy()
+    slide[:3, 3] = mount.slide
+    clip_slide[:3, 3] = [0.0, clip.slide_y_mm, clip.slide_z_mm]
+    split, cap_split = foot.copy(), foot.copy()
+    split[:3, 3] = adapter.saddle.ears.mean(axis=0)
+    cap_split[:3, 3] = adapter.cap.ears.mean(axis=0) + adapter.cap.gap_mm * ABOVE
+    return (
+        Connection(
+            "back", "mirror_holder", "mount", out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])
+        ),
+        Connection("slide", "mount", "camera_clip", slide, clip_slide, clip.travel_mm),
+        Connection("foot", "mount", "adapter_saddle", foot, saddle_foot),
+        Connection("clamp", "adapter_saddle", "adapter_cap", split, cap_split),
+    )

@@ -1,0 +1,213 @@
+"""The pieces of an assembled device as meshes: printed parts, mirrors, camera, fasteners, each with its mass."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+import trimesh
+from build123d import Part
+
+from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
+from mirrorcam.cad.plan.seats import Frustum, sheet
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+
+Kind = Literal["part", "mirror", "camera", "screw", "insert", "nut", "pin"]
+
+MIRROR_RGB: Rgb = (0.80, 0.88, 0.95)
+CAMERA_RGB: Rgb = (0.13, 0.14, 0.16)
+ITEM_RGB: dict[str, Rgb] = {
+    "screw": (0.62, 0.64, 0.67),
+    "insert": (0.80, 0.62, 0.28),
+    "nut": (0.70, 0.72, 0.75),
+    "pin": (0.62, 0.64, 0.67),
+}
+# g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), brass CuZn39Pb3, steel.
+ACRYLIC, BRASS, STEEL = 1.19, 8.47, 7.85
+MIRROR_OUT_MM = 35.0
+CAMERA_OUT_MM = 15.0
+BOARD_OUT_MM = 40.0
+COUPON = "fit_coupon"
+"""A part to print that is no piece of the device."""
+
+TOLERANCE_MM = 0.05
+ANGLE_RAD = 0.35
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One thing in its place: `mesh` in rig, mm; `explode_mm` (3,) in rig is where it goes in an exploded view.
+
+    `name` is unique: of a part the stem of its files, of a mirror "mirror_ROW-COLUMN". `number` is a part's or a
+    mirror's, "" of what is bought; `item` is the fastener that a piece shows.
+    """
+
+    name: str
+    kind: Kind
+    number: str
+    title: str
+    rgb: Rgb
+    explode_mm: FloatArray
+    mesh: trimesh.Trimesh
+    mass: MassProperties
+    item: BoughtItem | None = None
+
+
+PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
+
+
+def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
+    """All pieces of a device, its printed parts read from their STL files."""
+    printed = [_printed(part) for part in parts if part.name != COUPON]
+    return (
+        *printed,
+        *mirror_pieces(device, printed),
+        camera_piece(device, next(piece for piece in printed if piece.name.startswith("camera_clip"))),
+        *item_pieces(bought_items(device)),
+    )
+
+
+def _printed(part: BuiltPart) -> Piece:
+    mesh = trimesh.load_mesh(part.stl)
+    return Piece(part.name, "part", part.number, part.title, part.rgb, part.explode_mm, mesh, part.mass)
+
+
+def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
+    """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
+    pieces = []
+    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+        mesh = mesh_of(sheet(mirror))
+        nearest = holder_under(mirror, printed)
+        pieces.append(
+            Piece(
+                name=f"mirror_{name}",
+                kind="mirror",
+                number=f"M{name}",
+                title=f"Mirror {name}",
+                rgb=MIRROR_RGB,
+                explode_mm=nearest.explode_mm + MIRROR_OUT_MM * mirror.normal_in_rig,
+                mesh=mesh,
+                mass=mass_of(mesh, ACRYLIC),
+            )
+        )
+    return tuple(pieces)
+
+
+def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
+    """The holder, or of a split one the piece whose centre of mass is nearest to the middle of a mirror."""
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    holders = [part for part in parts if part.name.startswith("mirror_holder")]
+    return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
+
+
+def camera_piece(device: Device, clip: Piece) -> Piece:
+    """The camera, of the mass that its maker says; it leaves its clip by the open end, a board by the front."""
+    camera = device.hardware.camera
+    mesh = tessellated(camera_solid(camera))
+    mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
+    along_x = camera.held_by.kind == "lips"
+    out = (camera.width_mm + CAMERA_OUT_MM, 0.0, 0.0) if along_x else (0.0, 0.0, BOARD_OUT_MM)
+    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + out, mesh, mass)
+
+
+def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
+    """Fasteners in their places."""
+    meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
+    pieces = []
+    for name, item in zip(item_names(items), items, strict=True):
+        key = (item.kind, item.size, item.length_mm)
+        if key not in meshes:
+            meshes[key] = tessellated(item_solid(item))
+        mesh = meshes[key].copy()
+        mesh.apply_transform(item.rig_from_item)
+        pieces.append(
+            Piece(
+                name=name,
+                kind=item.kind,
+                number="",
+                title=item_title(item),
+                rgb=ITEM_RGB[item.kind],
+                explode_mm=item.explode_mm,
+                mesh=mesh,
+                mass=mass_of(mesh, BRASS if item.kind == "insert" else STEEL),
+                item=item,
+            )
+        )
+    return tuple(pieces)
+
+
+def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
+    """Names of fasteners, numbered by kind: "screw_01"; one that cuts its own thread is a "screw_forming_13"."""
+    counted: Counter[str] = Counter()
+    names = []
+    for item in items:
+        counted[item.kind] += 1
+        form = "forming_" if item.size.endswith(FORMING) else ""
+        names.append(f"{item.kind}_{form}{counted[item.kind]:02d}")
+    return tuple(names)
+
+
+def item_title(item: BoughtItem) -> str:
+    """What to buy: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
+    if item.kind == "nut":
+        return f"{item.size} nut"
+    thread, _, form = item.size.partition(" ")
+    name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
+    return f"{thread} x {item.length_mm:g} {name}"
+
+
+def mesh_of(volume: Frustum) -> trimesh.Trimesh:
+    """A convex volume as a mesh of triangle fans."""
+    corners = np.concatenate(volume.faces)
+    starts = np.cumsum([0, *(len(face) for face in volume.faces)])
+    fans = [
+        (start, start + corner, start + corner + 1)
+        for start, face in zip(starts, volume.faces, strict=False)
+        for corner in range(1, len(face) - 1)
+    ]
+    return trimesh.Trimesh(corners, np.array(fans))
+
+
+def tessellated(solid: Part) -> trimesh.Trimesh:
+    """A solid as a mesh."""
+    points, faces = solid.tessellate(TOLERANCE_MM, ANGLE_RAD)
+    return trimesh.Trimesh(np.array([tuple(point) for point in points]), np.array(faces))
+
+
+def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
+    """Volume, mass, centre and inertia of a mesh in rig, filled with one material."""
+    density_g_per_mm3 = density_g_per_cm3 / 1000.0
+    return MassProperties(
+        volume_mm3=mesh.volume,
+        mass_g=mesh.volume * density_g_per_mm3,
+        centre_in_rig_mm=mesh.center_mass,
+        # trimesh takes a mesh of another density to be of density 1 until told.
+        inertia_g_mm2=mesh.moment_inertia / mesh.density * density_g_per_mm3,
+    )
+
+
+def composed(bodies: Sequence[MassProperties]) -> MassProperties:
+    """Several bodies as one: masses add, inertias about the common centre by the parallel axis theorem.
+
+    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), d_k from the common centre to that of body k.
+    """
+    masses = np.array([body.mass_g for body in bodies])
+    centres = np.array([body.centre_in_rig_mm for body in bodies])
+    centre = masses @ centres / masses.sum()
+    away = centres - centre
+    squared = (away**2).sum(axis=1)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
+    inertia = sum(body.inertia_g_mm2 for body in bodies) + (masses[:, None, None] * squared).sum(axis=0)
+    return MassProperties(
+        volume_mm3=sum(body.volume_mm3 for body in bodies),
+        mass_g=masses.sum(),
+        centre_in_rig_mm=centre,
+        inertia_g_mm2=inertia,
+    )

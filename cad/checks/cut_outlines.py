@@ -1,0 +1,192 @@
+"""Mirrors as cut, read back from the files that a laser cuts them by and measured against the layout.
+
+All that is known here of a file is its layers CUT and ENGRAVE and its groups `mirror_ROW-COLUMN`. Mirrors are drawn
+from the back, half the kerf larger than they become, anywhere on the sheet and turned, but never turned over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+from ezdxf.entities.lwpolyline import LWPolyline
+from ezdxf.filemanagement import readfile
+from ezdxf.units import MM
+from shapely import LineString, Polygon, STRtree, box
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.cad.plan.seats import back_height_mm
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
+
+# Lines nearer than this to each other burn into one.
+LINE_GAP_MM = 0.5
+GAP_SEARCH_MM = 10.0
+MITRE_LIMIT = 100.0
+# Ways to turn a shape onto another that differ by less fit equally well: rectangles fit two ways.
+SAME_FIT_MM = 1e-3
+ARROW_DEG = 0.1
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A mirror in its file: the laser's path (n, 2), and the engraved strokes (m, 2), the arrow's shaft first."""
+
+    sheet: int
+    path: FloatArray
+    strokes: tuple[FloatArray, ...]
+
+    def finished(self, kerf_mm: float) -> FloatArray:
+        """The outline (n, 2) of the mirror once the kerf is burnt away, counter-clockwise."""
+        shrunk = orient(Polygon(self.path)).buffer(-kerf_mm / 2.0, join_style="mitre", mitre_limit=MITRE_LIMIT)
+        return np.array(orient(shrunk).exterior.coords)[:-1]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A shape moved and turned onto another: its corners (n, 2) in the other's order, the turn (2, 2), the error."""
+
+    corners: FloatArray
+    turn: FloatArray
+    error_mm: float
+
+
+def fits(polygon: FloatArray, expected: FloatArray) -> list[Fit]:
+    """Best moves and turns of a polygon's corners (n, 2) onto others (n, 2), for every start and either way round.
+
+    None where the counts differ. Going the other way round the same corners is the same shape; a mirror image is not.
+    """
+    if len(polygon) != len(expected):
+        return []
+    found = []
+    middle = expected.mean(axis=0)
+    centred = expected - middle
+    for corners in (polygon, polygon[::-1]):
+        for start in range(len(corners)):
+            moved = np.roll(corners, start, axis=0)
+            moved = moved - moved.mean(axis=0)
+            # Closed form of the best turn in the plane.
+            across = (moved[:, 0] * centred[:, 1] - moved[:, 1] * centred[:, 0]).sum()
+            angle = np.arctan2(across, (moved * centred).sum())
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            turned = moved @ turn.T
+            found.append(Fit(turned + middle, turn, float(np.linalg.norm(turned - centred, axis=1).max())))
+    return found
+
+
+def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, Cut], dict[str, int]]:
+    """The mirrors of all sheets by row and column, and what of the files is none.
+
+    Counted are lines on CUT that are no closed outline of a named mirror, names that come twice, and files not in mm.
+    """
+    cuts: dict[str, Cut] = {}
+    wrong = {"stray_cuts": 0, "names_twice": 0, "files_not_in_mm": 0}
+    for sheet, path in enumerate(paths):
+        drawing = readfile(path)
+        wrong["files_not_in_mm"] += drawing.units != MM
+        wrong["stray_cuts"] += sum(entity.dxf.layer == "CUT" for entity in drawing.modelspace())
+        for group_name, group in drawing.groups:
+            name = group_name.removeprefix("mirror_")
+            # Reading turns a group into a set; handles keep the order in which it was drawn.
+            drawn = sorted(group, key=lambda entity: int(entity.dxf.handle, 16))
+            lines = [line for line in drawn if isinstance(line, LWPolyline)]
+            closed = [line for line in lines if line.dxf.layer == "CUT" and line.closed]
+            if name == group_name or len(closed) != 1:
+                continue
+            wrong["stray_cuts"] -= 1
+            wrong["names_twice"] += name in cuts
+            strokes = tuple(np.array(line.get_points("xy")) for line in lines if line.dxf.layer == "ENGRAVE")
+            cuts[name] = Cut(sheet, np.array(closed[0].get_points("xy")), strokes)
+    return cuts, wrong
+
+
+def mirror_fits(cuts: Mapping[str, Cut], layout: Layout, cutting: Cutting) -> dict[str, Fit]:
+    """Where the files have a mirror, its finished outline laid onto the layout's, both seen from the back."""
+    laid = {}
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        if name not in cuts:
+            continue
+        found = fits(cuts[name].finished(cutting.kerf_mm), _from_back(mirror))
+        best = min((fit.error_mm for fit in found), default=0.0)
+        alike = [fit for fit in found if fit.error_mm <= best + SAME_FIT_MM]
+        if alike:
+            laid[name] = min(alike, key=lambda fit: _arrow_error_deg(cuts[name], fit))
+    return laid
+
+
+def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
+    """Every mirror is there once, in its shape, on its sheet, apart from the others, its mark inside and upright."""
+    cuts, wrong = read_cuts(paths)
+    laid = mirror_fits(cuts, layout, cutting)
+    outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
+    tree = STRtree([outline for _, outline in outlines])
+    gaps = [
+        outline.distance(outlines[other][1])
+        for place, (sheet, outline) in enumerate(outlines)
+        for other in tree.query(outline.buffer(GAP_SEARCH_MM))
+        if other != place and outlines[other][0] == sheet
+    ]
+    room = box(0.0, 0.0, *cutting.sheet_mm)
+    arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in laid.items()]
+    return {
+        "outlines_missing": Metric(value=len(set(mirror_names(layout)) - set(laid)), unit="", limit=0),
+        "outlines_too_many": Metric(value=len(set(cuts) - set(mirror_names(layout))), unit="", limit=0),
+        **{name: Metric(value=count, unit="", limit=0) for name, count in wrong.items()},
+        "outline_error_um": Metric(
+            value=max((fit.error_mm for fit in laid.values()), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+        "outline_gap_mm": Metric(
+            value=min(gaps, default=GAP_SEARCH_MM), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
+        ),
+        "outlines_off_sheet": Metric(
+            value=sum(not room.contains(outline) for _, outline in outlines), unit="", limit=0
+        ),
+        "marks_missing": Metric(value=sum(not cut.strokes for cut in cuts.values()), unit="", limit=0),
+        "marks_off_mirror": Metric(
+            value=sum(
+                not Polygon(cut.finished(cutting.kerf_mm)).contains(LineString(stroke))
+                for cut in cuts.values()
+                for stroke in cut.strokes
+            ),
+            unit="",
+            limit=0,
+        ),
+        "arrow_error_deg": Metric(value=max(arrows, default=0.0), unit="deg", limit=ARROW_DEG),
+    }
+
+
+def sheets_as_cut(laid: Mapping[str, Fit], layout: Layout) -> dict[str, manifold3d.Manifold]:
+    """The finished mirrors in their places in rig: right prisms between back and front, by row and column."""
+    solids = {}
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        if name in laid:
+            back = back_height_mm(mirror)
+            solids[name] = prism(mirror, laid[name].corners, back, back + mirror.thickness_mm)
+    return solids
+
+
+def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) -> manifold3d.Manifold:
+    """A convex outline (n, 2), seen from the back, between two heights over the reflecting plane: a solid in rig."""
+    flat = outline * (1.0, -1.0)
+    ends = [np.column_stack([flat, np.full(len(flat), height)]) for height in (low_mm, high_mm)]
+    return manifold3d.Manifold.hull_points(transform(mirror.rig_from_plane, np.concatenate(ends)))
+
+
+def _arrow_error_deg(cut: Cut, fit: Fit) -> float:
+    """How far the engraved arrow is turned from up, once the mirror lies as in the device; 180 where there is none."""
+    if not cut.strokes or len(cut.strokes[0]) != 2:
+        return 180.0
+    x, y = fit.turn @ (cut.strokes[0][1] - cut.strokes[0][0])
+    return float(np.degrees(abs(np.arctan2(x, y))))
+
+
+def _from_back(mirror: Mirror) -> FloatArray:
+    """The outline (n, 2) in the mirror's frame seen from the back: x kept, y up, which is against the frame's y."""
+    return mirror.outline_in_plane_mm * (1.0, -1.0)

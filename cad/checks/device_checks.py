@@ -1,0 +1,177 @@
+"""Checks of the whole device: mirrors in their seats, the light, and what stands in what; of the files as written."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import trimesh
+from build123d import import_step
+from shapely import Polygon
+
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import ACRYLIC, BRASS, COUPON, STEEL, composed, mass_of
+from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
+from mirrorcam.cad.checks.cut_outlines import Fit, check_cuts, mirror_fits, prism, read_cuts, sheets_as_cut
+from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
+from mirrorcam.cad.checks.light_paths import check_light
+from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
+from mirrorcam.cad.holder.stray_light import stray_light
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.seats import back_height_mm
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
+
+ASSEMBLY = "assembly.glb"
+CAMERA = "camera"
+# Its corners lie on the shell; the flats between them are this little below it, as those of the clamp's mesh are.
+WRIST_SAGITTA_MM = 0.02
+# The room, where the camera sees it past all parts, veils the sub-images: by one of 255 grey levels at most, if it is
+# five times as bright as the scene and the lens scatters 3 % of what it takes in over all of the picture (its veiling
+# glare, ISO 9358).
+STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
+# How far off its seat a mirror is let down from, in thicknesses of its sheet.
+DROP_OF_SHEET = 4.0
+# The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
+ROUNDING_MM = 1e-3
+
+
+def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
+    """All checks of the device in the folder of a build: `mirrors/*.dxf`, `assembly.glb`, STEP and STL of its parts.
+
+    Parts are taken as printed, mirrors as cut, camera and fasteners as they are in the assembly; the robot's wrist, on
+    no list of parts, as the hardware says. Names of checks begin with what they are of: `device`, `mirrors`, or a
+    piece's name.
+    """
+    layout, hardware = device.layout, device.hardware
+    printed = [part for part in parts if part.name != COUPON]
+    sheets = sorted((folder / "mirrors").glob("*.dxf"))
+    laid = mirror_fits(read_cuts(sheets)[0], layout, hardware.cutting)
+    assembly = read_glb(folder / ASSEMBLY)
+    solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
+    solids |= {f"mirror_{name}": solid for name, solid in sheets_as_cut(laid, layout).items()}
+    solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
+    sound = {name: solid for name, solid in solids.items() if is_manifold(solid)}
+    sound_parts = {part.name: sound[part.name] for part in printed if part.name in sound}
+    wrist = {WRIST: wrist_shell(device)}
+    sheets_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
+    of_mirrors = {
+        **check_cuts(sheets, layout, hardware.cutting),
+        **check_seats(
+            flat_faces(import_step(part.step) for part in printed if part.name.startswith(HOLDER)),
+            layout,
+            hardware,
+            device.holder.planned_cover,
+        ),
+        **check_drop(laid, layout, list(sound_parts.values()), hardware.fit.free_mm),
+    }
+    return {
+        "device.pieces_amiss": Metric(value=len(_names_expected(device, printed) ^ set(assembly)), unit="", limit=0),
+        # As many as there are where a slicer is installed, whose own checks are each part's.
+        "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
+        "device.meshes_broken": Metric(value=len(solids) - len(sound), unit="", limit=0),
+        **check_mass(hardware, assembly),
+        # By closed form, from the plan: how far gravity turns and moves the mirrors, at worst, by bending the mount.
+        "mount.tilt_deg": Metric(value=round(device.mount.tilt_deg, 4), unit="deg", limit=hardware.mount.tilt_deg),
+        "mount.shift_um": Metric(value=round(device.mount.shift_um, 1), unit="um"),
+        **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
+        **check_light(layout, hardware, sound_parts | wrist, sheets_in_place, sound.get(CAMERA)),
+        "device.stray_light": Metric(
+            value=stray_light(
+                layout,
+                manifold3d.Manifold.compose(list(sound_parts.values())),
+                [sheet for sheet in sheets_in_place if sheet is not None],
+            ),
+            unit="of the pixels",
+            limit=STRAY_LIGHT,
+        ),
+        **check_clashes(sound | wrist, hardware.fit.press_mm),
+    }
+
+
+def wrist_shell(device: Device) -> manifold3d.Manifold:
+    """The cylindrical shell of the robot's wrist in rig: along y, with the clamp in the middle of its length."""
+    wrist, saddle = device.hardware.wrist, device.adapter.saddle
+    radius = wrist.diameter_mm / 2.0
+    corners = int(np.ceil(np.pi / np.arccos(1.0 - WRIST_SAGITTA_MM / radius)))
+    shell = manifold3d.Manifold.cylinder(wrist.length_mm, radius, circular_segments=corners, center=True)
+    return shell.rotate((90.0, 0.0, 0.0)).translate((0.0, float(saddle.band_mm.mean()), saddle.axis_z_mm))
+
+
+def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
+    """What the pieces of the assembly are to be called."""
+    counted: Counter[str] = Counter()
+    names = {*(part.name for part in printed), *(f"mirror_{name}" for name in mirror_names(device.layout)), CAMERA}
+    for item in bought_items(device):
+        counted[item.kind] += 1
+        kind = FORMING if item.size.endswith(" thread-forming") else item.kind
+        names.add(f"{kind}_{counted[item.kind]:02d}")
+    return names
+
+
+def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> dict[str, Metric]:
+    """Mass and centre in rig of all that is in the assembly, plastic solid and without the camera's cable."""
+    weighed = []
+    density: float
+    for name, mesh in assembly.items():
+        if name == CAMERA:
+            density = hardware.camera.mass_g / (mesh.volume / 1000.0)
+        elif is_mirror(name):
+            density = ACRYLIC
+        elif name.startswith(FASTENERS):
+            density = BRASS if name.startswith("insert") else STEEL
+        else:
+            density = hardware.printer.plastic_g_per_cm3
+        weighed.append(mass_of(mesh, density))
+    whole = composed(weighed)
+    return {
+        "device.mass_g": Metric(value=round(whole.mass_g, 2), unit="g"),
+        **{
+            f"device.centre_{axis}_mm": Metric(value=round(float(centre), 2), unit="mm")
+            for axis, centre in zip("xyz", whole.centre_in_rig_mm, strict=True)
+        },
+    }
+
+
+def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
+    """The pieces of a GLB file by name, in rig, mm: seen from the node `device`, whatever the file's units and axes."""
+    scene = trimesh.load_scene(path)
+    rig_from_file = np.linalg.inv(scene.graph.get("device")[0])
+    meshes = {}
+    for name in scene.graph.nodes_geometry:
+        file_from_piece, geometry = scene.graph.get(name)
+        mesh = scene.geometry[geometry].copy()
+        mesh.apply_transform(rig_from_file @ file_from_piece)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        meshes[name] = mesh
+    return meshes
+
+
+def check_drop(
+    laid: Mapping[str, Fit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
+) -> dict[str, Metric]:
+    """Whether the mirrors, as cut, go down to their seats along the normal, and have the stated room around them.
+
+    Both are volumes of a part in the way: of the sheet's path, and of the sheet grown by the room to its sides.
+    """
+    together = manifold3d.Manifold.compose(list(parts))
+    in_path = in_room = 0.0
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        if name not in laid:
+            continue
+        corners, thickness = laid[name].corners, mirror.thickness_mm
+        low = back_height_mm(mirror) + ROUNDING_MM
+        grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
+        in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_SHEET * thickness))
+        in_room += common_mm3(together, prism(mirror, grown, low, low + thickness))
+    return {
+        "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),
+        "room_clash_mm3": Metric(value=in_room, unit="mm3", limit=0.0),
+        "room_mm": Metric(value=fit_mm, unit="mm"),
+    }

@@ -1,0 +1,161 @@
+"""The layout's light, cast at meshes: an independent proof that nothing stands in its way.
+
+Light is traced from the pupil by way of the mirrors, through the glass of those coated behind, by the code that designs
+layouts; the cones and beams that parts are cut with are not used. All in rig, mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+from shapely import Polygon, contains_xy, get_coordinates
+
+from mirrorcam.cad.checks.exported_mesh import hits
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import working_distance_mm
+from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.design.assess.chief_rays import traced
+from mirrorcam.optics.geometry.layout import SLIVER, Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+# Rays stop this far from the mirror that they leave: the rounding of the STL's 32-bit numbers is 1e-5 mm.
+SURFACE_MM = 1e-3
+# Rays go through a grid of this step, or a finer one that has this many points on a small mirror.
+RAY_STEP_MM = 1.0
+RAYS_OF_MIRROR = 200
+# How far a part further from the light than this is from it is not looked for.
+NEAR_MM = 10.0
+# The entrance pupil of a webcam: 3.7 mm of focal length at f/2. Light through its rim is tried from this many points.
+PUPIL_RADIUS_MM = 0.9
+PUPIL_POINTS = 4
+PUPIL_STEP_MM = 2.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """The light of one mirror: segments (2, n, 2, 3) from the mirror to the pupil and from it to the working distance.
+
+    The first `inner` of them go through a grid on the mirror, the others through its edge.
+    """
+
+    rays: FloatArray
+    inner: int
+
+    @property
+    def hulls(self) -> tuple[manifold3d.Manifold, manifold3d.Manifold]:
+        """The light on its way to the pupil and to the scene as convex solids."""
+        return tuple(manifold3d.Manifold.hull_points(leg[self.inner :].reshape(-1, 3)) for leg in self.rays)
+
+
+def light_of(layout: Layout, index: int, hardware: Hardware) -> Light:
+    """Exact light from the middle of the pupil by way of all of a mirror that shows the scene, if anything does."""
+    mirror = layout.mirrors[index]
+    flat, inner = _grid(mirror, RAY_STEP_MM)
+    if len(flat) == 0:
+        return Light(np.zeros((2, 0, 2, 3)), 0)
+    points = _on_apparent(mirror, flat)
+    met, leaving, directions = traced(mirror, points[:, :2] / points[:, 2:])
+    return Light(_segments(layout, hardware, met, np.zeros_like(met), leaving, directions), inner)
+
+
+def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
+    """Segments (2, n, 2, 3) as of `light_of`, through the rim of the pupil; of the apparent mirror."""
+    mirror = layout.mirrors[index]
+    flat, inner = _grid(mirror, PUPIL_STEP_MM)
+    turns = np.arange(PUPIL_POINTS) * 2.0 * np.pi / PUPIL_POINTS
+    rim = PUPIL_RADIUS_MM * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(PUPIL_POINTS)])
+    points = np.repeat(_on_apparent(mirror, flat[:inner]), PUPIL_POINTS, axis=0)
+    starts = np.tile(rim, (inner, 1))
+    return _segments(layout, hardware, points, starts, points, (points - starts) @ mirror.reflection)
+
+
+def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
+    """Points (n, 2) on the apparent mirror, in its frame: first a grid, then the edge; and how many the grid has."""
+    if len(mirror.usable_normalized) == 0:
+        return np.zeros((0, 2)), 0
+    apparent = mirror.apparent
+    frame = apparent.rig_from_plane
+    area = Polygon((apparent.cut(mirror.usable_normalized) - frame[:3, 3]) @ frame[:3, :2])
+    step = min(step_mm, float(np.sqrt(area.area / RAYS_OF_MIRROR)))
+    left, bottom, right, top = area.bounds
+    grid = np.stack(np.meshgrid(np.arange(left, right, step), np.arange(bottom, top, step)), axis=-1).reshape(-1, 2)
+    grid = grid[contains_xy(area, grid[:, 0], grid[:, 1])]
+    return np.concatenate([grid, get_coordinates(area.exterior.segmentize(step))]), len(grid)
+
+
+def _on_apparent(mirror: Mirror, flat: FloatArray) -> FloatArray:
+    frame = mirror.apparent.rig_from_plane
+    return np.asarray(flat @ frame[:3, :2].T + frame[:3, 3])
+
+
+def _segments(
+    layout: Layout,
+    hardware: Hardware,
+    met: FloatArray,
+    pupil: FloatArray,
+    leaving: FloatArray,
+    directions: FloatArray,
+) -> FloatArray:
+    """Segments (2, n, 2, 3), mirror first, that begin `SURFACE_MM` before it."""
+    forward = layout.view_from_rig[2]
+    reach = (working_distance_mm(layout, hardware) - leaving @ forward) / (directions @ forward)
+    near, far = np.stack([met, leaving]), np.stack([pupil, leaving + reach[:, None] * directions])
+    towards = (far - near) / np.linalg.norm(far - near, axis=-1, keepdims=True)
+    return np.stack([near + SURFACE_MM * towards, far], axis=-2)
+
+
+def check_light(
+    layout: Layout,
+    hardware: Hardware,
+    parts: Mapping[str, manifold3d.Manifold],
+    sheets: Sequence[manifold3d.Manifold | None],
+    camera: manifold3d.Manifold | None,
+) -> dict[str, Metric]:
+    """Rays that a part or the camera's body stops, how near each part comes, and what the mirrors' sheets hide.
+
+    Parts are all that must not stand in the light, the robot's wrist among them. `sheets` are the mirrors' in the
+    layout's order, None where one is missing. The camera holds the pupil, so that only the light on its way out is cast
+    at it. A part keeps as far from the light as it is cut, but for the tolerance of its mesh. Sheets may hide what a
+    layout allows a built device to hide of a sub-image.
+    """
+    lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
+    rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
+    together = manifold3d.Manifold.compose(list(parts.values()))
+    blocked = hits(together, rays)
+    if camera is not None:
+        blocked += hits(camera, np.concatenate([light.rays[1] for light in lights]))
+    hulls = [hull for light in lights if len(light.rays[0]) for hull in light.hulls]
+    gaps = {name: min((part.min_gap(hull, NEAR_MM) for hull in hulls), default=0.0) for name, part in parts.items()}
+    least = hardware.fit.light_mm - STL_TOLERANCE_MM
+    rims = [light_of_rim(layout, index, hardware) for index in range(len(layout.mirrors))]
+    return {
+        "device.rays_cast": Metric(
+            value=len(rays), unit="", limit=2 * RAYS_OF_MIRROR * len(lights), lower_is_better=False
+        ),
+        "device.rays_blocked": Metric(value=blocked, unit="", limit=0),
+        "device.mirrors_without_light": Metric(value=sum(light.inner == 0 for light in lights), unit="", limit=0),
+        "device.rim_light_stopped": Metric(
+            value=max((hits(together, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0),
+            unit="",
+        ),
+        "device.shade_of_sheets": Metric(value=shade_of_sheets(lights, sheets), unit="of the light", limit=SLIVER),
+        **{
+            f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
+            for name, gap in gaps.items()
+        },
+    }
+
+
+def shade_of_sheets(lights: Sequence[Light], sheets: Sequence[manifold3d.Manifold | None]) -> float:
+    """Share of the worst mirror's grid whose light the other mirrors' sheets stand in: what thick sheets cost."""
+    worst = 0.0
+    for index, light in enumerate(lights):
+        others = manifold3d.Manifold.compose([sheet for place, sheet in enumerate(sheets) if sheet and place != index])
+        legs = light.rays[:, : light.inner]
+        shaded = [bool(others.ray_cast(*a)) or bool(others.ray_cast(*b)) for a, b in zip(*legs, strict=True)]
+        worst = max(worst, float(np.mean(shaded)) if shaded else 0.0)
+    return worst

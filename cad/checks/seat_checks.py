@@ -1,0 +1,183 @@
+"""Seats and pockets of the mirrors, read back from exported STEP files and measured against the layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from build123d import Face, GeomType, Shape, Wire
+from shapely import Polygon, get_parts, make_valid, maximum_inscribed_circle, unary_union
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import back_height_mm, outline_at, seat_distance_mm
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+# A face this far from where a seat belongs is not taken for that seat, but for what lies behind it.
+SEAT_SEARCH_MM = 0.25
+SEAT_SEARCH_DEG = 0.5
+# A seat may bear this much less of a mirror than planned: lines of a plan and of a file are rounded.
+COVER_ROUNDING = 1e-3
+# A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
+WALL_SEARCH_MM = 0.1
+WALL_SEARCH_DEG = 0.1
+CURVE_POINTS = 17
+# Less than this, a third of the square of a printed line, is a crumb: it neither bears a mirror nor leaves it unborne.
+# What stands in a mirror's way, however small, is found when the mirror is let down into its seat.
+DOT_MM2 = 0.05
+
+
+@dataclass(frozen=True)
+class FlatFace:
+    """A flat face of a solid and its outward unit normal (3,)."""
+
+    face: Face
+    normal: FloatArray
+
+    @cached_property
+    def loops(self) -> tuple[FloatArray, ...]:
+        """Corners (n, 3) of its borders, the outer one first."""
+        return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
+
+    def seen_from(self, frame: FloatArray) -> BaseGeometry:
+        """Its area in the x and y of a frame (4, 4).
+
+        Where borders touch in the solid, they may cross here, by rounding.
+        """
+        outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in self.loops)
+        return make_valid(Polygon(outer, holes), method="structure", keep_collapsed=False)
+
+    def angle_deg(self, direction: FloatArray) -> float:
+        """Angle between its normal and a unit vector (3,)."""
+        across = np.linalg.norm(np.cross(self.normal, direction))
+        return float(np.degrees(np.arctan2(across, self.normal @ direction)))
+
+
+def flat_faces(shapes: Iterable[Shape[Any]]) -> list[FlatFace]:
+    """All flat faces of some solids."""
+    return [
+        FlatFace(face, np.array(tuple(face.normal_at())))
+        for shape in shapes
+        for face in shape.faces().filter_by(GeomType.PLANE)
+    ]
+
+
+def _loop(wire: Wire) -> FloatArray:
+    """Corners (n, 3) of a closed line; curved edges are points.
+
+    Edges follow each other by their nearest ends: in a file, corners of one place differ by more than build123d allows.
+    """
+    left = []
+    for edge in wire.edges():
+        count = 1 if edge.geom_type == GeomType.LINE else CURVE_POINTS
+        left.append(np.array([tuple(edge @ (place / count)) for place in range(count + 1)]))
+    points = [left.pop(0)]
+    while left:
+        ends = np.array([(line[0], line[-1]) for line in left])
+        place, turned = divmod(int(np.linalg.norm(ends - points[-1][-1], axis=2).argmin()), 2)
+        line = left.pop(place)
+        points.append(line[::-1] if turned else line)
+    return np.concatenate([line[:-1] for line in points])
+
+
+def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float) -> list[FlatFace]:
+    """The faces whose normals are within an angle of a unit vector (3,)."""
+    normals = np.array([face.normal for face in faces]).reshape(-1, 3)
+    return [faces[place] for place in np.flatnonzero(normals @ direction > np.cos(np.radians(within_deg))).tolist()]
+
+
+@dataclass(frozen=True)
+class Seat:
+    """What is found of a mirror's seat.
+
+    `offset_mm` is how far the planes of its faces are, at most, from the corners of the mirror's back; `angle_deg` how
+    far they are tilted; `cover` the share of the outline that bears the mirror; `span_mm` the diameter of the largest
+    circle on the mirror that nothing bears.
+    """
+
+    offset_mm: float
+    angle_deg: float
+    cover: float
+    span_mm: float
+
+
+def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
+    """The seat of a mirror: all faces about in the plane of its back, behind its outline; None where there is none."""
+    outline = Polygon(mirror.outline_in_plane_mm)
+    back = outline_at(mirror, back_height_mm(mirror))
+    bearing: list[tuple[FlatFace, BaseGeometry]] = []
+    for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
+        heights = face.loops[0] @ mirror.normal_in_rig + seat_distance_mm(mirror)
+        if np.abs(heights).min() > SEAT_SEARCH_MM:
+            continue
+        area = face.seen_from(mirror.rig_from_plane).intersection(outline)
+        if area.area > DOT_MM2:
+            bearing.append((face, area))
+    if not bearing:
+        return None
+    borne = unary_union([area for _, area in bearing])
+    free = [area for area in get_parts(outline.difference(borne)) if area.area > DOT_MM2]
+    return Seat(
+        offset_mm=max(float(np.abs((back - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing),
+        angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in bearing),
+        cover=float(borne.area / outline.area),
+        span_mm=max((2.0 * maximum_inscribed_circle(area, tolerance=0.01).length for area in free), default=0.0),
+    )
+
+
+def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> list[float]:
+    """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the sheet."""
+    frame, back = mirror.rig_from_plane, back_height_mm(mirror)
+    corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)
+    gaps = []
+    for start, end in pairwise(corners):
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / length
+        outward = np.array([along[1], -along[0]])
+        for face in _facing(faces, -frame[:3, :2] @ outward, WALL_SEARCH_DEG):
+            local = (face.loops[0] - frame[:3, 3]) @ frame[:3, :3]
+            away = (local[:, :2] - start) @ outward
+            if np.abs(away - fit_mm).max() > WALL_SEARCH_MM:
+                continue
+            beside = (local[:, :2] - start) @ along
+            # Not the wall of a neighbour's pocket that happens to be in line with this edge.
+            within = beside.max() > 0.0 and beside.min() < length
+            if within and local[:, 2].max() > back + SEAT_SEARCH_MM and local[:, 2].min() < back + mirror.thickness_mm:
+                gaps += [float(away.min()), float(away.max())]
+    return gaps
+
+
+def check_seats(
+    faces: Sequence[FlatFace], layout: Layout, hardware: Hardware, planned_cover: Sequence[float]
+) -> dict[str, Metric]:
+    """The worst seat and the worst wall of a pocket; `planned_cover` is what share of every mirror is to be borne."""
+    fit = hardware.fit.free_mm
+    seats = [find_seat(faces, mirror) for mirror in layout.mirrors]
+    found = [seat for seat in seats if seat is not None]
+    covers = [seat.cover if seat else 0.0 for seat in seats]
+    gaps = [gap for mirror in layout.mirrors for gap in pocket_gaps_mm(faces, mirror, fit)]
+    return {
+        "seats_missing": Metric(value=len(seats) - len(found), unit="", limit=0),
+        "seat_offset_um": Metric(
+            value=max((seat.offset_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+        "seat_angle_deg": Metric(value=max((seat.angle_deg for seat in found), default=0.0), unit="deg", limit=0.001),
+        "seat_cover": Metric(value=min(covers), unit=""),
+        "seat_cover_lost": Metric(
+            value=max(planned - cover for planned, cover in zip(planned_cover, covers, strict=True)),
+            unit="",
+            limit=COVER_ROUNDING,
+        ),
+        "seat_span_mm": Metric(value=max((seat.span_mm for seat in found), default=0.0), unit="mm"),
+        "pocket_walls": Metric(value=len(gaps) // 2, unit=""),
+        "pocket_error_um": Metric(
+            value=max((abs(gap - fit) for gap in gaps), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+    }

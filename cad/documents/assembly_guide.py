@@ -1,0 +1,60 @@
+"""The assembly guide: numbered steps with pictures, its text following the plans of the device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import COUPON, Piece
+from mirrorcam.cad.documents.assembly_steps import Stages, counted
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.optics.base.files import write_text
+
+WEB = Path(__file__).parents[1] / "web"
+
+
+def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> None:
+    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all that lies there."""
+    environment = Environment(
+        loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
+    )
+    environment.filters["number"] = lambda value: f"{value:.2f}".rstrip("0").rstrip(".")
+    environment.filters["counted"] = counted
+    hardware = device.hardware
+    text = environment.get_template("guide.md").render(
+        layout=device.layout,
+        hardware=hardware,
+        camera=hardware.camera,
+        lips=hardware.camera.held_by.kind == "lips",
+        inserts=hardware.screw.kind == "insert",
+        parts=parts,
+        coupon=next((part for part in parts if part.name == COUPON), None),
+        stages=Stages(pieces),
+        sheets=sorted({f"{mirror.surface}-surface, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}),
+        sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
+        mirrors=_mirror_rows(device),
+        first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
+    )
+    write_text(folder / "guide.md", text)
+
+
+def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
+    """Name, width and height (mm, across and along its arrow) and number of corners of every mirror."""
+    rows = []
+    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+        width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
+        rows.append((name, f"{width:.1f}", f"{height:.1f}", len(mirror.outline_in_plane_mm)))
+    return rows
+
+
+def _height_of_row(device: Device, row: int) -> float:
+    """Mean height of a row's mirrors in the device as it stands, mm."""
+    layout = device.layout
+    middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    heights = -(middles @ layout.view_from_rig[1])
+    return float(heights.reshape(layout.rows, layout.cols)[row].mean())

@@ -1,0 +1,119 @@
+"""Which pieces come together at each step of the assembly; pictures and guide both follow it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.assembly.pieces import Piece
+
+HOLDER, MOUNT, CLIP, CAMERA, ADAPTER = "mirror_holder", "mount", "camera_clip", "camera", "adapter"
+
+
+def joins_of(piece: Piece) -> tuple[str, ...]:
+    """The parts that a fastener joins, outer part first; () of anything else."""
+    return piece.item.joins if piece.item else ()
+
+
+def belongs(part: Piece, name: str) -> bool:
+    """Whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
+    return re.fullmatch(rf"{re.escape(name)}(_\d+)?", part.name) is not None
+
+
+def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
+    """Which of the parts a fastener is at, of those that the name means: the nearest, or None where none is there."""
+    middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
+
+    def distance(part: Piece) -> float:
+        low, high = np.asarray(part.mesh.bounds)
+        return float(np.linalg.norm(middle - np.clip(middle, low, high)))
+
+    return min((part for part in parts if belongs(part, name)), key=distance, default=None)
+
+
+def counted(pieces: Iterable[Piece]) -> str:
+    """What is taken, as a list of parts says it: "4 M3 x 12 screw, 2 M3 nut"; "" of nothing."""
+    return ", ".join(f"{count} x {title}" for title, count in Counter(piece.title for piece in pieces).items())
+
+
+@dataclass(frozen=True)
+class Stages:
+    """All pieces of a device, by the step at which they are taken."""
+
+    pieces: Sequence[Piece]
+
+    def printed(self, *stems: str) -> list[Piece]:
+        """Printed parts whose names begin so: all pieces of a part that is split."""
+        return [piece for piece in self.pieces if piece.kind == "part" and piece.name.startswith(stems)]
+
+    def of_kind(self, *kinds: str) -> list[Piece]:
+        return [piece for piece in self.pieces if piece.kind in kinds]
+
+    @property
+    def holder(self) -> list[Piece]:
+        return self.printed(HOLDER)
+
+    @property
+    def mount(self) -> list[Piece]:
+        return self.printed(MOUNT)
+
+    @property
+    def clip(self) -> list[Piece]:
+        return self.printed(CLIP)
+
+    @property
+    def adapter(self) -> list[Piece]:
+        return self.printed(ADAPTER)
+
+    @property
+    def mirrors(self) -> list[Piece]:
+        return self.of_kind("mirror")
+
+    @property
+    def camera(self) -> list[Piece]:
+        return self.of_kind("camera")
+
+    @property
+    def threads(self) -> list[Piece]:
+        """Inserts and captive nuts, which go in before anything is joined."""
+        return self.of_kind("insert", "nut")
+
+    @property
+    def pins(self) -> list[Piece]:
+        """Pins between the pieces of a part that is split."""
+        return self.of_kind("pin")
+
+    def threads_in(self, parts: Iterable[Piece]) -> list[Piece]:
+        """The inserts and nuts that sit in parts: in the last that they join."""
+        held = list(parts)
+        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
+
+    def screws(self, stem: str, *others: str) -> list[Piece]:
+        """Screws that join a part and others, by the beginnings of their names."""
+        return [
+            piece
+            for piece in self.of_kind("screw")
+            if any(name.startswith(stem) for name in joins_of(piece))
+            and any(name.startswith(others) for name in joins_of(piece))
+        ]
+
+    @property
+    def holder_screws(self) -> list[Piece]:
+        return self.screws(HOLDER, MOUNT)
+
+    @property
+    def camera_screws(self) -> list[Piece]:
+        """Screws of the clip that join no other part: they hold the camera."""
+        return [piece for piece in self.of_kind("screw") if set(joins_of(piece)) <= {CLIP, CAMERA}]
+
+    @property
+    def clip_screws(self) -> list[Piece]:
+        return self.screws(CLIP, MOUNT)
+
+    @property
+    def adapter_screws(self) -> list[Piece]:
+        return self.screws(ADAPTER, ADAPTER, MOUNT)

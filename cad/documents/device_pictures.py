@@ -1,0 +1,255 @@
+"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.documents.assembly_steps import CLIP, Stages, home_of, joins_of
+from mirrorcam.cad.documents.labels import Label, annotate
+from mirrorcam.cad.documents.shading import Body, Rgb, Screen, render
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
+
+PICTURE_PX = (1400, 1050)
+# Room for the names at both sides.
+MARGINS_PX = (275, 50)
+BARE_MARGINS_PX = (60, 50)
+# Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
+IN_FRONT = (0.95, 0.12, 1.0)
+ABOVE = (0.80, -0.55, 1.0)
+BELOW = (0.55, 0.75, 1.0)
+BEHIND = (-0.80, -0.35, -1.0)
+LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
+GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
+PALE = 0.55
+RAY_BEYOND_MIRROR = 1.1
+BED_GAP_MM = 14.0
+# In the picture of a step what is new stands off by this share of its way in the exploded view.
+STEP_SHARE = 0.8
+INSERT_OUT_MM = 12.0
+
+
+@dataclass(frozen=True)
+class Item:
+    """A body of a picture where it is drawn, in rig, its name there ("" for none), and a line to where it belongs."""
+
+    body: Body
+    label: str
+    line: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture before it is drawn: file stem, what it shows, the viewer's axes (3, 3) in rig, bodies, rays."""
+
+    name: str
+    title: str
+    axes: FloatArray
+    items: tuple[Item, ...]
+    rays: tuple[FloatArray, ...] = ()
+
+    @property
+    def path(self) -> str:
+        """Where it lies below a device's folder."""
+        return f"pictures/{self.name}.png"
+
+
+def write_picture(folder: Path, picture: Picture) -> None:
+    """Draw a picture and write it below a device's folder."""
+    bodies = [item.body for item in picture.items]
+    labelled = [Label(index, item.label) for index, item in enumerate(picture.items) if item.label]
+    points = np.concatenate([*(body.triangles.reshape(-1, 3) for body in bodies), *picture.rays])
+    screen = Screen.around(points, picture.axes, PICTURE_PX, MARGINS_PX if labelled else BARE_MARGINS_PX)
+    lines: list[tuple[FloatArray, Rgb, float]] = [
+        (item.line, GUIDE_RGB, 1.5) for item in picture.items if item.line is not None
+    ]
+    lines += [(ray, LIGHT_RGB, 2.0) for ray in picture.rays]
+    write_image(folder / picture.path, annotate(render(bodies, screen, lines), labelled))
+
+
+def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[Picture, ...]:
+    """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
+    layout = device.layout
+    front, above, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, ABOVE, BELOW, BEHIND))
+    whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
+    bare = tuple(_item(piece) for piece in pieces)
+    rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
+    apart = _placed([(piece, piece.explode_mm) for piece in pieces])
+    stages = Stages(pieces)
+    return (
+        Picture("assembled", "The device, assembled", front, whole),
+        Picture("exploded", "Exploded view", front, apart),
+        Picture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
+        Picture("behind", "The device from behind", behind, bare),
+        Picture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
+        Picture("inserts", "Where the inserts go", behind, _threads(stages)),
+        Picture("mirrors", "Which mirror goes where", below, _seating(stages)),
+        Picture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
+        Picture("camera", "Camera and clip", above, _camera_in_clip(stages)),
+        Picture("clip", "Clip and mount", front, _clip_on_mount(stages)),
+        Picture("adapter", "The clamp", front, _adapter_on_mount(stages)),
+    )
+
+
+def view_axes(layout: Layout, viewer_in_view: Sequence[float]) -> FloatArray:
+    """Rows right, up and towards the viewer (3, 3) in rig; up is the scene's."""
+    towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
+    towards /= np.linalg.norm(towards)
+    up = -layout.view_from_rig[1]
+    up = up - (up @ towards) * towards
+    up /= np.linalg.norm(up)
+    return np.array([np.cross(up, towards), up, towards])
+
+
+# The printer's bed from the front right, above: z is up.
+ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matrix()
+
+
+def middle_ray(layout: Layout, index: int) -> FloatArray:
+    """Pupil, middle of a mirror, and a point on the way to the scene: (3, 3) in rig, mm."""
+    mirror = layout.mirrors[index]
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    direction = middle - mirror.virtual_centre_in_rig_mm
+    length = RAY_BEYOND_MIRROR * np.linalg.norm(layout.mirrors[layout.central_index].outline_in_rig_mm.mean(axis=0))
+    return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
+
+
+def _threads(stages: Stages) -> tuple[Item, ...]:
+    """Parts away from each other, their inserts and nuts before their holes."""
+    parts = [part for part in stages.of_kind("part") if stages.threads_in([part])]
+    items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
+    for thread in stages.threads:
+        home = home_of(thread, joins_of(thread)[-1], parts)
+        seat = home.explode_mm if home else np.zeros(3)
+        items.append(_moved(thread, seat + INSERT_OUT_MM * _axis(thread), seat=seat))
+    return tuple(items)
+
+
+def _seating(stages: Stages) -> tuple[Item, ...]:
+    """The mirrors before their seats."""
+    lifted = [_lifted(piece, stages.holder) for piece in stages.mirrors]
+    return (*(_item(piece, pale=True) for piece in stages.holder), *lifted)
+
+
+def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.holder, *stages.mirrors, *stages.threads_in(stages.holder)]
+    return _joined(rest, stages.mount, stages.holder_screws, stages.holder)
+
+
+def _camera_in_clip(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.clip, *stages.threads_in(stages.clip)]
+    return _joined(rest, stages.camera, stages.camera_screws, stages.clip)
+
+
+def _clip_on_mount(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.holder, *stages.mount, *stages.mirrors, *stages.holder_screws]
+    new = [*stages.clip, *stages.camera, *stages.camera_screws, *stages.threads_in(stages.clip)]
+    return _joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
+
+
+def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.threads_in(stages.adapter))}
+    rest = [piece for piece in stages.pieces if piece.name not in new]
+    return _joined(rest, stages.adapter, [*stages.adapter_screws, *stages.threads_in(stages.adapter)], stages.mount)
+
+
+def _joined(
+    rest: Sequence[Piece],
+    new: Sequence[Piece],
+    fasteners: Sequence[Piece],
+    still: Sequence[Piece],
+    together: Sequence[Piece] = (),
+) -> tuple[Item, ...]:
+    """What is there already, pale, and what is new, away from it as in the exploded view in which `still` rests."""
+    base = _mean([piece.explode_mm for piece in still])
+    block = _mean([piece.explode_mm for piece in together]) - base if together else None
+    moves = [(piece, STEP_SHARE * (piece.explode_mm - base if block is None else block)) for piece in new]
+    moves += [(piece, STEP_SHARE * (piece.explode_mm - base)) for piece in fasteners]
+    return (*(_item(piece, _big_label(piece), pale=True) for piece in rest), *_placed(moves))
+
+
+def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
+    """Pieces away from their places, each fastener and the camera with a line to where it belongs as that is drawn."""
+    parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
+    away = {piece.name: move for piece, move in moves}
+    items = []
+    for piece, move in moves:
+        joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
+        homes = [home_of(piece, name, parts.values()) for name in (joins if piece.kind == "screw" else joins[::-1])]
+        home = next((home for home in homes if home), None)
+        seat = away[home.name] if home else np.zeros(3) if joins else None
+        items.append(_moved(piece, move, _big_label(piece), seat=seat))
+    return tuple(items)
+
+
+def _lifted(piece: Piece, holder: Sequence[Piece]) -> Item:
+    away = piece.explode_mm - min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
+    return _moved(piece, away, piece.name.removeprefix("mirror_"))
+
+
+def _distance(move: FloatArray, piece: Piece) -> float:
+    return float(np.linalg.norm(piece.explode_mm - move))
+
+
+def _axis(piece: Piece) -> FloatArray:
+    """Where a fastener came from: out of its hole."""
+    return piece.item.rig_from_item[:3, 2] if piece.item else np.zeros(3)
+
+
+def _mean(vectors: Sequence[FloatArray]) -> FloatArray:
+    return np.mean(vectors, axis=0) if vectors else np.zeros(3)
+
+
+def _item(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
+    rgb = piece.rgb
+    if pale and piece.kind != "mirror":
+        red, green, blue = (PALE * 0.93 + (1.0 - PALE) * channel for channel in rgb)
+        rgb = (red, green, blue)
+    return Item(Body(_triangles(piece), rgb, shine=piece.kind == "mirror"), label)
+
+
+def _moved(
+    piece: Piece, away: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
+) -> Item:
+    """A piece drawn `away` (3,) mm from its place, with a line from where that is drawn, `seat` (3,), if given."""
+    here = _item(piece, label, pale=pale)
+    centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+    path = None if seat is None else np.array([centre + seat, centre + away])
+    return Item(Body(here.body.triangles + away, here.body.rgb, here.body.shine), label, path)
+
+
+def _triangles(piece: Piece) -> FloatArray:
+    return np.asarray(piece.mesh.triangles, dtype=np.float64)
+
+
+def _big_label(piece: Piece) -> str:
+    return f"{piece.number} {piece.title}".strip() if piece.kind in ("part", "camera") else ""
+
+
+def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
+    """The parts as printed, in rows on a floor, as wide as deep."""
+
+    meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
+    laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
+    sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in laid]
+    row_end = 1.05 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
+    x = y = deepest = 0.0
+    items = []
+    for (part, triangles), size in zip(laid, sizes, strict=True):
+        if x > 0.0 and x + size[0] > row_end:
+            x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
+        shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)
+        items.append(Item(Body(triangles + shift, part.rgb), f"{part.number} {part.title}"))
+        x, deepest = x + size[0] + BED_GAP_MM, max(deepest, float(size[1]))
+    return tuple(items)

@@ -1,0 +1,64 @@
+"""The mirror holder as one B-rep solid, in the rig frame."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
+
+from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.brep import brep
+from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, sheet
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+
+UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)
+
+
+def solid_of(frustum: Frustum) -> Solid:
+    """The B-rep of a frustum, all its faces flat."""
+    return Solid(Shell([Face(Wire.make_polygon([tuple(corner) for corner in loop])) for loop in frustum.faces]))
+
+
+def check_gaps(layout: Layout, hardware: Hardware) -> None:
+    """Raise InputError where two sheets come so near that the pocket of one would cut the seat of the other."""
+    sheets = [sheet(mirror) for mirror in layout.mirrors]
+    corners = [np.vstack([volume.base, volume.top]) for volume in sheets]
+    needed = hardware.fit.free_mm
+    for i, j in combinations(range(len(sheets)), 2):
+        apart = np.maximum(
+            corners[i].min(axis=0) - corners[j].max(axis=0), corners[j].min(axis=0) - corners[i].max(axis=0)
+        )
+        if apart.max() >= needed:
+            continue
+        gap = solid_of(sheets[i]).distance_to(solid_of(sheets[j]))
+        if gap < needed:
+            raise InputError(
+                f"mirrors {i} and {j} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm"
+            )
+
+
+def make_holder(plan: HolderPlan) -> Part:
+    """Cut and join the holder's solids; the light and the pockets are removed by construction."""
+    workshop = Workshop()
+    whole = one_piece(body_of(workshop, plan), plan.wall_mm)
+    body = one_piece(workshop.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
+    radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
+    with BuildPart() as holder:
+        insert(brep(workshop, body))
+        x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
+        with (
+            Locations(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)),
+            Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)),
+        ):
+            Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+            with Locations((0.0, 0.0, -cone_mm)):
+                Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+    solids = holder.solids()
+    if len(solids) != 1:
+        raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")
+    return Part(solids, label="mirror_holder")

@@ -1,0 +1,165 @@
+"""Stray light: walls round the mirrors that the camera sees instead of the room, and how much it still sees of that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import Manifold, OpType
+from numpy.typing import NDArray
+from shapely import Polygon, contains_xy, get_coordinates, union_all
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, back_height_mm, outline_at
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+
+STEP_PX = 24
+FAR_MM = 2000.0
+
+
+def viewing_rays(camera: Camera) -> FloatArray:
+    """Rays (n, 2), in normalized coordinates, of the camera's pixels: one in `STEP_PX` each way."""
+    columns, rows = (np.arange(STEP_PX / 2.0 - 0.5, size, STEP_PX) for size in (camera.width_px, camera.height_px))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    rays = camera.normalized_from_pixels(pixels)
+    return np.asarray(rays[np.isfinite(rays).all(axis=1)])
+
+
+def seen_between(layout: Layout) -> FloatArray:
+    """Those of the viewing rays (n, 2) that see no mirror."""
+    rays = viewing_rays(layout.camera)
+    mirrors = union_all([Polygon(mirror.apparent.outline_normalized) for mirror in layout.mirrors])
+    return np.asarray(rays[~contains_xy(mirrors, rays[:, 0], rays[:, 1])])
+
+
+def stray_light(layout: Layout, holder: Manifold, sheets: Sequence[Manifold]) -> float:
+    """Share of the camera's pixels that see past mirrors, holder and sheets, by rays from the pupil."""
+    past = sum(_misses([holder, *sheets], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
+    return past / len(viewing_rays(layout.camera))
+
+
+def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
+    return not any(body.ray_cast(np.zeros(3), end) for body in bodies)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A closed wall on the holder's slab. All (n, 3) in rig, mm, corner by corner round the mirrors, as seen from
+    behind counter-clockwise: the outer and the inner side, each at the foot and at the crest."""
+
+    outer_foot: FloatArray
+    inner_foot: FloatArray
+    outer_crest: FloatArray
+    inner_crest: FloatArray
+
+    @property
+    def faces(self) -> list[FloatArray]:
+        """The flat faces as corner loops, counter-clockwise from outside."""
+        strips = (
+            (self.outer_crest, self.outer_foot),
+            (self.inner_foot, self.inner_crest),
+            (self.outer_foot, self.inner_foot),
+            (self.inner_crest, self.outer_crest),
+        )
+        return [
+            np.array(triangle)
+            for left, right in strips
+            for a, b, c, d in zip(left, np.roll(left, -1, axis=0), np.roll(right, -1, axis=0), right, strict=True)
+            for triangle in ((a, b, c), (a, c, d))
+        ]
+
+
+def plan_walls(
+    layout: Layout,
+    border: Polygon,
+    rig_from_mount: FloatArray,
+    light: Sequence[Frustum],
+    foot_mm: float,
+    hardware: Hardware,
+) -> Ring:
+    """The wall along a convex border (in the mount's x and y), as high as the light beside it lets it be.
+
+    Its crest runs from corner to corner of short pieces, at a height that no `light` reaches on either side. It ends
+    where the camera sees no further; where it may not rise over `foot_mm` above the back, it stays in the slab.
+    """
+    dimensions = hardware.holder
+    corners = get_coordinates(orient(border))[:-1]
+    inner = _moved_in(corners, dimensions.shade_mm)
+    counts = np.ceil(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1) / dimensions.shade_step_mm)
+    outside, inside = _in_pieces(corners, counts.astype(int)), _in_pieces(inner, counts.astype(int))
+    mount_from_rig = np.linalg.inv(rig_from_mount)[:3]
+    hulls = [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in light]
+    lit = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
+    view = (_field_of_view(layout.camera) - _behind_mirrors(layout, hardware)).transform(mount_from_rig)
+    last = -1
+    levels = []
+    for i in range(len(outside)):
+        piece = np.array([outside[last], outside[i], inside[i], inside[last]])
+        levels.append(_free_height_mm(piece, lit, view, hardware))
+        last = i
+    # A corner is as high as the lower of the two pieces that meet there.
+    crest = np.minimum(levels, np.roll(levels, -1))
+    buried = foot_mm - 1.0
+    crest = np.where(crest > foot_mm + dimensions.shade_mm, crest, buried - 0.5)
+    turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
+
+    def placed(flat: FloatArray, heights: FloatArray) -> FloatArray:
+        return np.column_stack([flat, -heights]) @ turn.T + origin
+
+    foot = np.full(len(outside), 0.5 * buried)
+    return Ring(placed(outside, foot), placed(inside, foot), placed(outside, crest), placed(inside, crest))
+
+
+def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
+    """Corners (n, 2) of a convex polygon, counter-clockwise, with every side moved inwards."""
+    along = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    before = np.roll(inward, 1, axis=0)
+    return np.asarray(corners + by_mm * (inward + before) / (1.0 + np.sum(inward * before, axis=1, keepdims=True)))
+
+
+def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
+    """A closed polygon's corners (n, 2) with every side cut into so many equal pieces."""
+    following = np.roll(corners, -1, axis=0)
+    return np.vstack(
+        [
+            start + (end - start) * np.arange(count)[:, None] / count
+            for start, end, count in zip(corners, following, counts, strict=True)
+        ]
+    )
+
+
+def _field_of_view(camera: Camera) -> Manifold:
+    """What the camera sees, as a pyramid from the pupil."""
+    across, down = np.array([0.0, 0.5, 1.0]) * (camera.width_px - 1), np.array([0.0, 0.5, 1.0]) * (camera.height_px - 1)
+    rays = camera.normalized_from_pixels(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
+    ends = np.column_stack([rays, np.ones(len(rays))]) * FAR_MM
+    return Manifold.hull_points(np.vstack([np.zeros((1, 3)), ends]))
+
+
+def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
+    """What the camera does not see because a mirror in its pocket is before it."""
+    loops = [outline_at(mirror, back_height_mm(mirror), hardware.fit.free_mm) for mirror in layout.mirrors]
+    shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
+    return Manifold.batch_boolean(shadows, OpType.Add)
+
+
+def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hardware: Hardware) -> float:
+    """How high over the back a wall on a flat convex piece (n, 2) may and need rise; 0 where the camera sees none."""
+    highest = hardware.printer.bed_mm[2]
+    seen = _column(piece, highest) ^ view
+    if seen.is_empty():
+        return 0.0
+    beside = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
+    light = _column(get_coordinates(beside), highest) ^ lit
+    lowest = highest if light.is_empty() else -light.bounding_box()[5] - hardware.fit.light_mm
+    return min(lowest, -seen.bounding_box()[2])
+
+
+def _column(flat: FloatArray, height_mm: float) -> Manifold:
+    """What stands on a convex area (n, 2) of the back."""
+    return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in (0.0, -height_mm)]))

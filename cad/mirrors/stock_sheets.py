@@ -1,0 +1,186 @@
+"""The mirrors on their sheets: what is cut along which line, with which mark, seen from the back.
+
+Everything is drawn as seen from the *back* of the sheet, the side that is engraved and then glued into its seat: cut
+with the back up, nothing has to be mirrored. Pieces are turned to fit the sheet, never turned over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import LineString, Polygon, STRtree, get_parts, minimum_rotated_rectangle, unary_union
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
+from mirrorcam.cad.mirrors.nesting import fits, nest
+from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+
+@dataclass(frozen=True)
+class CutMirror:
+    """One mirror on a sheet: the laser's closed path (n, 2), half the kerf outside the mirror, and engraved strokes.
+
+    `name` is its row and column, "1-2". Lengths in mm from the sheet's lower left corner, y up.
+    """
+
+    name: str
+    outline: FloatArray
+    strokes: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class MirrorSheet:
+    """One sheet, the `number`th of `count`, of mirrors of one kind; `stem` is what its files are called."""
+
+    number: int
+    count: int
+    surface: str
+    thickness_mm: float
+    layout_identity: str
+    cutting: Cutting
+    cuts: tuple[CutMirror, ...]
+
+    @property
+    def stem(self) -> str:
+        return "mirrors" if self.count == 1 else f"mirrors_{self.number}"
+
+    @property
+    def kind(self) -> str:
+        return f"{self.surface}-surface acrylic mirror, {self.thickness_mm:g} mm"
+
+    @property
+    def use(self) -> float:
+        """Share of the sheet that becomes mirrors."""
+        width, height = self.cutting.sheet_mm
+        return float(sum(Polygon(cut.outline).area for cut in self.cuts)) / (width * height)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What whoever cuts it has to know."""
+        width, height = self.cutting.sheet_mm
+        half = self.cutting.kerf_mm / 2.0
+        return (
+            f"MirrorCam mirrors, sheet {self.number} of {self.count}, layout {self.layout_identity}; lengths in mm",
+            f"Sheet: {self.kind}, {width:g} x {height:g}",
+            "Seen from the BACK of the mirrors: lay the sheet with its back up; do not mirror the drawing",
+            f"CUT (red): kerf {self.cutting.kerf_mm:g} included, lines are {half:g} outside the finished edge",
+            "ENGRAVE (blue): id row-column and an arrow that points up in the device, on the back; engrave first",
+        )
+
+
+def outline_from_back(mirror: Mirror) -> FloatArray:
+    """The outline (n, 2) seen from the back of the sheet: x along the rig's x, y up."""
+    return mirror.outline_in_plane_mm * (1.0, -1.0)
+
+
+def mirror_names(layout: Layout) -> tuple[str, ...]:
+    """Row and column of every mirror, "0-2"."""
+    return tuple(f"{t}-{s}" for t in range(layout.rows) for s in range(layout.cols))
+
+
+def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
+    """A convex outline (n, 2) moved outwards with mitred corners: as many corners (n, 2), counter-clockwise.
+
+    A corner between edges of outward normals a and b moves by d (a + b) / (1 + a.b), where both moved edges meet.
+    """
+    corners = np.array(orient(Polygon(outline)).exterior.coords)[:-1]
+    edges = np.roll(corners, -1, axis=0) - corners
+    after = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    before = np.roll(after, 1, axis=0)
+    return np.asarray(corners + distance_mm * (before + after) / (1.0 + (before * after).sum(axis=1))[:, None])
+
+
+def require_cuttable(layout: Layout, cutting: Cutting) -> None:
+    """Raise InputError for a mirror that is larger than a sheet or narrower than it is thick."""
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        outline = outline_from_back(mirror)
+        across = _width_mm(outline)
+        if across < mirror.thickness_mm:
+            raise InputError(
+                f"mirror {name} is {across:.2f} mm across, expected at least its thickness, {mirror.thickness_mm:g} mm"
+            )
+        path = offset_outline(outline, cutting.kerf_mm / 2.0)
+        if not fits(path, cutting.sheet_mm, cutting.gap_mm):
+            width, height = _box_mm(path)
+            room = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
+            raise InputError(
+                f"mirror {name} is {width:.1f} x {height:.1f} mm as cut, expected at most "
+                f"{' x '.join(f'{length:g}' for length in room)} mm (sheet without its margins)"
+            )
+
+
+def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
+    """All mirrors nested on sheets, a set of sheets for every kind of mirror; raises as `require_cuttable` does."""
+    require_cuttable(layout, cutting)
+    kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
+    planned: list[tuple[str, float, list[CutMirror]]] = []
+    for surface, thickness_mm in kinds:
+        chosen = [
+            (name, outline_from_back(mirror))
+            for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True)
+            if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
+        ]
+        planned += [(surface, thickness_mm, cuts) for cuts in _nested(chosen, cutting)]
+    return tuple(
+        MirrorSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
+        for number, (surface, thickness_mm, cuts) in enumerate(planned, start=1)
+    )
+
+
+def _nested(chosen: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
+    """Mirrors of one kind, by their names and outlines, sheet by sheet."""
+    paths = [offset_outline(outline, cutting.kerf_mm / 2.0) for _, outline in chosen]
+    placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
+    sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
+    for (name, outline), path, place in zip(chosen, paths, placed, strict=True):
+        strokes = mark(name, outline, cutting.mark_mm)
+        sheets[place.sheet].append(CutMirror(name, place.apply(path), tuple(place.apply(stroke) for stroke in strokes)))
+    return sheets
+
+
+def _box_mm(outline: FloatArray) -> tuple[float, float]:
+    """Length and width of the smallest rectangle around an outline (n, 2)."""
+    loop = np.array(minimum_rotated_rectangle(Polygon(outline)).exterior.coords)
+    short, long = sorted(np.linalg.norm(np.diff(loop[:3], axis=0), axis=1))
+    return float(long), float(short)
+
+
+def _width_mm(outline: FloatArray) -> float:
+    """Smallest distance of two parallel lines that hold a convex outline (n, 2) between them; one lies on an edge."""
+    corners = np.array(orient(Polygon(outline)).exterior.coords)
+    edges = np.diff(corners, axis=0)
+    inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    heights = ((corners[None] - corners[:-1, None]) * inward[:, None]).sum(axis=2)
+    return float(heights.max(axis=1).min())
+
+
+def sheet_metrics(sheets: tuple[MirrorSheet, ...]) -> dict[str, Metric]:
+    """What a laser needs of the sheets, and how well they are used: features, and gaps between separate lines."""
+    features = [
+        _width_mm(offset_outline(cut.outline, -sheet.cutting.kerf_mm / 2.0)) / sheet.thickness_mm
+        for sheet in sheets
+        for cut in sheet.cuts
+    ]
+    return {
+        "sheets": Metric(value=len(sheets), unit=""),
+        "sheet_use": Metric(value=float(np.mean([sheet.use for sheet in sheets])), unit=""),
+        "feature_of_thickness": Metric(value=min(features), unit="", limit=1.0, lower_is_better=False),
+        "line_gap_mm": Metric(
+            value=min(line_gap_mm(sheet) for sheet in sheets), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
+        ),
+    }
+
+
+def line_gap_mm(sheet: MirrorSheet) -> float:
+    """Smallest distance between lines that do not touch: cuts, arrows and signs."""
+    closed = [LineString([*cut.outline, cut.outline[0]]) for cut in sheet.cuts]
+    strokes = [LineString(stroke) for cut in sheet.cuts for stroke in cut.strokes]
+    # Strokes that meet are one sign.
+    figures = [*closed, *(part for part in get_parts(unary_union([stroke.buffer(1e-6) for stroke in strokes])))]
+    tree = STRtree(figures)
+    _, distances = tree.query_nearest(figures, exclusive=True, return_distance=True)
+    return float(distances.min())

@@ -1,0 +1,120 @@
+"""How a bent profile lies on the bed: as it is, askew, or cut in two with blocks for the pins that join the halves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import Polygon, box, get_coordinates
+
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import along_x
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray
+
+# Kept to the edge of the bed.
+MARGIN_MM = 0.5
+TURN_STEP_DEG = 5
+# Along a piece of the profile a cut is tried at these parts of it, and at most so far from square.
+CUTS_AT = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
+CUTS_DEG = 32.0
+BLOCK_MM = 16.0
+FAR_MM = 1e4
+
+
+@dataclass(frozen=True)
+class Lay:
+    """A profile (y and z in rig) on the bed, turned about the bed's upright by `turn_deg`.
+
+    Where it fits only in two pieces, `cut_mm` is where along the bed's y it is cut, `at` (2, 2) are the points of its
+    inner and outer side there, `along` (2,) is its direction in y and z.
+    """
+
+    turn_deg: float
+    cut_mm: float | None = None
+    at: FloatArray | None = None
+    along: FloatArray | None = None
+
+
+def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
+    """Turn a profile between two polylines (n, 2) as little as lets it fit; else cut its longest piece amid them.
+
+    None where neither helps.
+    """
+    bed = np.array(hardware.printer.bed_mm[:2])
+    band = Polygon([*inner, *outer[::-1]]).buffer(MARGIN_MM, join_style="mitre")
+    for degrees in range(0, 180, TURN_STEP_DEG):
+        if fits(band, float(degrees), bed):
+            return Lay(float(degrees))
+    lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
+    if len(lengths) == 0:
+        return None
+    piece = 1 + int(lengths.argmax())
+    along = (inner[piece + 1] - inner[piece]) / lengths.max()
+    upright = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
+    turns = [float(degrees) for degrees in range(-90, 91, TURN_STEP_DEG) if abs(degrees - upright) <= CUTS_DEG]
+    # As it is, if it can be.
+    for turned in sorted(turns, key=abs):
+        for part in CUTS_AT:
+            near = inner[piece] + part * (inner[piece + 1] - inner[piece])
+            cut = float((turn(turned) @ near)[1])
+            if all(fits(half, turned, bed) for half in halves(band, turned, cut)):
+                normal = np.array([-along[1], along[0]])
+                depth = float((outer[piece] - inner[piece]) @ normal)
+                far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
+                return Lay(turned, cut, np.array([near, far]), along)
+    return None
+
+
+def turn(degrees: float) -> FloatArray:
+    """The rotation (2, 2) by an angle."""
+    angle = np.deg2rad(degrees)
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
+    """Whether an area lies on the bed, turned."""
+    return bool((np.ptp(get_coordinates(area) @ turn(degrees).T, axis=0) <= bed).all())
+
+
+def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
+    """What lies below and above a cut across the turned area, turned back."""
+    turned = Polygon(get_coordinates(area.exterior) @ turn(degrees).T)
+    parts = (box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
+    below, above = (get_coordinates(turned.intersection(part).convex_hull) @ turn(degrees) for part in parts)
+    return Polygon(below), Polygon(above)
+
+
+def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
+    """Blocks on both skins at both ends of the width, so that a cut has room for its pins; none without a cut.
+
+    Those at the end that prints last stand on slopes of 45 deg.
+    """
+    if laid.at is None or laid.along is None:
+        return []
+    diameter, length = hardware.holder.pin_mm
+    normal = np.array([-laid.along[1], laid.along[0]])
+    span = laid.at[1] - laid.at[0]
+    askew = float(np.abs(span @ laid.along) / np.abs(span @ normal))
+    # As `cad.split` asks for: a wall round the roof of a pin's hole, and beyond its end; 1 mm to spare.
+    wall = hardware.printer.wall_mm
+    around = (diameter / 2.0 + hardware.fit.press_mm) / np.sin(np.deg2rad(ROOF_DEG)) + wall
+    reach = length / 2.0 + wall + 1.0
+    thick = 2.0 * around + 1.0 + 2.0 * reach * askew
+    long = reach + thick * askew
+    blocks = []
+    for point, inwards in zip(laid.at, (normal, -normal), strict=True):
+        ends = np.array([point - long * laid.along, point + long * laid.along])
+        profile = np.array([*ends, *(ends[::-1] + thick * inwards)])
+        root = np.array([*ends, *(ends[::-1] + 0.5 * skin_mm * inwards)])
+        blocks.append(along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
+        blocks.append(along_x(profile, half_width_mm - BLOCK_MM, half_width_mm))
+        top, foot = half_width_mm - BLOCK_MM, half_width_mm - BLOCK_MM - thick
+        blocks.append(
+            Frustum(
+                np.column_stack([np.full(4, foot), root]),
+                np.column_stack([np.full(4, top), profile]),
+            )
+        )
+    return blocks

@@ -1,0 +1,130 @@
+"""What is cut out of the mount: holes for screws and tools, the cable's window, a tripod's thread, the scale."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.parts.clip import ABOVE, SCENE, UP, ClipPlan
+from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.plan.beam import Section
+from mirrorcam.cad.plan.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    ROOF_DEG,
+    ROOF_IN_SKINS_DEG,
+    ROOF_IN_WEBS_DEG,
+    Bore,
+    Hexagon,
+    stack,
+    thread,
+)
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import along_x, roofed
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import transform
+
+# Marks of the scale beside the clip's upper end, 1 mm apart.
+MARK_MM = 0.6
+LONGEST_MARK_MM = 14.0
+# Between the cable's window and the slots for its tie, on both sides.
+TIE_OFF_MM = 3.0
+
+
+def openings(
+    holder: HolderPlan, clip: ClipPlan, head: FloatArray, section: Section, hardware: Hardware
+) -> tuple[Frustum | Bore | Hexagon, ...]:
+    """All of them, for a mount whose face on the holder's back runs between two points, `head` (2, 2; y and z)."""
+    depth, half_width, plate = section.depth_mm, section.width_mm / 2.0, foot_plate_mm(hardware)
+    mount, screw = hardware.mount, hardware.screw
+    driver = screw.head_mm / 2.0 + hardware.fit.free_mm
+    cuts: list[Frustum | Bore | Hexagon] = []
+    away = holder.rig_from_mount[:3, 2]
+    up = UP - (UP @ away) * away
+    up /= np.linalg.norm(up)
+    for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
+        clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
+        cuts.append(Bore(hole - away, away, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
+        cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
+    y = clip.slide_y_mm
+    for x in (-clip.slide_x_mm, clip.slide_x_mm):
+        mouth, reach = np.array([x, y + 1.0, clip.slide_z_mm]), mount.skin_mm + 2.0
+        cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
+        mouth = np.array([x, y - mount.skin_mm, clip.slide_z_mm])
+        cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
+    for spot in foot_screws(clip, hardware):
+        cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
+    cuts += _cable_and_tripod(y, foot_z_mm(clip, hardware) + plate, section, plate, hardware)
+    cuts += _scale(clip, half_width, hardware)
+    if abs(away[0]) > 1e-6:
+        cuts.append(_flush(holder, head, half_width))
+    return tuple(cuts)
+
+
+def cable_reach_mm(hardware: Hardware) -> float:
+    """How far from the middle the window for the cable and its tie reach, with the thinnest wall beside them."""
+    width, height = hardware.mount.cable_window_mm
+    tie_width, tie_height = hardware.mount.tie_mm
+    roof = tie_height / 2.0 / np.tan(np.deg2rad(ROOF_DEG))
+    return float(width + height) / 2.0 + TIE_OFF_MM + tie_width + roof + hardware.printer.wall_mm
+
+
+def _cable_and_tripod(
+    y: float, floor_z: float, section: Section, plate: float, hardware: Hardware
+) -> list[Frustum | Bore | Hexagon]:
+    """Over the foot's plate a window for the cable, slots for a tie beside it, and a pocket for a tripod's nut."""
+    mount, depth = hardware.mount, section.depth_mm
+    width, height = mount.cable_window_mm
+    half, middle_z = width / 2.0, floor_z + height / 2.0
+    tie_width, tie_height = mount.tie_mm
+    window = roofed((-half, half), (floor_z, floor_z + height), (y - depth - 1.0, y + 1.0))
+    ties = [
+        roofed(
+            (x, x + tie_width),
+            (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
+            (y - depth - 1.0, y - depth + section.skin_mm + 1.0),
+        )
+        for x in (-half - TIE_OFF_MM - tie_width, half + height / 2.0 + TIE_OFF_MM)
+    ]
+    middle = np.array([0.0, y - depth / 2.0, floor_z + OUTSIDE_MM])
+    nut_depth = mount.tripod_height_mm + NUT_FIT_MM + OUTSIDE_MM
+    return [
+        window,
+        *ties,
+        Bore(middle, -ABOVE, mount.tripod_hole_mm / 2.0, plate + 2.0 * OUTSIDE_MM, UP, roof_deg=ROOF_IN_SKINS_DEG),
+        Hexagon(middle, -ABOVE, UP, mount.tripod_flats_mm + NUT_FIT_MM, nut_depth),
+    ]
+
+
+def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
+    """Marks 1 mm apart, the clip's upper end at the longest when it is at the nominal depth of the pupil.
+
+    They run out at the end that prints last, so that nothing of them overhangs; and beside the clip's slots, whose
+    ceilings would be bridged by a notched line.
+    """
+    marks = []
+    steps = int(clip.travel_mm)
+    beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
+    over_slots = clip.top_mm - steps > clip.slide_z_mm + clip.travel_mm + beside
+    longest = LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
+    for step in range(-steps, steps + 1):
+        length = longest * (1.0 if step == 0 else 0.7 if abs(step) == steps else 0.4)
+        z, y = clip.top_mm + step, clip.slide_y_mm
+        notch = np.array(
+            [(y + OUTSIDE_MM, z - MARK_MM / 2.0), (y + OUTSIDE_MM, z + MARK_MM / 2.0), (y - MARK_MM / 2.0, z)]
+        )
+        marks.append(along_x(notch, half_width - length, half_width + 1.0))
+    return marks
+
+
+def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
+    """What of the head reaches into the holder, whose back is turned a little to the side."""
+    ends: FloatArray = np.column_stack([np.zeros(2), head])
+    mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
+    on_back = transform(mount_from_rig, ends)[:, 1]
+    low, high, wide = on_back.min(), on_back.max() + 1.0, half_width + 5.0
+    corners = np.array([(-wide, low, 0.0), (wide, low, 0.0), (wide, high, 0.0), (-wide, high, 0.0)])
+    base: FloatArray = transform(holder.rig_from_mount, corners)
+    away = holder.rig_from_mount[:3, 2]
+    return Frustum(base, base - (2.0 * abs(away[0]) * half_width + 1.0) * away)

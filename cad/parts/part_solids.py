@@ -1,0 +1,154 @@
+"""The printed parts beside the mirror holder as B-rep solids, made of the numbers of their plans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from build123d import (
+    Align,
+    BuildLine,
+    BuildPart,
+    BuildSketch,
+    Circle,
+    Cylinder,
+    Line,
+    Locations,
+    Mode,
+    Part,
+    Plane,
+    Polyline,
+    Rectangle,
+    Solid,
+    ThreePointArc,
+    extrude,
+    insert,
+    make_face,
+)
+
+from mirrorcam.cad.holder.holder_solid import solid_of
+from mirrorcam.cad.parts.adapter import RingPlan
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.coupon import CouponPlan
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import InputError
+
+Cut = Frustum | Bore | Hexagon
+
+
+def bore_solid(bore: Bore) -> Solid:
+    """What a bore takes away: a cylinder, or a slot, with a roof that prints without support."""
+    up = bore.up if bore.up is not None else np.roll(bore.axis, 1)
+    along = np.cross(up, bore.axis)
+    plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(along), z_dir=tuple(bore.axis))
+    r, half = bore.radius_mm, bore.travel_mm / 2.0
+    with BuildPart() as tool:
+        if bore.up is None and not half:
+            with Locations(plane * Plane((0.0, 0.0, bore.depth_mm / 2.0)).location):
+                Cylinder(r, bore.depth_mm)
+        else:
+            with BuildSketch(plane):
+                with BuildLine():
+                    _outline(r, half, np.deg2rad(bore.roof_deg), bore.roof_mm)
+                make_face()
+            extrude(amount=bore.depth_mm)
+    return tool.solids()[0]
+
+
+def _outline(r: float, half: float, steep: float, roof: float) -> None:
+    """Two round ends (one circle, if half is 0) under a roof of two tangents; y is up."""
+    tip, middle = np.array([np.cos(steep), np.sin(steep)]), (steep - np.pi / 2.0) / 2.0
+    way = np.array([np.cos(middle), np.sin(middle)])
+    right, mirrored = np.array([half, 0.0]), np.array([-1.0, 1.0])
+    start, over, end = right + np.array([0.0, -r]), right + r * way, right + r * tip
+    ThreePointArc(tuple(start), tuple(over), tuple(end))
+    # Where the tangents are as high as the roof.
+    ridge = max(0.0, end[0] - (roof - end[1]) * np.tan(steep))
+    crest = [(ridge, roof), (-ridge, roof)] if ridge > 1e-9 else [(0.0, roof)]
+    Polyline(tuple(end), *crest, tuple(mirrored * end))
+    ThreePointArc(tuple(mirrored * end), tuple(mirrored * over), tuple(mirrored * start))
+    if half:
+        Line(tuple(mirrored * start), tuple(start))
+
+
+def hexagon_solid(pocket: Hexagon) -> Solid:
+    """What a nut's pocket takes away."""
+    side = np.cross(pocket.axis, pocket.up)
+    radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
+    # The two sides at the top would hang at 60 deg: a roof stands in for them.
+    ups = np.array([-1.0, -0.5, 0.5, 0.5 + tall / np.tan(np.deg2rad(ROOF_DEG)), 0.5, -0.5])
+    sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
+    base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
+    return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
+
+
+def cut_solid(cut: Cut) -> Solid:
+    """What any cut takes away."""
+    if isinstance(cut, Bore):
+        return bore_solid(cut)
+    return hexagon_solid(cut) if isinstance(cut, Hexagon) else solid_of(cut)
+
+
+def one_solid(name: str, built: BuildPart) -> Part:
+    """The part, if it is one solid; raises InputError otherwise."""
+    pieces = built.solids()
+    if len(pieces) != 1:
+        raise InputError(f"{name} falls apart into {len(pieces)} pieces, expected one")
+    return Part(pieces, label=name)
+
+
+def _built(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in pieces])
+        insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)
+    return one_solid(name, part)
+
+
+def make_ring(plan: RingPlan) -> Part:
+    """Half of the wrist's clamp."""
+    side = 1.0 if plan.above else -1.0
+    # Seen along +y, with x to the left and z up.
+    plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
+    outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        # As far as amid the ring, which comes after, so that no two round faces coincide.
+        with BuildSketch(plane.offset(-reach)):
+            Circle(plan.radius_mm + plan.ring_mm / 2.0)
+        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
+        with BuildSketch(plane):
+            Circle(outer)
+            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
+            with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
+                Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
+        extrude(amount=plan.band_mm[1] - plan.band_mm[0])
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid(plan.name, part)
+
+
+def make_coupon(plan: CouponPlan) -> Part:
+    """The fit coupon."""
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        with Locations(tuple(plan.centre)):
+            upright = (Align.CENTER, Align.CENTER, Align.MIN)
+            Cylinder(plan.radius_mm + plan.ring_mm, plan.band_mm, align=upright)
+            Cylinder(plan.radius_mm, plan.band_mm, align=upright, mode=Mode.SUBTRACT)
+        # Of the ring and the plate there remains what lies left of the plate's edge.
+        with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
+            Rectangle(4.0 * plan.radius_mm, 4.0 * plan.radius_mm, align=(Align.MIN, Align.CENTER))
+        extrude(amount=plan.band_mm, mode=Mode.SUBTRACT)
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid("fit_coupon", part)
+
+
+def make_clip(plan: ClipPlan) -> Part:
+    """The camera clip: its pieces joined, its holes cut."""
+    return _built("camera_clip", plan.pieces, plan.cuts)
+
+
+def make_mount(plan: MountPlan) -> Part:
+    """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
+    return _built("mount", plan.pieces, (*plan.cuts, *plan.light))

@@ -1,0 +1,1 @@
+"""Numbers that parts are drawn from, without a CAD kernel."""

@@ -1,0 +1,60 @@
+"""Dimensions that a part's plan offers to its drawing, in rig; plain numbers, no CAD kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+
+
+@dataclass(frozen=True)
+class Length:
+    """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number.
+
+    With `way_in_rig` (3,), a unit vector, only what the points are apart along that.
+    """
+
+    points_in_rig: FloatArray
+    text: str = ""
+    way_in_rig: FloatArray | None = None
+
+    @property
+    def span_in_rig(self) -> FloatArray:
+        """From the first point to the second, or as far along the way as that lies."""
+        first, second = self.points_in_rig
+        way = self.way_in_rig
+        return np.asarray(second - first if way is None else way * ((second - first) @ way))
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
+
+    Holes of one diameter, axis and text are drawn as one: "4x Ø3.4".
+    """
+
+    centre_in_rig: FloatArray
+    axis_in_rig: FloatArray
+    diameter_mm: float
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Figures of a part that a table says better than dimensions; `notes` (short lines) stand below it."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class Dimensioned(Protocol):
+    """A plan that says which dimensions its drawing has, beside the overall ones."""
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]: ...

@@ -1,0 +1,130 @@
+"""Screws and what they are driven into, as plain numbers: lengths, walls, and the holes that parts get for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.plan.hardware import Fastening, Hardware
+from mirrorcam.optics.base.values import FloatArray, InputError
+
+# A nut drops into a pocket this much wider and deeper than itself.
+NUT_FIT_MM = 0.2
+# Holes begin this far outside the material, so that no skin is left over their mouths.
+OUTSIDE_MM = 0.01
+# Roofs of holes are a little steeper than a printer must be able to do; those that cut webs at 45 deg much more, since
+# a web's end recedes along it. Slicers also take the top of a roof in a thin skin that stands askew on the bed, seen at
+# 42 deg, for a ceiling.
+ROOF_DEG = 42.0
+ROOF_IN_SKINS_DEG = 36.0
+ROOF_IN_WEBS_DEG = 30.0
+
+
+@dataclass(frozen=True)
+class Bore:
+    """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
+
+    One that lies when printed has `up` (3,), across the axis: its ceiling is then a roof, `roof_deg` from upright.
+    `travel_mm` makes it a slot, as long as that between the middles of its ends, along up x axis; a `flat` one ends
+    level with its ends, so that a screw's head rests on both of its sides, and its ceiling bridges.
+    """
+
+    mouth: FloatArray
+    axis: FloatArray
+    radius_mm: float
+    depth_mm: float
+    up: FloatArray | None = None
+    travel_mm: float = 0.0
+    roof_deg: float = ROOF_DEG
+    flat: bool = False
+
+    @property
+    def roof_mm(self) -> float:
+        """Height of the roof's ridge over the middle, where two tangents of the ends meet."""
+        steep = np.deg2rad(self.roof_deg)
+        if self.flat:
+            return self.radius_mm
+        return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(steep)) / np.sin(steep))
+
+
+@dataclass(frozen=True)
+class Hexagon:
+    """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
+
+    Its two upper sides are a roof, `ROOF_DEG` from upright; the others hold the nut.
+    """
+
+    mouth: FloatArray
+    axis: FloatArray
+    up: FloatArray
+    flats_mm: float
+    depth_mm: float
+
+
+@dataclass(frozen=True)
+class Stack:
+    """A screw through `grip_mm` of material into a wall of `wall_mm`, which holds an insert or a nut.
+
+    `begins_mm` deep in the wall there is the thread, of which `engaged_mm` holds: the insert sits at the face that the
+    screw enters, the nut in the far face.
+    """
+
+    grip_mm: float
+    wall_mm: float
+    length_mm: float
+    begins_mm: float
+    engaged_mm: float
+
+
+def stack(grip_mm: float, hardware: Hardware) -> Stack:
+    """The screw for a grip, and the wall that it needs; raises InputError where no screw on the list holds."""
+    screw = hardware.screw
+    if screw.kind == "insert":
+        thread_mm = (0.0, screw.insert_mm)
+        return stack_into(
+            grip_mm, thread_mm, screw.insert_depth_mm, screw.insert_depth_mm + hardware.printer.wall_mm, screw
+        )
+    # The tip is flush with the far face, the nut just below it; under the nut there is as much as two walls.
+    least = grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
+    fits = [length for length in screw.lengths_mm if length >= least]
+    if not fits:
+        raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
+    wall = min(fits) - grip_mm
+    return Stack(grip_mm, wall, min(fits), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm)
+
+
+def stack_into(
+    grip_mm: float, thread_mm: tuple[float, float], deepest_mm: float, wall_mm: float, screw: Fastening
+) -> Stack:
+    """The longest screw that does not bottom out in a given hole, whose thread lies `thread_mm` (from, to) deep.
+
+    Raises InputError where no screw on the list holds there.
+    """
+    begins, ends = thread_mm
+    needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
+    fits = [length for length in screw.lengths_mm if length <= grip_mm + deepest_mm - NUT_FIT_MM]
+    engaged = min(max(fits, default=0.0) - grip_mm, ends) - begins
+    if engaged < needed - 1e-9:
+        raise InputError(
+            f"M3 screws through {grip_mm:g} mm hold by {max(engaged, 0.0):.1f} mm of thread {begins:g} to {ends:g} mm "
+            f"deep, expected at least {needed:g} mm"
+        )
+    return Stack(grip_mm, wall_mm, max(fits), begins, engaged)
+
+
+def thread(
+    mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
+) -> tuple[Bore | Hexagon, ...]:
+    """What a wall, at least as thick as its stack says, gets for a screw that enters it at a mouth (3,) along an axis.
+
+    In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
+    """
+    start = mouth - OUTSIDE_MM * axis
+    if screw.kind == "insert":
+        return (Bore(start, axis, screw.insert_hole_mm / 2.0, screw.insert_depth_mm + OUTSIDE_MM, up),)
+    depth = wall_mm - held.begins_mm + OUTSIDE_MM
+    return (
+        Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
+        Hexagon(mouth + held.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
+    )

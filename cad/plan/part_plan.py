@@ -1,0 +1,128 @@
+"""What is made of every printed part, whichever it is: the same few values for all exports, checks and documents."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
+
+if TYPE_CHECKING:
+    from build123d import Part
+
+Rgb = tuple[float, float, float]
+
+FORMING = " thread-forming"
+"""End of the size of a screw that cuts its thread itself, in plastic."""
+
+
+@dataclass(frozen=True)
+class PartPlan:
+    """A part to print, before it is made: plain numbers and the function that makes a solid of them.
+
+    `name` is the stem of its files, `number` the part number. `make(plan)` gives one solid in rig, mm, as it stands in
+    the assembled device; `make` is a function of a module, `plan` a frozen dataclass of numbers, so that both travel to
+    another process and `plan` alone decides whether the part has to be made again. `print_from_rig` (4, 4) lays the
+    part on the bed: z up, the lowest point at z = 0. `explode_mm` (3,) in rig is where it goes in an exploded view.
+    """
+
+    name: str
+    title: str
+    number: str
+    plan: Any
+    make: Callable[[Any], Part]
+    print_from_rig: FloatArray
+    explode_mm: FloatArray
+    rgb: Rgb
+
+    @cached_property
+    def identity(self) -> str:
+        """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
+        numbers = {"make": f"{self.make.__module__}.{self.make.__qualname__}", "plan": plain(self.plan)}
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def plain(value: Any) -> Any:
+    """A plan as nested lists, numbers and text; raises TypeError for anything that is not plain data."""
+    if isinstance(value, Value):
+        return value.model_dump(mode="json")
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if callable(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
+
+
+@dataclass(frozen=True)
+class BoughtItem:
+    """A bought piece in its place: `rig_from_item` (4, 4) has its origin under a screw's head (or at the mouth of an
+    insert's hole) and z along the axis, out of the material. `explode_mm` (3,) in rig is where it goes when exploded.
+    """
+
+    kind: Literal["screw", "insert", "nut", "pin"]
+    size: str
+    length_mm: float
+    rig_from_item: FloatArray
+    explode_mm: FloatArray
+    joins: tuple[str, ...]
+
+
+class MassProperties(Value):
+    """A solid of uniform density: mass, its centre (3,) in rig, inertia (3, 3) about that, along the rig's axes."""
+
+    volume_mm3: float
+    mass_g: float
+    centre_in_rig_mm: Vector3
+    inertia_g_mm2: Matrix3
+
+
+class BuiltPart(Value):
+    """A part with its files: `folder` holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed)."""
+
+    name: str
+    title: str
+    number: str
+    folder: Path
+    rgb: Rgb
+    print_from_rig: Matrix4
+    explode_mm: Vector3
+    mass: MassProperties
+    checks: dict[str, Metric]
+
+    @classmethod
+    def of(cls, plan: PartPlan, folder: Path, mass: MassProperties, checks: dict[str, Metric]) -> Self:
+        """A part as it was made of its plan."""
+        return cls(
+            name=plan.name,
+            title=plan.title,
+            number=plan.number,
+            folder=folder,
+            rgb=plan.rgb,
+            print_from_rig=plan.print_from_rig,
+            explode_mm=plan.explode_mm,
+            mass=mass,
+            checks=checks,
+        )
+
+    @property
+    def step(self) -> Path:
+        return self.folder / f"{self.name}.step"
+
+    @property
+    def stl(self) -> Path:
+        return self.folder / f"{self.name}.stl"

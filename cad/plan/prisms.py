@@ -1,0 +1,106 @@
+"""Convex prisms, what the parts are made of: plain numbers that the light can be held against, no CAD kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Frustum:
+    """The box between two corners, in rig."""
+    (x, y, z), (x1, y1, z1) = low, high
+    base = np.array([(x, y, z), (x, y1, z), (x, y1, z1), (x, y, z1)])
+    return Frustum(base, base + np.array([x1 - x, 0.0, 0.0]))
+
+
+def along_x(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
+    """A convex polygon (n, 2) of y and z, from one x to another."""
+    base = np.column_stack([np.full(len(points), from_mm), points])
+    return Frustum(base, base + np.array([to_mm - from_mm, 0.0, 0.0]))
+
+
+def along_y(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
+    """A convex polygon (n, 2) of x and z, from one y to another."""
+    base = np.column_stack([points[:, 0], np.full(len(points), from_mm), points[:, 1]])
+    return Frustum(base, base + np.array([0.0, to_mm - from_mm, 0.0]))
+
+
+def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[float, float]) -> Frustum:
+    """A window along y of a part that prints with x up: over its far x, a steep roof."""
+    (low, high), (near, far) = x_mm, z_mm
+    ridge = (high + (far - near) / 2.0 / np.tan(np.deg2rad(ROOF_DEG)), (near + far) / 2.0)
+    return along_y(np.array([(low, near), (low, far), (high, far), ridge, (high, near)]), *y_mm)
+
+
+def moved(solid: Frustum, by_mm: FloatArray) -> Frustum:
+    """The same solid, shifted by (3,)."""
+    return Frustum(solid.base + by_mm, solid.top + by_mm)
+
+
+def corners_of(solids: Iterable[Frustum]) -> FloatArray:
+    """All corners (n, 3) of some solids."""
+    return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
+
+
+def volume_mm3(solid: Frustum) -> float:
+    """By the divergence theorem: a pyramid from the origin to each face."""
+    return sum(
+        float(np.cross(face[i] - face[0], face[i + 1] - face[0]) @ face[0]) / 6.0
+        for face in solid.faces
+        for i in range(1, len(face) - 1)
+    )
+
+
+def overlap_mm(a: Frustum, b: Frustum) -> float:
+    """How far one convex solid must move to be clear of the other; 0 or less where they are apart.
+
+    By separating axes: two convex polyhedra are apart exactly if a face normal of one of them, or the cross product of
+    an edge of each, parts them (Gottschalk 1996).
+    """
+    corners_a, corners_b = np.vstack([a.base, a.top]), np.vstack([b.base, b.top])
+    crossed = np.cross(_edges(a)[:, None], _edges(b)[None]).reshape(-1, 3)
+    lengths = np.linalg.norm(crossed, axis=1)
+    crossed = crossed[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+    axes = np.vstack([a.half_spaces[0], b.half_spaces[0], crossed])
+    along_a, along_b = corners_a @ axes.T, corners_b @ axes.T
+    shared = np.minimum(along_a.max(axis=0) - along_b.min(axis=0), along_b.max(axis=0) - along_a.min(axis=0))
+    return float(shared.min())
+
+
+def _edges(solid: Frustum) -> FloatArray:
+    edges = [np.roll(face, -1, axis=0) - face for face in solid.faces]
+    directions = np.vstack(edges)
+    directions = directions[np.linalg.norm(directions, axis=1) > 1e-9]
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    # The same line once, whichever way it runs.
+    signs = np.sign(directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)])
+    unique: FloatArray = np.unique((directions * signs[:, None]).round(12), axis=0)
+    return unique
+
+
+def require_dark(name: str, solids: Iterable[Frustum], layout: Layout, light: list[list[Frustum]]) -> None:
+    """Raise InputError where light of a mirror enters a solid: which mirror, what it meets, by how many mm.
+
+    `light` is `cad.seats.keep_outs` of the layout; a mirror's pocket counts as its light.
+    """
+    worst = (1e-6, 0)
+    for solid in solids:
+        corners = np.vstack([solid.base, solid.top])
+        middle = corners.mean(axis=0)
+        radius = float(np.linalg.norm(corners - middle, axis=1).max())
+        for index, volumes in enumerate(light):
+            for volume in volumes:
+                if volume.comes_near(middle, radius):
+                    worst = max(worst, (overlap_mm(solid, volume), index))
+    if worst[0] > 1e-6:
+        row, col = divmod(worst[1], layout.cols)
+        raise InputError(
+            f"light of mirror {worst[1]} (row {row + 1}, column {col + 1}) enters the {name} by {worst[0]:.1f} mm, "
+            "expected it to pass"
+        )

@@ -1,0 +1,170 @@
+"""Where material must be and where light must pass: seats, pockets and light, derived from a layout in the rig frame.
+
+Pure geometry with no CAD kernel: every volume here is a `Frustum`, a convex solid between two polygons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
+
+# Light is drawn from just in front of the reflecting plane, so that its end never lies in the plane of a seat.
+LIGHT_STARTS_MM = 0.05
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """Convex solid between two polygons with parallel edges, corner by corner; a top of one point is an apex.
+
+    `base` (n, 3) and `top` (n, 3) or (1, 3) are in rig, mm.
+    """
+
+    base: FloatArray
+    top: FloatArray
+
+    @property
+    def faces(self) -> list[FloatArray]:
+        """The flat faces as corner loops, counter-clockwise from outside."""
+        base, top = self.base, self.top
+        axis = top.mean(axis=0) - base.mean(axis=0)
+        if newell_normal(base) @ axis < 0:
+            base, top = base[::-1], top[::-1]
+        pairs = [(i, (i + 1) % len(base)) for i in range(len(base))]
+        if len(top) == 1:
+            return [base[::-1], *(np.array([base[i], base[j], top[0]]) for i, j in pairs)]
+        return [base[::-1], top, *(np.array([base[i], base[j], top[j], top[i]]) for i, j in pairs)]
+
+    @cached_property
+    def half_spaces(self) -> tuple[FloatArray, FloatArray]:
+        """Outward unit normals (m, 3) and offsets (m,): inside is normals @ x <= offsets."""
+        return planes_of(self.faces)
+
+    def stretched(self, below_mm: FloatArray, above_mm: FloatArray) -> Frustum:
+        """The same with its base and its top moved, each by a vector (3,) along its sides."""
+        return Frustum(self.base + below_mm, self.top + above_mm)
+
+    def contains(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Which of points (..., 3) lie inside, as booleans (...)."""
+        normals, offsets = self.half_spaces
+        inside: NDArray[np.bool_] = np.all(points @ normals.T < offsets, axis=-1)
+        return inside
+
+    def comes_near(self, point: FloatArray, radius_mm: float) -> bool:
+        """Whether a ball about a point (3,) may touch the solid; False is certain."""
+        normals, offsets = self.half_spaces
+        return bool((normals @ point - offsets).max() < radius_mm)
+
+
+def planes_of(loops: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (m, 3) and offsets (m,) of the planes of flat loops (n, 3): normals @ x = offsets."""
+    normals = np.array([newell_normal(loop) for loop in loops])
+    return normals, np.array([(loop @ normal).mean() for loop, normal in zip(loops, normals, strict=True)])
+
+
+def newell_normal(loop: FloatArray) -> FloatArray:
+    """Unit normal (3,) of a flat loop (n, 3), counter-clockwise about it; a short edge does not disturb it."""
+    centred = loop - loop.mean(axis=0)
+    normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+    return normal / np.linalg.norm(normal)
+
+
+def seat_distance_mm(mirror: Mirror) -> float:
+    """Distance of the seat plane from the pupil, along the mirror's normal (which the seat shares).
+
+    The back of the sheet rests on the seat. A second-surface mirror is coated on its back, so its seat *is* the
+    layout's (reflecting) plane; a first-surface mirror is coated on its front, so its seat lies one thickness
+    further from the pupil: n.x = -seat_distance_mm.
+    """
+    return mirror.distance_mm - back_height_mm(mirror)
+
+
+def back_height_mm(mirror: Mirror) -> float:
+    """Height of the back of the sheet over the reflecting plane, towards the pupil: -thickness or 0."""
+    return -mirror.thickness_mm if mirror.surface == "first" else 0.0
+
+
+def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
+    """The outline grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
+
+    Sheets are cut at right angles to their faces, so the outline moves along the normal. Counter-clockwise as seen
+    from the pupil. Corners sharper than 60 deg, or all when `bevelled`, are cut off when grown, hence m >= n.
+    """
+    polygon = Polygon(mirror.outline_in_plane_mm)
+    if margin_mm > 0.0:
+        polygon = polygon.buffer(margin_mm, join_style="bevel" if bevelled else "mitre", mitre_limit=2.0)
+    corners = np.array(orient(polygon).exterior.coords)[:-1]
+    local = np.column_stack([corners, np.full(len(corners), height_mm)])
+    return transform(mirror.rig_from_plane, local)
+
+
+def sheet(mirror: Mirror) -> Frustum:
+    """The mirror as cut: a right prism between its back and its front."""
+    back = back_height_mm(mirror)
+    return Frustum(outline_at(mirror, back), outline_at(mirror, back + mirror.thickness_mm))
+
+
+def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
+    """The room the sheet needs: grown by the fit all round, from the seat plane to a fit in front of the sheet."""
+    back, fit = back_height_mm(mirror), hardware.fit.free_mm
+    front = back + mirror.thickness_mm + fit
+    return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))
+
+
+def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
+    """Depth out to which the reflected light must be free: the farthest the design asks for."""
+    return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
+
+
+def light_starts_mm(mirror: Mirror) -> float:
+    """Height over the reflecting plane from which on light may be beside the sheet.
+
+    That of a second-surface mirror comes and goes through its front, which is cut like its back: up to there it is
+    inside the sheet.
+    """
+    return mirror.thickness_mm if mirror.surface == "second" else LIGHT_STARTS_MM
+
+
+def camera_cone(mirror: Mirror, hardware: Hardware) -> Frustum:
+    """Light between the mirror and the pupil, grown by the light fit: a pyramid with its tip in the pupil."""
+    base = outline_at(mirror, 0.0, hardware.fit.light_mm)
+    return Frustum(base * (1.0 - light_starts_mm(mirror) / mirror.distance_mm), np.zeros((1, 3)))
+
+
+def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
+    """Light between a mirror and the scene, grown by the light fit, out to the working distance.
+
+    It spreads from the virtual centre c through the outline (a first-surface model: straight lines).
+    Raises InputError where the mirror does not look at the scene.
+    """
+    mirror = layout.mirrors[index]
+    centre = mirror.virtual_centre_in_rig_mm
+    rays = outline_at(mirror, 0.0, hardware.fit.light_mm) - centre
+    forward = layout.view_from_rig[2]
+    depth = working_distance_mm(layout, hardware)
+    along = rays @ forward
+    reach = np.divide(depth - centre @ forward, along, out=np.full(len(along), -1.0), where=along > 0)
+    if (reach <= 1.0).any():
+        raise InputError(
+            f"mirror {index} does not reflect to the plane {depth:g} mm ahead, expected every ray to reach it"
+        )
+    near = centre + rays * (1.0 + light_starts_mm(mirror) / mirror.distance_mm)
+    return Frustum(near, centre + rays * reach[:, None])
+
+
+def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
+    """Per mirror what no part may enter: its pocket, its camera cone and its reflected beam."""
+    return [
+        [pocket(mirror, hardware), camera_cone(mirror, hardware), reflected_beam(layout, index, hardware)]
+        for index, mirror in enumerate(layout.mirrors)
+    ]

@@ -1,0 +1,1 @@
+"""Files of parts and of the device for CAD programs, slicers, browsers and robots."""

@@ -1,0 +1,237 @@
+"""The bill of materials: one value, written as Markdown, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import Field
+from shapely import Polygon
+
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import item_title
+from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.optics.base.files import write_json, write_text
+from mirrorcam.optics.base.values import Value
+
+# What the titles of `item_title` end in.
+STANDARDS = {
+    "set screw": "ISO 4026, flat point",
+    "thread-forming screw": "for plastics, pan head",
+    "screw": "ISO 4762, socket head",
+    "heat-set insert": "brass",
+    "nut": "ISO 4032",
+    "pin": "ISO 2338 or a piece of rod",
+}
+GLUE_MM = 0.1
+"""Thickness of the glue behind a mirror, for how much of it is bought."""
+
+
+class PrintedLine(Value):
+    """A part to print. Time and plastic are a slicer's, with its infill, where one was at hand."""
+
+    number: str
+    title: str
+    file: str = Field(description="3MF, from the folder of the bill")
+    volume_cm3: float
+    solid_g: float = Field(description="mass if printed solid")
+    print_minutes: float | None
+    print_g: float | None
+
+
+class MirrorLine(Value):
+    """The mirrors of one kind of sheet."""
+
+    sheet: str
+    names: tuple[str, ...]
+    area_cm2: float
+    sheets: int
+    sheet_mm: tuple[float, float]
+    files: tuple[str, ...] = Field(description="DXF, from the folder of the bill")
+
+    @property
+    def count(self) -> int:
+        return len(self.names)
+
+
+class BoughtLine(Value):
+    """Something to buy, so many pieces or so much of it; `standard` is what a shop calls it."""
+
+    title: str
+    count: int | None
+    standard: str = ""
+    note: str
+
+
+class Bom(Value):
+    """All that a device is made of, and the fit coupon; `plastic_g` is a slicer's where all parts were `sliced`."""
+
+    layout_identity: str
+    plastic: str
+    plastic_g: float
+    sliced: bool
+    printed: tuple[PrintedLine, ...]
+    mirrors: tuple[MirrorLine, ...]
+    bought: tuple[BoughtLine, ...]
+
+
+def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[MirrorSheet]) -> Bom:
+    """What a device is made of: its parts as they were built, its mirrors as they are cut."""
+    printed = tuple(_printed(part) for part in parts)
+    grams = [line.print_g for line in printed]
+    sliced = None not in grams
+    return Bom(
+        layout_identity=device.layout.identity,
+        plastic=device.hardware.printer.plastic,
+        plastic_g=round(sum(g for g in grams if g is not None) if sliced else sum(p.solid_g for p in printed), 1),
+        sliced=sliced,
+        printed=printed,
+        mirrors=_mirrors(device, sheets),
+        bought=_bought(device),
+    )
+
+
+def _printed(part: BuiltPart) -> PrintedLine:
+    minutes, grams = part.checks.get("print_minutes"), part.checks.get("print_g")
+    return PrintedLine(
+        number=part.number,
+        title=part.title,
+        file=f"parts/{part.name}.3mf",
+        volume_cm3=round(part.mass.volume_mm3 / 1000.0, 2),
+        solid_g=round(part.mass.mass_g, 1),
+        print_minutes=minutes.value if minutes else None,
+        print_g=grams.value if grams else None,
+    )
+
+
+def _mirrors(device: Device, sheets: Sequence[MirrorSheet]) -> tuple[MirrorLine, ...]:
+    kinds: dict[str, list[MirrorSheet]] = {}
+    for sheet in sheets:
+        kinds.setdefault(sheet.kind, []).append(sheet)
+    areas = {
+        f"{index // device.layout.cols}-{index % device.layout.cols}": Polygon(mirror.outline_in_plane_mm).area
+        for index, mirror in enumerate(device.layout.mirrors)
+    }
+    lines = []
+    for kind, group in kinds.items():
+        names = tuple(cut.name for sheet in group for cut in sheet.cuts)
+        lines.append(
+            MirrorLine(
+                sheet=kind,
+                names=names,
+                area_cm2=round(sum(areas[name] for name in names) / 100.0, 1),
+                sheets=len(group),
+                sheet_mm=device.hardware.cutting.sheet_mm,
+                files=tuple(f"mirrors/{sheet.stem}.dxf" for sheet in group),
+            )
+        )
+    return tuple(lines)
+
+
+def _bought(device: Device) -> tuple[BoughtLine, ...]:
+    items, mount = bought_items(device), device.hardware.mount
+    counted = Counter((item.kind, item_title(item)) for item in items)
+    joined = {
+        key: sorted({name for item in items if (item.kind, item_title(item)) == key for name in item.joins})
+        for key in counted
+    }
+    order = ("screw", "insert", "nut", "pin")
+    lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
+    for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
+        where = ", ".join(name.replace("_", " ") for name in joined[key])
+        standard = next(standard for name, standard in STANDARDS.items() if key[1].endswith(name))
+        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard, note=where))
+    lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
+    lines.append(BoughtLine(title="1/4 in nut", count=1, note="mount, only to stand on a tripod"))
+    area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors)
+    millilitres = max(1, round(area * GLUE_MM / 1000.0))
+    lines.append(
+        BoughtLine(
+            title="Glue for acrylic that does not craze it (neutral silicone)",
+            count=None,
+            note=f"about {millilitres} ml, a film of {GLUE_MM:g} mm behind every mirror",
+        )
+    )
+    if any(item.kind == "insert" for item in items):
+        lines.append(
+            BoughtLine(title="Tool: soldering iron with a tip for M3 inserts", count=None, note="at about 220 C in PLA")
+        )
+    return tuple(lines)
+
+
+def write_bom(folder: Path, bom: Bom) -> None:
+    """Write `bom.md`, `bom.csv` and `bom.json` into a folder."""
+    write_text(folder / "bom.md", as_markdown(bom))
+    write_text(folder / "bom.csv", as_csv(bom))
+    write_json(folder / "bom.json", bom.model_dump(mode="json"))
+
+
+def as_markdown(bom: Bom) -> str:
+    """Tables of what is printed, cut and bought."""
+    how = "as sliced" if bom.sliced else "if printed solid"
+    lines = [
+        "# Bill of materials",
+        "",
+        f"Layout `{bom.layout_identity}`.",
+        "",
+        "## Printed",
+        "",
+        "| number | part | file | volume cm³ | solid g | sliced g | time |",
+        "|---|---|---|---:|---:|---:|---:|",
+        *(
+            f"| {line.number} | {line.title} | [{Path(line.file).name}]({line.file}) | {line.volume_cm3:.1f} "
+            f"| {line.solid_g:.1f} | {_or_dash(line.print_g, '.1f')} | {_hours(line.print_minutes)} |"
+            for line in bom.printed
+        ),
+        "",
+        f"{bom.plastic}: {bom.plastic_g:.0f} g {how}.",
+        "",
+        "## Mirrors",
+        "",
+        "| sheet | mirrors | area cm² | sheets | files |",
+        "|---|---:|---:|---:|---|",
+        *(
+            f"| {line.sheet} | {line.count} | {line.area_cm2:.1f} "
+            f"| {line.sheets} of {line.sheet_mm[0]:g} x {line.sheet_mm[1]:g} mm "
+            f"| {', '.join(f'[{Path(file).name}]({file})' for file in line.files)} |"
+            for line in bom.mirrors
+        ),
+        "",
+        "## Bought",
+        "",
+        "| count | what | standard | for |",
+        "|---:|---|---|---|",
+        *(f"| {_or_dash(line.count, 'd')} | {line.title} | {line.standard} | {line.note} |" for line in bom.bought),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def as_csv(bom: Bom) -> str:
+    """One row per line of the bill; empty where a column says nothing of it."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("kind", "number", "item", "count", "file", "solid_g", "print_g", "print_minutes", "note"))
+    for part in bom.printed:
+        printed = (part.solid_g, part.print_g, part.print_minutes)
+        note = f"{bom.plastic}, {part.volume_cm3:g} cm3"
+        writer.writerow(("printed", part.number, part.title, 1, part.file, *printed, note))
+    for mirror in bom.mirrors:
+        note = f"{mirror.sheets} sheets of {mirror.sheet_mm[0]:g} x {mirror.sheet_mm[1]:g} mm, {mirror.area_cm2:g} cm2"
+        writer.writerow(("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", note))
+    for line in bom.bought:
+        note = ", ".join(text for text in (line.standard, line.note) if text)
+        writer.writerow(("bought", "", line.title, line.count, "", "", "", "", note))
+    return stream.getvalue()
+
+
+def _or_dash(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _hours(minutes: float | None) -> str:
+    return "-" if minutes is None else f"{int(minutes) // 60}:{int(minutes) % 60:02d} h"

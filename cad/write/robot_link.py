@@ -1,0 +1,189 @@
+"""The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
+
+The link's frame lies on the axis of the wrist, amid the clamp: x forward to the scene, y left, z up (REP 103). Frames
+of camera and views are optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import manifold3d
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+from trimesh.exchange.stl import export_stl
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, composed
+from mirrorcam.optics.base.files import atomic, write_text
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+LINK_AXES_IN_RIG = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Rows: the link's x, y and z in rig."""
+
+# Kinova's last link has its z along the wrist and its fingers towards -z.
+PARENT_FROM_LINK = '<origin xyz="0 0 0" rpy="0 1.5707963268 0"/>'
+XACRO = "http://www.ros.org/wiki/xacro"
+USAGE = """MirrorCam on the last link of an arm. In the arm's own xacro:
+     <xacro:include filename="mirrorcam.xacro"/>
+     <xacro:mirrorcam parent="{parent}" mesh_root="package://your_package/cad">{origin}</xacro:mirrorcam>
+     mesh_root is the folder above this file's; origin says where on the wrist the clamp sits and how it is turned.
+     The mass takes the plastic for solid; printed with infill the device is lighter."""
+
+
+def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
+    """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same below a bare wrist link), and their meshes.
+
+    Printed parts are shown by `../parts/NAME.stl`; `meshes/` gets the mirrors, the camera and the fasteners (in rig,
+    mm) and for collisions a convex hull of every printed part and of the camera.
+    """
+    groups = {
+        "mirrors": ([piece for piece in pieces if piece.kind == "mirror"], MIRROR_RGB),
+        "camera": ([piece for piece in pieces if piece.kind == "camera"], CAMERA_RGB),
+        "fasteners": ([p for p in pieces if p.kind in ITEM_RGB], ITEM_RGB["screw"]),
+    }
+    shown = {piece.name: (f"parts/{piece.name}.stl", piece.rgb) for piece in pieces if piece.kind == "part"}
+    for name, (group, rgb) in groups.items():
+        if group:
+            write_mesh(folder / "meshes" / f"{name}.stl", _as_one([piece.mesh for piece in group]))
+            shown[name] = (f"robot/meshes/{name}.stl", rgb)
+    hulls = []
+    for piece in pieces:
+        if piece.kind in ("part", "camera"):
+            write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", hull_of(piece.mesh))
+            hulls.append(f"robot/meshes/{piece.name}_hull.stl")
+    elements = [link(device, pieces, shown, hulls), *frames(device)]
+    parent = device.hardware.wrist.link
+    write_text(folder / "mirrorcam.xacro", as_macro(elements, parent))
+    write_text(folder / "mirrorcam.urdf", as_urdf(elements, parent))
+
+
+def link_from_rig(device: Device) -> FloatArray:
+    """The transform (4, 4), mm, from rig to the link's frame."""
+    saddle = device.adapter.saddle
+    matrix = np.eye(4)
+    matrix[:3, :3] = LINK_AXES_IN_RIG
+    matrix[:3, 3] = -LINK_AXES_IN_RIG @ (0.0, saddle.band_mm.mean(), saddle.axis_z_mm)
+    return matrix
+
+
+def rig_from_view(layout: Layout, index: int) -> FloatArray:
+    """The pose (4, 4), mm, of a virtual view: at its virtual centre, looking along the views' common axes."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = layout.view_from_rig.T
+    matrix[:3, 3] = layout.virtual_centres_in_rig_mm[index]
+    return matrix
+
+
+def link(
+    device: Device, pieces: Sequence[Piece], shown: dict[str, tuple[str, tuple[float, float, float]]], hulls: list[str]
+) -> Element:
+    """The link: mass properties of all pieces as one, what is seen (file and colour by name), what may collide."""
+    pose = link_from_rig(device)
+    body = composed([piece.mass for piece in pieces])
+    centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
+    turn = pose[:3, :3]
+    inertia = turn @ body.inertia_g_mm2 @ turn.T * 1e-9
+    element = Element("link", name="${prefix}_link")
+    inertial = SubElement(element, "inertial")
+    SubElement(inertial, "origin", xyz=_numbers(centre / 1000.0), rpy="0 0 0")
+    SubElement(inertial, "mass", value=_numbers([body.mass_g / 1000.0]))
+    rows = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+    SubElement(inertial, "inertia", {name: _numbers([inertia[row, column]]) for name, row, column in rows})
+    for name, (file, rgb) in shown.items():
+        visual = SubElement(element, "visual", name=name)
+        _mesh(visual, pose, file)
+        material = SubElement(visual, "material", name=f"${{prefix}}_{name}")
+        SubElement(material, "color", rgba=_numbers([*rgb, 1.0]))
+    for file in hulls:
+        _mesh(SubElement(element, "collision"), pose, file)
+    return element
+
+
+def _mesh(parent: Element, pose: FloatArray, file: str) -> None:
+    """A mesh in rig, mm, as part of the link."""
+    parent.append(_origin(pose))
+    geometry = SubElement(parent, "geometry")
+    SubElement(geometry, "mesh", filename=f"${{mesh_root}}/{file}", scale="0.001 0.001 0.001")
+
+
+def frames(device: Device) -> list[Element]:
+    """Links without a body, each with its fixed joint: the camera's frame, and below it one per virtual view."""
+    layout = device.layout
+    camera = "${prefix}_camera_optical_frame"
+    elements = _frame(camera, "${prefix}_link", link_from_rig(device))
+    for index in range(len(layout.mirrors)):
+        row, column = divmod(index, layout.cols)
+        elements += _frame(f"${{prefix}}_view_{row}_{column}", camera, rig_from_view(layout, index))
+    return elements
+
+
+def _frame(name: str, parent: str, pose: FloatArray) -> list[Element]:
+    joint = Element("joint", name=f"{name}_joint", type="fixed")
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=name)
+    joint.append(_origin(pose))
+    return [Element("link", name=name), joint]
+
+
+def _origin(pose: FloatArray) -> Element:
+    """A pose (4, 4) in mm as URDF has it: metres, and turns about the fixed x, y and z."""
+    turns = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
+    return Element("origin", xyz=_numbers(pose[:3, 3] / 1000.0), rpy=_numbers(turns))
+
+
+def _numbers(values: Sequence[float] | FloatArray) -> str:
+    """Numbers as text: ten digits, no negative zeros."""
+    return " ".join(f"{round(float(value), 14) + 0.0:.10g}" for value in values)
+
+
+def as_macro(elements: Sequence[Element], parent: str) -> str:
+    """The elements as a xacro macro `mirrorcam`, to be hung on any link."""
+    text = "\n".join(_text(element, 2) for element in elements)
+    usage = USAGE.format(parent=parent, origin=PARENT_FROM_LINK)
+    return (
+        f'<?xml version="1.0"?>\n<!-- {usage} -->\n<robot xmlns:xacro="{XACRO}">\n'
+        f'  <xacro:macro name="mirrorcam" params="parent prefix:=mirrorcam mesh_root:=.. *origin">\n'
+        '    <joint name="${prefix}_joint" type="fixed">\n      <parent link="${parent}"/>\n'
+        '      <child link="${prefix}_link"/>\n      <xacro:insert_block name="origin"/>\n    </joint>\n'
+        f"{text}\n  </xacro:macro>\n</robot>\n"
+    )
+
+
+def as_urdf(elements: Sequence[Element], parent: str) -> str:
+    """The elements below a bare link of the arm; meshes by their paths from the file."""
+    text = "\n".join(_text(element, 1) for element in elements)
+    text = text.replace("${prefix}", "mirrorcam").replace("${mesh_root}", "..")
+    return (
+        f'<?xml version="1.0"?>\n<robot name="mirrorcam">\n  <link name="{parent}"/>\n'
+        f'  <joint name="mirrorcam_joint" type="fixed">\n    <parent link="{parent}"/>\n'
+        f'    <child link="mirrorcam_link"/>\n    {PARENT_FROM_LINK}\n  </joint>\n{text}\n</robot>\n'
+    )
+
+
+def _text(element: Element, level: int) -> str:
+    indent(element, "  ", level)
+    return "  " * level + tostring(element, encoding="unicode").rstrip()
+
+
+def _as_one(meshes: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Several meshes as one, side by side."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return trimesh.Trimesh(np.vstack([mesh.vertices for mesh in meshes]), np.vstack(faces), process=False)
+
+
+def hull_of(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The convex hull of a mesh; trimesh's own turns faces round that are flat but for rounding."""
+    hull = manifold3d.Manifold.hull_points(np.array(mesh.vertices)).to_mesh64()
+    return trimesh.Trimesh(np.array(hull.vert_properties), np.array(hull.tri_verts, dtype=np.int64), process=False)
+
+
+def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Write a mesh as binary STL atomically."""
+    with atomic(path) as temporary:
+        temporary.write_bytes(export_stl(mesh))

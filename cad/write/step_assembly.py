@@ -1,0 +1,140 @@
+"""The assembled device as one STEP file: a labelled, coloured tree, put together by joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import deepcopy
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from build123d import (
+    Axis,
+    Color,
+    Compound,
+    Face,
+    LinearJoint,
+    Location,
+    Plane,
+    RigidJoint,
+    Shape,
+    Solid,
+    Vector,
+    Wire,
+    import_step,
+)
+
+from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Connection, Device, connections
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, COUPON, ITEM_RGB, MIRROR_RGB, holder_under, item_names
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
+from mirrorcam.cad.plan.seats import back_height_mm
+from mirrorcam.cad.write.part_export import write_step
+from mirrorcam.cad.write.step_text import ordered_step
+from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+
+ROOT = "mirrorcam"
+
+
+def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> None:
+    """Write the device as STEP, its printed parts read from their own STEP files.
+
+    The tree: `mirrorcam` over `printed`, `mirrors`, `bought`; below these the pieces, named and coloured as in the GLB.
+    """
+    assembly = assemble(device, parts)
+    with TemporaryDirectory() as folder:
+        raw = Path(folder) / path.name
+        write_step(raw, assembly)
+        write_text(path, ordered_step(raw.read_text(encoding="utf-8")))
+
+
+def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
+    """The device in rig: printed parts joined by their plans' connections, and to them all that has a frame of its own.
+
+    Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
+    """
+    fitted = [part for part in parts if part.name != COUPON]
+    printed = {part.name: _printed(part) for part in fitted}
+    for connection in connections(device):
+        parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
+        connect(connection, parent, child)
+    mirrors, bought = [], []
+    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+        sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)
+        seat = mirror.rig_from_plane.copy()
+        seat[:3, 3] += back_height_mm(mirror) * mirror.normal_in_rig
+        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], sheet, seat))
+    camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
+    bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
+    items = bought_items(device)
+    shapes: dict[tuple[str, str, float], Shape[Any]] = {}
+    for name, item in zip(item_names(items), items, strict=True):
+        key = (item.kind, item.size, item.length_mm)
+        if key not in shapes:
+            shapes[key] = item_solid(item)
+        solid = _coloured(shapes[key], name, ITEM_RGB[item.kind])
+        bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
+    groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
+    return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
+
+
+def connect(connection: Connection, parent: Solid, child: Solid) -> None:
+    """Join two parts, both as they are in rig, by joints of the connection's name; what slides is put amid its way."""
+    rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
+    if connection.slides_mm == 0.0:
+        place = RigidJoint(connection.name, parent, location_of(rig_from_parent))
+        place.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
+        return
+    origin = rig_from_parent[:3, 3]
+    way = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
+    slide = LinearJoint(connection.name, parent, way, (-connection.slides_mm, connection.slides_mm))
+    # A linear joint hands on where it is, but not how its frame is turned: that is left to the child's.
+    level = np.eye(4)
+    level[:3, 3] = origin
+    turned = rig_from_child @ np.linalg.inv(rig_from_parent) @ level
+    slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
+
+
+def _printed(part: BuiltPart) -> Solid:
+    return _coloured(import_step(part.step), part.name, part.rgb)
+
+
+def _coloured(shape: Shape[Any], label: str, rgb: Rgb) -> Solid:
+    """A copy of a shape's one solid: solids that share their geometry share their name in STEP."""
+    (solid,) = deepcopy(shape).solids()
+    solid.label, solid.color = label, Color(*rgb)
+    return solid
+
+
+def _sheet(mirror: Mirror) -> Solid:
+    """A mirror as cut, in its own frame but for its height: the back at z = 0."""
+    corners = [Vector(x, y, 0.0) for x, y in mirror.outline_in_plane_mm]
+    face = Face(Wire.make_polygon(corners))
+    return Solid.extrude(face, Vector(0.0, 0.0, mirror.thickness_mm))
+
+
+def _joined(bearer: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
+    """The solid, joined by its own frame's origin to a place on its bearer."""
+    place = RigidJoint(solid.label, bearer, location_of(rig_from_solid))
+    place.connect_to(RigidJoint("origin", solid, Location()))
+    return solid
+
+
+def _bearer(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
+    """The printed part of the first of some names that there is, or a piece of it."""
+    for name in names:
+        for label, solid in printed.items():
+            if label == name or label.startswith(f"{name}_"):
+                return solid
+    raise ValueError(f"{names=} are no printed parts, expected one of {', '.join(printed)}")
+
+
+def location_of(rig_from_frame: FloatArray) -> Location:
+    """A rigid transform (4, 4) as a location."""
+    x_axis, _, z_axis, origin = (tuple(column) for column in rig_from_frame[:3].T)
+    return Plane(origin=origin, x_dir=x_axis, z_dir=z_axis).location

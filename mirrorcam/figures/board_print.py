@@ -1,0 +1,143 @@
+"""A board on a sheet of paper at true scale, as PDF or SVG, with a ruler to verify the print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from matplotlib.textpath import TextPath
+
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+
+MM_PER_INCH = 25.4
+PAGES_MM = {
+    "a4": (210.0, 297.0),
+    "a3": (297.0, 420.0),
+    "a2": (420.0, 594.0),
+    "a1": (594.0, 841.0),
+    "a0": (841.0, 1189.0),
+    "letter": (215.9, 279.4),
+}
+EDGE_MM = 8.0  # that printers leave white, and that a board needs around it
+RULER_MM = 100.0
+FOOTER_MM = 12.0  # below the board, for ruler and words
+WORDS_MM = 80.0  # beside the ruler
+LINE_MM = 3.0
+GAP_MM = 8.0  # between ruler and words
+POINTS = 7  # the size of letters
+FORMATS = (".pdf", ".svg")
+
+
+def page_for(target: Checkerboard | Charuco, page: str) -> tuple[float, float]:
+    """Width and height, mm, of a page that holds the board and its footer, upright or across.
+
+    `page` is one of `PAGES_MM`, a WIDTHxHEIGHT in mm, taken as it is, or empty: the smallest A page. Raises InputError
+    where the board does not fit.
+    """
+    needs = needed_mm(target)
+    if page and page not in PAGES_MM:
+        sizes = [_custom(page)]
+    else:
+        named = [PAGES_MM[page]] if page else [size for name, size in PAGES_MM.items() if name.startswith("a")]
+        sizes = [turned for short, long in sorted(named) for turned in ((short, long), (long, short))]
+    fitting = [size for size in sizes if size[0] >= needs[0] and size[1] >= needs[1]]
+    if not fitting:
+        width, height = target.size_mm
+        raise InputError(
+            f"board of {width:g} x {height:g} mm: does not fit on {page or 'a0'}, expected a page of "
+            f"{needs[0]:g} x {needs[1]:g} mm or more"
+        )
+    return fitting[0]
+
+
+def needed_mm(target: Checkerboard | Charuco) -> tuple[float, float]:
+    """The least width and height of a page, mm."""
+    width, height = target.size_mm
+    return max(width, RULER_MM + WORDS_MM) + 2 * EDGE_MM, height + FOOTER_MM + 3 * EDGE_MM
+
+
+def _custom(text: str) -> tuple[float, float]:
+    try:
+        width, height = (float(side) for side in text.split("x"))
+    except ValueError:
+        raise InputError(f"page {text!r}: expected {', '.join(PAGES_MM)} or WIDTHxHEIGHT in mm") from None
+    if not (0.0 < width < 1e5 and 0.0 < height < 1e5):
+        raise InputError(f"page {text!r}: expected a width and a height of more than 0 and less than 100000 mm")
+    return width, height
+
+
+def write_board(target: Checkerboard | Charuco, path: Path, page_mm: tuple[float, float], name: str) -> None:
+    """Write the sheet atomically in the format of the suffix; the same board gives the same bytes."""
+    width, height = page_mm
+    figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, width), ylim=(height, 0.0))
+    axes.set_axis_off()
+    origin = board_in_page_mm(target, page_mm)
+    _fill(axes, shapely.transform(ink_in_board_mm(target), lambda points: points + origin))
+    _footer(axes, target, name, left=EDGE_MM, top=height - EDGE_MM - FOOTER_MM)
+    metadata: dict[str, dict[str, Any]] = {
+        ".svg": {"Date": None, "Creator": "MirrorCam", "Title": name},
+        ".pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": name},
+    }
+    settings: dict[Any, Any] = {"svg.hashsalt": "mirrorcam", "svg.fonttype": "path", "path.simplify": False}
+    with mpl.rc_context(settings), atomic(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:], metadata=metadata[path.suffix])
+
+
+def board_in_page_mm(target: Checkerboard | Charuco, page_mm: tuple[float, float]) -> tuple[float, float]:
+    """Where the board's top left corner lies on the page: in the middle of what the footer leaves."""
+    width, height = target.size_mm
+    return (page_mm[0] - width) / 2.0, (page_mm[1] - FOOTER_MM - EDGE_MM - height) / 2.0
+
+
+def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
+    """All areas as one black shape."""
+    rings = [ring.coords for area in areas.geoms for ring in (area.exterior, *area.interiors)]
+    codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
+    outline = Outline(np.concatenate([np.array(ring) for ring in rings]), np.concatenate(codes))
+    axes.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0.0, snap=False, clip_on=False))
+
+
+def _footer(axes: Axes, target: Checkerboard | Charuco, name: str, left: float, top: float) -> None:
+    """A ruler of 100 mm, and beside it what the board is."""
+    ticks = [
+        shapely.box(
+            left + at - 0.06, top, left + at + 0.06, top + (5.0 if at % 10 == 0 else 4.0 if at % 5 == 0 else 3.0)
+        )
+        for at in range(int(RULER_MM) + 1)
+    ]
+    bar = shapely.box(left, top, left + RULER_MM, top + 0.12)
+    _fill(axes, shapely.MultiPolygon([bar, *ticks]))
+    for at in (0, 50, 100):
+        axes.text(left + at, top + 8.5, f"{at} mm" if at else "0", fontsize=POINTS, ha="center", va="baseline")
+    width, height = target.size_mm
+    kind = "ChArUco" if isinstance(target, Charuco) else "checkerboard"
+    lines = [
+        _shortened(name, WORDS_MM - GAP_MM),
+        f"{kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm",
+    ]
+    if isinstance(target, Charuco):
+        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}")
+    lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
+    for number, line in enumerate(lines):
+        axes.text(left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM, line, fontsize=POINTS, va="baseline")
+
+
+def _shortened(text: str, room_mm: float) -> str:
+    """A text, or as much of its beginning as there is room for."""
+    room_points = room_mm / MM_PER_INCH * 72.0
+    kept, end = text, ""
+    while kept and TextPath((0.0, 0.0), kept + end, size=POINTS).get_extents().width > room_points:
+        kept, end = kept[:-1], "..."
+    return kept + end

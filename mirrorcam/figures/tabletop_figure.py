@@ -1,0 +1,39 @@
+"""A photographed desk at a glance: the frame, the true central view and how near everything in it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.render_scenes.tabletop.tabletop_set import DeskSet, read_map
+
+HEIGHT_PX = 480
+GAP_PX = 10
+
+
+def overview(folder: Path) -> NDArray[np.uint8]:
+    """The picture (h, w, 3) of a rendered desk; frame and view are brightened as screens expect, red is near."""
+    manifest = DeskSet.load(folder)
+    t, s = manifest.central_view
+    frame, view = (
+        _for_screens(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")
+    )
+    nearness = 1.0 / read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
+    low, high = float(nearness.min()), float(nearness.max())
+    grey = np.rint(255.0 * (nearness - low) / max(high - low, 1e-12)).astype(np.uint8)
+    near = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))[..., ::-1]
+    height, width = (HEIGHT_PX - GAP_PX) // 2, round((HEIGHT_PX - GAP_PX) / 2 * view.shape[1] / view.shape[0])
+    small = [np.asarray(cv2.resize(picture, (width, height))) for picture in (view, near)]
+    wide = round(HEIGHT_PX * frame.shape[1] / frame.shape[0])
+    large = np.asarray(cv2.resize(frame, (wide, HEIGHT_PX), interpolation=cv2.INTER_AREA))
+    sheet = np.full((HEIGHT_PX, wide + GAP_PX + width, 3), 255, dtype=np.uint8)
+    sheet[:, :wide], sheet[:height, wide + GAP_PX :], sheet[-height:, wide + GAP_PX :] = large, *small
+    return sheet
+
+
+def _for_screens(linear: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.rint(255.0 * (linear / 255.0) ** (1.0 / 2.2)).astype(np.uint8)

@@ -1,0 +1,251 @@
+"""Whether a calibration is good to use, in words and figures, and what picture would make it better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.stats import binom
+
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.cross_validation import ALARM_RATIO
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.pages.calibration.inline_svg import SIGMA
+from mirrorcam.pages.calibration.view_statistics import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
+
+MAX_OUTLIERS = 0.02
+MAX_BEYOND_3_SIGMA = 0.01  # of Gaussian noise it is 0.0027
+MAX_UNEVEN = 1.5  # of the noisiest view and axis to the quietest
+MIN_COVERAGE = 0.6
+MIN_FRAMES = 5
+MIN_TURN_DEG = 30.0  # between the most different boards
+MIN_DISTANCE_RATIO = 1.25  # of the farthest board to the nearest
+MAX_HELD_OUT_RATIO = 1.25
+CHANCE = 1e-3
+
+State = Literal["good", "look", "stop"]
+STATES: dict[State, str] = {"good": "Good to use", "look": "Look at this before you use it", "stop": "Do not use it"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One figure with its limit: what it is, what it means where it fails, and what to do then."""
+
+    label: str
+    metric: Metric
+    reason: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The state, why, what to do next, and the checks behind it."""
+
+    state: State
+    reasons: tuple[str, ...]
+    advice: tuple[str, ...]
+    checks: tuple[Check, ...]
+
+
+def sigma_px(calibration: Calibration) -> float:
+    """The standard deviation of a residual, as the fit found it."""
+    if "sigma_px" in calibration.metrics:
+        return calibration.metrics["sigma_px"].value
+    return float(np.sqrt(np.mean(calibration.residuals_px[calibration.inliers] ** 2)))
+
+
+def judge(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
+    """An alarm of the evidence forbids the use; a figure past its limit asks to be looked at."""
+    checks = (
+        *_noise_checks(calibration),
+        *_evenness(views),
+        *_evidence_checks(calibration),
+        *_picture_checks(calibration, views),
+    )
+    failed = [check for check in checks if not check.metric.passed]
+    evidence = calibration.evidence
+    alarms = evidence.alarms if evidence else ()
+    reasons = [*alarms, *(check.reason for check in failed)]
+    advice = [*_cures(evidence), *(check.advice for check in failed)]
+    if evidence is None:
+        reasons.append("nothing checked whether the model is right")
+        advice.append("Calibrate with a nominal layout, so that models can be compared.")
+    state: State = "stop" if alarms else "look" if reasons else "good"
+    return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
+
+
+def _cures(evidence: Evidence | None) -> list[str]:
+    """What to do about alarms: the model that the data ask for where one was tried, else to look for what moved."""
+    if evidence is None or not evidence.alarms:
+        return []
+    wanted = [rung for rung in evidence.rungs if rung.supported and rung.against == evidence.level]
+    if not wanted:
+        return ["Look for what moved or bent while the pictures were taken, and take them again."]
+    best = max(wanted, key=lambda rung: rung.information_gain)
+    if best.name.endswith("+glass"):
+        return [
+            "State in the layout that the mirrors are coated behind, with thickness and index, and calibrate again."
+        ]
+    return [f"Calibrate again as {best.name}, which the pictures support."]
+
+
+def _noise_checks(calibration: Calibration) -> list[Check]:
+    used = calibration.residuals_px[calibration.inliers]
+    sigma = sigma_px(calibration)
+    outliers = float((~calibration.inliers).mean())
+    beyond = float((np.abs(used) > 3.0 * sigma).mean())
+    means = [cell_means(calibration, int(view), sigma) for view in np.unique(calibration.observations.view)]
+    systematic = np.concatenate([cells.systematic for cells in means])
+    most = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
+    return [
+        Check(
+            "Corners left out as outliers",
+            Metric(value=outliers, unit="of the corners", limit=MAX_OUTLIERS),
+            f"{outliers:.1%} of the corners fit nothing",
+            "Look for glare, motion blur or a second board in the pictures with most outliers, and take these again.",
+        ),
+        Check(
+            f"Residuals beyond 3 {SIGMA}",
+            Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
+            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}, where noise puts 0.3 %",
+            "Leave out blurred or dim pictures: their corners are worse than the others'.",
+        ),
+        Check(
+            "Places with more residual than noise leaves",
+            Metric(value=float(systematic.mean()), unit="of the places", limit=most),
+            f"residuals agree in {systematic.mean():.0%} of all places, by chance in {SYSTEMATIC_CHANCE:.0%}",
+            "Look where needles are red: a bent mirror or board, glass before a mirror, a lens beyond its model.",
+        ),
+    ]
+
+
+def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
+    """Whether all views and both axes are alike, as noise is: an error of one view can hide in the rms of all."""
+    names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
+    rms = {
+        (names[view.view], axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)
+    }
+    seen = {place: value for place, value in rms.items() if np.isfinite(value)}
+    worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
+    ratio = seen[worst] / seen[best]
+    return [
+        Check(
+            "Noisiest view and axis against the quietest, RMS",
+            Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
+            f"{worst[0]} fits {ratio:.1f} times as badly in {worst[1]} as {best[0]} in {best[1]}",
+            f"Look at {worst[0]}: its pictures may be blurred, or the model is wrong there.",
+        )
+    ]
+
+
+def _evidence_checks(calibration: Calibration) -> list[Check]:
+    evidence, metrics = calibration.evidence, calibration.metrics
+    checks = []
+    if "held_out_rms_x_px" in metrics and "rms_x_px" in metrics:
+        fit, out = (np.linalg.norm([metrics[f"{n}_{a}_px"].value for a in "xy"]) for n in ("rms", "held_out_rms"))
+        ratio = float(out / fit)
+        checks.append(
+            Check(
+                "Frames left out of the fit, RMS against that of the fit",
+                Metric(value=ratio, unit="1", limit=MAX_HELD_OUT_RATIO),
+                f"frames left out are predicted {ratio:.2f} times as badly as those fitted",
+                "Take more pictures: so few are fitted rather than explained.",
+            )
+        )
+    if evidence is None:
+        return checks
+    checks += [
+        Check(
+            f"Frames split {split.how}: difference against what is predicted",
+            Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
+            split.alarm or f"split {split.how}, calibrations differ {split.overall_ratio:.1f} times as they predict",
+            "Trust no stated uncertainty until halves agree: look at the model's evidence below.",
+        )
+        for split in evidence.splits
+    ]
+    at = evidence.range_mm
+    calibration_mm, matching_mm = (
+        float(np.interp(at, evidence.depth.range_mm, values))
+        for values in (evidence.depth.calibration_mm, evidence.depth.matching_mm)
+    )
+    if np.isfinite(calibration_mm) and matching_mm > 0.0:
+        checks.append(
+            Check(
+                f"Depth {SIGMA} at {at:.0f} mm, of calibration against that of matching",
+                Metric(value=calibration_mm / matching_mm, unit="1", limit=1.0),
+                f"at {at:.0f} mm depth is less sure by calibration ({calibration_mm:.2g} mm) than by matching",
+                "Take more pictures with tilted boards: they would make depth surer at no other cost.",
+            )
+        )
+    return checks
+
+
+def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
+    mirrors = [view for view in views if view.view != DIRECT]
+    emptiest = min(mirrors, key=lambda view: view.coverage)
+    rarest = min(mirrors, key=lambda view: view.frames)
+    normals, mirrored = board_normals(calibration)
+    turn = _widest_deg(normals[mirrored])
+    spans = {view.view: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
+    flattest = min(spans, key=lambda view: spans[view])
+    return [
+        Check(
+            "Coverage of the emptiest view",
+            Metric(value=emptiest.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
+            f"corners fill {emptiest.coverage:.0%} of {emptiest.name}",
+            f"Show the board {empty_region(emptiest)} of {emptiest.name}, as the picture has it.",
+        ),
+        Check(
+            "Frames that show the board in the rarest view",
+            Metric(value=rarest.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
+            f"{rarest.name} shows the board in {rarest.frames} frames",
+            f"Take {MIN_FRAMES - rarest.frames} pictures more with the board in {rarest.name}.",
+        ),
+        Check(
+            "Turn between the most different boards",
+            Metric(value=turn, unit="deg", limit=MIN_TURN_DEG, lower_is_better=False),
+            f"no two boards are turned by more than {turn:.0f}°",
+            f"Tilt the board more: {_untried(normals[mirrored])}.",
+        ),
+        Check(
+            "Farthest board against the nearest, in the view with least",
+            Metric(value=spans[flattest], unit="1", limit=MIN_DISTANCE_RATIO, lower_is_better=False),
+            f"mirror {flattest} shows boards at nearly one distance",
+            f"Hold the board nearer to and farther from mirror {flattest}.",
+        ),
+    ]
+
+
+def _widest_deg(normals: FloatArray) -> float:
+    """The largest angle between two boards, from their unit normals (f, 3)."""
+    return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
+
+
+def _untried(normals: FloatArray) -> str:
+    """In words, the way that boards were turned least, from their unit normals (f, 3) in view axes."""
+    ways = {
+        "left edge nearer": -normals[:, 0].min(),
+        "right edge nearer": normals[:, 0].max(),
+        "top edge nearer": -normals[:, 1].min(),
+        "bottom edge nearer": normals[:, 1].max(),
+    }
+    return f"{min(ways, key=lambda way: ways[way])}, by 30° or so"
+
+
+def empty_region(view: ViewFigures) -> str:
+    """Where in a view fewest corners were seen, of nine regions, in words."""
+    low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
+    middles = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
+    thirds = np.minimum((3 * (middles - low) / (high - low)).astype(int), 2)
+    regions = {tuple(third): float("inf") for third in thirds.tolist()}
+    for region in regions:
+        inside = (thirds == region).all(axis=1)
+        regions[region] = float((view.cell_counts[inside] > 0).mean()) + 1e-6 * float(view.cell_counts[inside].mean())
+    across, down = min(regions, key=lambda region: regions[region])
+    if (across, down) == (1, 1):
+        return "in the middle"
+    return "at the " + " ".join(word for word in (("top", "", "bottom")[down], ("left", "", "right")[across]) if word)

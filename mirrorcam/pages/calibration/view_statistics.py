@@ -1,0 +1,155 @@
+"""What a calibration's pictures were like, view by view: counts, coverage, distances, tilts, and what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.layout import Layout
+
+CELLS = (6, 5)  # across and down the bounding rectangle of a view, for its coverage
+MIN_CELL_SHARE = 0.25  # of a cell that must lie in the view for the cell to count
+ARROWS_ACROSS = 60  # cells of the sensor whose residuals are averaged, across its width
+SYSTEMATIC_CHANCE = 0.01
+
+
+@dataclass(frozen=True)
+class ViewFigures:
+    """One view (a mirror's number, or DIRECT) in figures.
+
+    `outline_px` (n, 2) on the sensor; `cells_px` (k, 4) left, top, right, bottom of the cells that count, with the
+    corners in each, `cell_counts` (k,); per frame that shows the board there: `distances_mm` (f,) of its seen part from
+    where the view looks from, `tilts_deg` (f,) of the board from the line of sight.
+    """
+
+    view: int
+    corners: int
+    outliers: int
+    frames: int
+    rms_px: FloatArray
+    outline_px: FloatArray
+    cells_px: FloatArray
+    cell_counts: NDArray[np.int64]
+    distances_mm: FloatArray
+    tilts_deg: FloatArray
+
+    @property
+    def name(self) -> str:
+        return "direct" if self.view == DIRECT else f"mirror {self.view}"
+
+    @property
+    def coverage(self) -> float:
+        """Part of the cells in which a corner was seen."""
+        return float((self.cell_counts > 0).mean())
+
+
+def outline_px(layout: Layout, view: int) -> FloatArray:
+    """A view's sub-image (n, 2) on the sensor; of the direct view all of the sensor."""
+    if view != DIRECT:
+        return layout.outline_px(view)
+    right, bottom = layout.camera.width_px - 0.5, layout.camera.height_px - 0.5
+    return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+
+
+def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
+    """The figures of every mirror, and of the direct view where it was seen, which comes last."""
+    views = list(range(len(calibration.layout.mirrors)))
+    if (calibration.observations.view == DIRECT).any():
+        views.append(DIRECT)
+    return tuple(_figures(calibration, view) for view in views)
+
+
+def _figures(calibration: Calibration, view: int) -> ViewFigures:
+    seen, inliers = calibration.observations, calibration.inliers
+    of_view = seen.view == view
+    used = of_view & inliers
+    outline = outline_px(calibration.layout, view)
+    cells = _cells(outline)
+    pixels = seen.pixels[used]
+    inside = [((pixels >= cell[:2]) & (pixels < cell[2:])).all(axis=1).sum() for cell in cells]
+    frames = np.unique(seen.frame[used])
+    met = [_board_met(calibration, view, seen.pixels[used & (seen.frame == f)], int(f)) for f in frames]
+    return ViewFigures(
+        view=view,
+        corners=int(used.sum()),
+        outliers=int((of_view & ~inliers).sum()),
+        frames=len(frames),
+        rms_px=np.sqrt(np.mean(calibration.residuals_px[used] ** 2, axis=0)) if used.any() else np.full(2, np.nan),
+        outline_px=outline,
+        cells_px=cells,
+        cell_counts=np.array(inside, dtype=np.int64),
+        distances_mm=np.array([distance for distance, _ in met]),
+        tilts_deg=np.array([tilt for _, tilt in met]),
+    )
+
+
+def _cells(outline: FloatArray) -> FloatArray:
+    """Cells (k, 4) of the bounding rectangle of which enough lies within the outline."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    x, y = (np.linspace(low[axis], high[axis], CELLS[axis] + 1) for axis in (0, 1))
+    polygon = shapely.Polygon(outline)
+    cells = [(x[i], y[j], x[i + 1], y[j + 1]) for j in range(CELLS[1]) for i in range(CELLS[0])]
+    boxes = shapely.box(*np.array(cells).T)
+    share = shapely.area(shapely.intersection(boxes, polygon)) / shapely.area(boxes)
+    return np.array(cells)[share >= MIN_CELL_SHARE]
+
+
+def _board_met(calibration: Calibration, view: int, pixels: FloatArray, frame: int) -> tuple[float, float]:
+    """Median distance (mm) at which viewing rays of a view meet the board, and median angle (deg) from its normal.
+
+    Mirrors keep distances and angles, so that both are taken before the base camera, from the board's mirror image.
+    """
+    rig_from_board = calibration.rig_from_board[frame]
+    point, normal = rig_from_board[:3, 3], rig_from_board[:3, 2]
+    if view != DIRECT:
+        mirror = calibration.layout.mirrors[view].apparent
+        point, normal = mirror.reflect(point), mirror.reflection @ normal
+    rays = calibration.layout.camera.unproject(pixels)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    distances = (point @ normal) / (rays @ normal)
+    angles = np.degrees(np.arccos(np.clip(np.abs(rays @ normal), 0.0, 1.0)))
+    return float(np.median(distances)), float(np.median(angles))
+
+
+def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Unit normals (f, 3) of every frame's board, into the paper, and which frames (f,) show it in a mirror.
+
+    Frames that show mirrors in the axes of the views, the others in those of the camera.
+    """
+    seen = calibration.observations
+    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), seen.frame[seen.view != DIRECT])
+    normals = calibration.rig_from_board[:, :3, 2]
+    return np.where(mirrored[:, None], normals @ calibration.layout.view_from_rig.T, normals), mirrored
+
+
+@dataclass(frozen=True)
+class CellMeans:
+    """Mean residuals of cells of the sensor: `at_px` (k, 2), `mean_px` (k, 2), which (k,) noise does not explain."""
+
+    at_px: FloatArray
+    mean_px: FloatArray
+    systematic: NDArray[np.bool_]
+
+
+def cell_means(calibration: Calibration, view: int, sigma_px: float) -> CellMeans:
+    """Mean residuals of one view in square cells.
+
+    The squared mean of n residuals over sigma^2 / n has a chi-square distribution of two degrees of freedom; a cell is
+    systematic where that exceeds what has a chance of `SYSTEMATIC_CHANCE`.
+    """
+    used = calibration.inliers & (calibration.observations.view == view)
+    pixels, residuals = calibration.observations.pixels[used], calibration.residuals_px[used]
+    cell_px = calibration.layout.camera.width_px / ARROWS_ACROSS
+    _, cell, count = np.unique(np.floor(pixels / cell_px), axis=0, return_inverse=True, return_counts=True)
+    sums = np.zeros((2, len(count), 2))
+    np.add.at(sums[0], cell.ravel(), pixels)
+    np.add.at(sums[1], cell.ravel(), residuals)
+    at, mean = sums / count[:, None]
+    squared = np.sum(mean**2, axis=1) * count / sigma_px**2
+    return CellMeans(at, mean, squared > -2.0 * np.log(SYSTEMATIC_CHANCE))

@@ -1,0 +1,112 @@
+"""Gathers what a run has made into the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import RootModel
+
+from mirrorcam.optics.base.files import read_image, read_model, write_image, write_text
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.pages.run_report import File, Picture, Report, index_html
+from mirrorcam.render_scenes.sets.dataset import Dataset
+
+PICTURE_WIDTH_PX = 1600
+
+
+class _Metrics(RootModel[dict[str, Metric]]):
+    """The content of `metrics.json`."""
+
+
+def read_metrics(path: Path) -> dict[str, Metric]:
+    """Read `metrics.json`, or raise InputError in one line."""
+    return read_model(_Metrics, path).root
+
+
+def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
+    height, width = image.shape[:2]
+    if width <= width_px:
+        return image
+    size = (width_px, round(height * width_px / width))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def write_pictures(frame: Path, views: Path, out: Path) -> None:
+    """Write frame.jpg and views.jpg: the pictures of the page, no larger than it shows them."""
+    for path, name in ((frame, "frame.jpg"), (views, "views.jpg")):
+        write_image(out / name, _at_most(read_image(path), PICTURE_WIDTH_PX))
+
+
+def _picture(root: Path, path: str, opens: str, alt: str) -> Picture:
+    height, width = read_image(root / path).shape[:2]
+    return Picture(path=path, opens=opens, size_px=(width, height), alt=alt)
+
+
+def gather(root: Path, *, command: str, small: bool) -> Report:
+    """The report of the finished stages below `root`."""
+    layout = Layout.load(root / "design" / "layout.json")
+    dataset = Dataset.load(root / "set")
+    shown = next((root / "light_field").glob("*.npz"))
+    with np.load(shown, allow_pickle=False) as light_field:
+        height, width = light_field["weights"].shape[2:]
+    frame = next(f"set/{name}" for name in dataset.frame_names if Path(name).stem == shown.stem)
+    views = f"light_field/{shown.stem}_views.png"
+    tolerances = dataset.tolerances
+    return Report(
+        command=command,
+        small=small,
+        parabola=Layout.load(root / "design" / "parabola.json"),
+        layout=layout,
+        view_size_px=(width, height),
+        frames=dataset.frames,
+        base_frames=dataset.base_frames,
+        as_built=(
+            f"each was tilted by {tolerances.tilt_deg:g}° and shifted by {tolerances.offset_mm:g} mm (one standard "
+            f"deviation), and the lens strayed from its data sheet"
+        ),
+        checks=read_metrics(root / "cad" / "checks.json"),
+        truth=read_metrics(root / "validation" / "metrics.json"),
+        before_after=_picture(
+            root,
+            "design/before_after.png",
+            "design/before_after.png",
+            "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
+        ),
+        part=_picture(
+            root, "cad/pictures/light.png", "cad/index.html", "The device, and the light from its lens to the scene"
+        ),
+        frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
+        views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
+        residuals=_picture(
+            root,
+            "validation/residuals.png",
+            "validation/report.html",
+            "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
+        ),
+        part_files=tuple(
+            File(f"cad/{name}", purpose)
+            for name, purpose in (
+                ("index.html", "all parts in 3-D, their files, drawings and checks"),
+                ("guide.md", "how to print, cut and assemble them"),
+                ("bom.md", "what to print, cut and buy"),
+                ("assembly.step", "the device, for any CAD program"),
+            )
+        ),
+        files=(
+            File("design/layout.json", "the design: camera and mirrors"),
+            File("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
+            File("validation/report.html", "how well the calibration fits, how sure it is, and what speaks against it"),
+            File("metrics.json", "every figure on this page, with its unit and limit"),
+            File("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
+            File(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
+        ),
+    )
+
+
+def write_page(root: Path, *, command: str, small: bool) -> None:
+    """Write `index.html` below `root`."""
+    write_text(root / "index.html", index_html(gather(root, command=command, small=small)))

@@ -1,0 +1,1 @@
+"""Steps of work: stages, sweeps, workers, folders."""

@@ -1,0 +1,45 @@
+"""Tasks on a Dask cluster: its scheduler gives those of a lost worker to another; answers come to this machine."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.workers import Answer, Died, Work
+
+SECONDS_TO_CONNECT = 10
+
+
+def run_cluster(tasks: Sequence[str], address: str, work: Work[Answer]) -> Iterator[tuple[int, Answer | Died]]:
+    """Number and answer of each task, as they come, from the workers of the scheduler at `address`.
+
+    Tasks that come first are begun first. Workers may come and go. Raises InputError where no scheduler answers, or
+    where it goes away.
+    """
+    require("cluster")
+    from distributed import Client, Future, KilledWorker, as_completed
+
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is said here, in one line
+    try:
+        client = Client(address, timeout=SECONDS_TO_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"--scheduler {address}: no Dask scheduler answers there: {reason}") from None
+    with client:
+        asked = client.map(work, list(tasks), pure=False)
+        futures: dict[Future[Answer], int] = {future: number for number, future in enumerate(asked)}
+        try:
+            for future in as_completed(futures, loop=client.loop):
+                if future.cancelled():
+                    raise InputError(f"--scheduler {address}: the connection to the scheduler was lost")
+                try:
+                    got: Answer | Died = future.result()
+                except KilledWorker as killed:
+                    got = Died(f"{killed.allowed_failures + 1} workers died of it")
+                yield futures[future], got
+                future.release()
+        finally:
+            client.cancel(list(futures))

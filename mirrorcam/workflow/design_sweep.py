@@ -1,0 +1,156 @@
+"""A sweep: designs that are kept as they are finished, and the table of them all."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import ValidationError
+
+from mirrorcam.optics.base.files import atomic, write_json, write_text
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.progress import Advance
+from mirrorcam.workflow.sweep_work import Answer, Record, made_with, record_text
+from mirrorcam.workflow.workers import Died
+
+if TYPE_CHECKING:
+    import pyarrow
+
+TableFormat = Literal["csv", "parquet", "json"]
+Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
+
+
+class Results:
+    """Finished designs in a folder: results/KEY.json says what became of a spec, layouts/KEY.json is its layout."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        for part in ("results", "layouts"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+
+    @staticmethod
+    def layout_name(spec: DesignSpec) -> str:
+        """Where the layout of a spec lies in the folder."""
+        return f"layouts/{_key(spec)}.json"
+
+    def _record(self, spec: DesignSpec) -> Path:
+        return self._folder / "results" / f"{_key(spec)}.json"
+
+    def finished(self, spec: DesignSpec) -> Outcome | None:
+        """What became of a spec; None where that is unknown, a failure, altered, or made by other versions than now."""
+        try:
+            record = Record.model_validate_json(self._record(spec).read_bytes())
+            layout = (self._folder / self.layout_name(spec)).read_bytes() if record.layout_sha256 else b""
+        except (FileNotFoundError, ValidationError):
+            return None
+        outcome = record.outcome
+        whole = not record.layout_sha256 or hashlib.sha256(layout).hexdigest() == record.layout_sha256
+        current = record.made_with == made_with() and outcome.spec == spec and outcome.status != "failed"
+        return outcome if whole and current else None
+
+    def keep(self, spec: DesignSpec, got: Answer | Died) -> Outcome:
+        """Write what became of a spec; its record comes last, so that there is none without its layout.
+
+        Raises InputError where a worker runs another version of something that decides about designs.
+        """
+        if isinstance(got, Died):
+            got = Answer(record_text(outcome_of(spec, got)))
+        record = Record.model_validate_json(got.record)
+        other = sorted(name for name, ours in made_with().items() if record.made_with.get(name) != ours)
+        if other:
+            raise InputError(
+                f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them"
+            )
+        layout = self._folder / self.layout_name(spec)
+        if got.layout:
+            write_text(layout, got.layout)
+        else:
+            layout.unlink(missing_ok=True)
+        write_text(self._record(spec), got.record)
+        return record.outcome
+
+
+def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
+    """What became of a spec, from what its workers left."""
+    if isinstance(got, Died):
+        return Outcome(spec=spec, status="failed", finding=got.reason)
+    return Record.model_validate_json(got.record).outcome
+
+
+def _key(spec: DesignSpec) -> str:
+    return hashlib.sha256(json.dumps(spec.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def sweep(
+    specs: Sequence[DesignSpec], folder: Path, run: Runner, advance: Advance = lambda done, total: None
+) -> list[Outcome]:
+    """What became of each spec, in their order. What `folder` holds already is taken from there, the rest is run.
+
+    Every design is in the folder as soon as it is finished, whatever ends the run after that.
+    """
+    results = Results(folder)
+    outcomes = {number: found for number, spec in enumerate(specs) if (found := results.finished(spec)) is not None}
+    missing = [number for number in range(len(specs)) if number not in outcomes]
+    advance(len(outcomes), len(specs))
+    if missing:
+        for place, got in run([specs[number] for number in missing]):
+            outcomes[missing[place]] = results.keep(specs[missing[place]], got)
+            advance(len(outcomes), len(specs))
+    return [outcomes[number] for number in range(len(specs))]
+
+
+def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
+    """A row for each outcome, with the place of its layout in the folder of the sweep."""
+    return [
+        row | {"layout": Results.layout_name(outcome.spec) if outcome.status == "solved" else None}
+        for outcome, row in zip(outcomes, rows_of(outcomes), strict=True)
+    ]
+
+
+def write_table(path: Path, rows: Sequence[dict[str, Cell]]) -> None:
+    """Write rows of the same columns atomically, as the suffix says: .csv, .parquet (needs its extra) or .json.
+
+    In CSV, several depths stand in one cell with a space between them, and what there is none of is empty.
+    """
+    if path.suffix == ".json":
+        write_json(path, {"schema": "mirrorcam.sweep-table/1", "designs": list(rows)})
+    elif path.suffix == ".parquet":
+        from pyarrow import parquet
+
+        with atomic(path) as temporary:
+            parquet.write_table(_arrow(rows), temporary)
+    else:
+        text = StringIO(newline="")
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: _cell_text(value) for name, value in row.items()})
+        write_text(path, text.getvalue())
+
+
+def _cell_text(value: Cell) -> Cell:
+    return " ".join(f"{number:g}" for number in value) if isinstance(value, list) else value
+
+
+def _arrow(rows: Sequence[dict[str, Cell]]) -> pyarrow.Table:
+    """Rows as Arrow columns, of the type of their first value; what has none is a missing number."""
+    import pyarrow
+
+    types = {
+        str: pyarrow.string(),
+        int: pyarrow.int64(),
+        float: pyarrow.float64(),
+        list: pyarrow.list_(pyarrow.float64()),
+    }
+    fields = []
+    for name in rows[0]:
+        first = next((row[name] for row in rows if row[name] is not None), 0.0)
+        fields.append(pyarrow.field(name, types[type(first)]))
+    return pyarrow.Table.from_pylist(list(rows), schema=pyarrow.schema(fields))

@@ -1,0 +1,23 @@
+"""Optional parts of the installation, asked for before their work begins."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from mirrorcam.optics.base.values import InputError
+
+MODULES = {
+    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it"),
+    "render": ("mitsuba", "drjit", "OpenEXR"),
+    "cluster": ("dask", "distributed"),
+    "parquet": ("pyarrow",),
+}
+
+
+def require(*extras: str) -> None:
+    """Raise InputError, naming the command that installs them, where modules of extras are missing."""
+    missing = {extra: [module for module in MODULES[extra] if find_spec(module) is None] for extra in extras}
+    lacking = [extra for extra, modules in missing.items() if modules]
+    if lacking:
+        modules = ", ".join(module for extra in lacking for module in missing[extra])
+        raise InputError(f'{modules} not installed, needed for this command: pip install -e ".[{",".join(lacking)}]"')

@@ -1,0 +1,227 @@
+"""The whole way once: design, part, synthetic set, blind calibration checked against truth, light field, page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.commands.decode import decode_frames
+from mirrorcam.commands.design import write_design
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board
+from mirrorcam.pages.run_page import read_metrics, write_page, write_pictures
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.progress import Advance, long_work, print_metrics, say
+from mirrorcam.workflow.stages import Stage, perform, staleness
+from mirrorcam.workflow.workers import cores
+
+# What decides about a result besides our own sources.
+CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2")
+SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
+# The frame that the page shows and decodes.
+SHOWN = 0
+# Maps of all pixels are 18 MB a frame, and nothing here reads them.
+SETTINGS = RenderSettings(maps=False)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What one run makes."""
+
+    spec: DesignSpec
+    target: Charuco | Checkerboard
+    frames: int
+    base_frames: int
+    settings: RenderSettings
+    seed: int
+    small: bool
+
+
+def full_recipe(seed: int) -> Recipe:
+    """The nominal 3x3 camera at 1920x1080 with 20 frames."""
+    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, settings=SETTINGS, seed=seed, small=False)
+
+
+def quick_recipe(seed: int) -> Recipe:
+    """A first look: 2x2 mirrors before a camera of half the resolution, a board of larger squares, few frames.
+
+    It keeps the limits of the full run: with other seeds, too, it uses about half of what they allow.
+    """
+    spec = DesignSpec(camera=scaled(Camera.c920(), 0.5), rows=2, cols=2)
+    target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
+    return Recipe(spec, target, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
+
+
+def scaled(camera: Camera, factor: float) -> Camera:
+    """The same camera with its pixels binned: pixel (0, 0) is a centre, so that the corner (-0.5, -0.5) stays."""
+    width, height = round(camera.width_px * factor), round(camera.height_px * factor)
+    return camera.replaced(
+        name=f"{camera.name}, scaled by {factor:g}",
+        width_px=width,
+        height_px=height,
+        fx_px=camera.fx_px * factor,
+        fy_px=camera.fy_px * factor,
+        cx_px=(camera.cx_px + 0.5) * factor - 0.5,
+        cy_px=(camera.cy_px + 0.5) * factor - 0.5,
+    )
+
+
+def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
+    """The steps of a run into `root`, in order."""
+    nominal, synthetic = root / "design" / "layout.json", root / "set"
+    shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
+    calibrated = root / "validation" / "layout.json"
+
+    def design(folder: Path, advance: Advance) -> None:
+        write_design(recipe.spec, folder)
+
+    def part(folder: Path, advance: Advance) -> None:
+        from mirrorcam.cad.build import build
+
+        build(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
+
+    def render(folder: Path, advance: Advance) -> None:
+        from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+
+        request = SetRequest(
+            layout=Layout.load(nominal),
+            target=recipe.target,
+            frames=recipe.frames,
+            base_frames=recipe.base_frames,
+            seed=recipe.seed,
+            settings=recipe.settings,
+        )
+        render_set(request, folder, on_frame=advance)
+
+    def check(folder: Path, advance: Advance) -> None:
+        from mirrorcam.commands.calibrate import write_calibration
+        from mirrorcam.workflow.validation import validate
+
+        validation = validate(synthetic, advance)
+        write_calibration(validation.calibration, folder, command="mirrorcam run")
+        write_metrics(folder / "metrics.json", validation.metrics)
+
+    def decode(folder: Path, advance: Advance) -> None:
+        decode_frames([shown], calibrated, folder, advance)
+
+    def pictures(folder: Path, advance: Advance) -> None:
+        write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
+
+    return (
+        Stage(
+            "design",
+            design,
+            doing=f"{recipe.spec.rows} x {recipe.spec.cols} mirrors",
+            parameters={"spec": recipe.spec.model_dump(mode="json")},
+            sources=("optics", "mirrorcam.commands.design", "mirrorcam.figures"),
+            tools=(*SOLVERS, "matplotlib"),
+        ),
+        Stage(
+            "cad",
+            part,
+            doing="every part, its files and checks",
+            unit="steps",
+            reads=(nominal,),
+            sources=("optics", "cad"),
+            tools=(
+                *SOLVERS,
+                "build123d",
+                "cadquery-ocp-novtk",
+                "trimesh",
+                "manifold3d",
+                "ezdxf",
+                "lib3mf",
+                "matplotlib",
+            ),
+        ),
+        Stage(
+            "set",
+            render,
+            doing=f"{recipe.frames} frames through the mirrors and {recipe.base_frames} without",
+            unit="frames",
+            parameters={
+                "target": recipe.target.model_dump(mode="json"),
+                "frames": recipe.frames,
+                "base_frames": recipe.base_frames,
+                "seed": recipe.seed,
+                "settings": recipe.settings.model_dump(mode="json"),
+            },
+            reads=(nominal,),
+            sources=("optics", "render_scenes"),
+            tools=(*SOLVERS, "mitsuba", "drjit", "OpenEXR", "karellen-llvm-core"),
+            resumes=True,
+        ),
+        Stage(
+            "validation",
+            check,
+            doing="blind calibration, then the truth",
+            reads=(synthetic,),
+            unit="pictures",
+            sources=(
+                "optics",
+                "mirrorcam.workflow.validation",
+                "mirrorcam.commands.calibrate",
+                "mirrorcam.pages.calibration",
+                "mirrorcam.figures",
+            ),
+            tools=(*SOLVERS, "matplotlib"),
+        ),
+        Stage(
+            "light_field",
+            decode,
+            doing="views of one frame",
+            unit="frames",
+            reads=(calibrated, shown),
+            sources=("optics", "mirrorcam.commands.decode"),
+            tools=SOLVERS,
+        ),
+        Stage(
+            "page",
+            pictures,
+            doing="pictures for the page",
+            reads=(shown, root / "light_field" / f"{shown.stem}_views.png"),
+            sources=("mirrorcam.pages.run_page",),
+            tools=SOLVERS,
+        ),
+    )
+
+
+def finish(stage: Stage, root: Path) -> None:
+    """Do a stage, or say that what is there is what it would make."""
+    reason = staleness(stage, root)
+    if not reason:
+        say(stage.name, "nothing changed, re-used")
+        return
+    if (root / stage.name).exists():
+        say(stage.name, f"done again: {reason}")
+    with long_work(stage.name, stage.doing, stage.unit) as advance:
+        perform(stage, root, advance)
+
+
+def run_all(recipe: Recipe, root: Path, command: str) -> bool:
+    """Run what has to be run into `root`, write `metrics.json` and `index.html`; whether every figure is in its limit.
+
+    Raises InputError where an extra is missing, before any work is done.
+    """
+    require("cad", "render")
+    for stage in stages(recipe, root):
+        finish(stage, root)
+    design = Layout.load(root / "design" / "layout.json").metrics
+    part, truth = read_metrics(root / "cad" / "checks.json"), read_metrics(root / "validation" / "metrics.json")
+    write_metrics(
+        root / "metrics.json",
+        {
+            f"{room}.{name}": metric
+            for room, metrics in {"design": design, "cad": part, "validation": truth}.items()
+            for name, metric in metrics.items()
+        },
+    )
+    write_page(root, command=command, small=recipe.small)
+    failed = {name: metric for name, metric in part.items() if not metric.passed}
+    print_metrics({"measured": failed | {name: metric for name, metric in truth.items() if metric.limit is not None}})
+    say("done", f"open {root / 'index.html'}")
+    return all(metric.passed for metrics in (design, part, truth) for metric in metrics.values())

@@ -1,0 +1,137 @@
+"""One style for all long work: a bar on a terminal, plain lines in a log, both on standard output.
+
+Standard error stays free for the one line that says what was wrong.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.workflow import interruption
+
+SECONDS_BETWEEN_LINES = 5.0
+TITLE_WIDTH = 12
+
+Advance = Callable[[int, int], None]
+
+
+@cache
+def console() -> Console:
+    """The console on standard output; text is printed as it is, without markup."""
+    return Console(markup=False, highlight=False, emoji=False)
+
+
+def say(title: str, text: str) -> None:
+    """One line of the running commentary: what is worked on, then what happened."""
+    console().print(Text.assemble((title.ljust(TITLE_WIDTH), "bold"), " ", text), soft_wrap=True)
+
+
+@contextmanager
+def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
+    """Show that `title` is at work until the block ends well, then say how long it took.
+
+    The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
+    """
+    started = time.monotonic()
+    if console().is_terminal:
+        text, count = TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
+        columns = (SpinnerColumn(), text, BarColumn(bar_width=30), count, TimeElapsedColumn())
+        with Progress(*columns, console=console(), transient=True) as bar:
+            task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None, count="")
+            yield lambda done, total: bar.update(task, completed=done, total=total, count=f"{done}/{total} {unit}")
+    else:
+        say(title, f"{doing} ...")
+        last = started
+
+        def advance(done: int, total: int) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last >= SECONDS_BETWEEN_LINES:
+                last = now
+                say(title, f"{done}/{total} {unit}".rstrip() + f" after {now - started:.0f} s")
+
+        yield advance
+    interruption.check()
+    say(title, f"done in {time.monotonic() - started:.1f} s")
+
+
+def count_text(count: int, thing: str) -> str:
+    """A count of things as people say it: "1 frame", "2 frames"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
+def figure_text(value: float, digits: int = 4) -> str:
+    """A measured figure as people read it: a few significant digits, two where it is tiny, all of thousands."""
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def limit_text(metric: Metric) -> str:
+    """The limit with its direction, or nothing where there is none."""
+    if metric.limit is None:
+        return ""
+    return f"{'≤' if metric.lower_is_better else '≥'} {figure_text(metric.limit)}"
+
+
+def label_text(name: str) -> str:
+    """A figure's name as people read it: without the unit, which has its own column, and with its depth as one."""
+    named = re.sub(r"_(mm|mm2|px|deg)$", "", re.sub(r"_([0-9.e+-]+)mm$", r" at \1 mm", name))
+    return named.replace("_", " ")
+
+
+def _cell(metric: Metric | None, unit: str) -> str:
+    """A value, with its unit only where that is not the row's."""
+    if metric is None:
+        return ""
+    return figure_text(metric.value) if metric.unit == unit else f"{figure_text(metric.value)} {metric.unit}"
+
+
+def print_metrics(
+    columns: Mapping[str, Mapping[str, Metric]], groups: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
+
+    `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
+    of no group come last. Whether a figure passes is said of the last column.
+    """
+    names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
+    every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
+    limited = any(metric.limit is not None for metric in every.values())
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for title in columns:
+        table.add_column(title, justify="right")
+    table.add_column("unit")
+    if limited:
+        table.add_column("limit")
+        table.add_column("")
+
+    def add(name: str, indent: str) -> None:
+        unit = every[name].unit
+        row = [indent + label_text(name), *(_cell(metrics.get(name), unit) for metrics in columns.values()), unit]
+        if limited:
+            row.append(limit_text(every[name]))
+            row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
+        table.add_row(*row)
+
+    for title, beginnings in (groups or {}).items():
+        members = [name for name in names if name.startswith(tuple(beginnings))]
+        if members:
+            table.add_row(Text(title, style="bold"))
+        for name in members:
+            names.remove(name)
+            add(name, "  ")
+    for name in names:
+        add(name, "")
+    console().print(table)

@@ -1,0 +1,38 @@
+"""Who does the designs of a sweep: processes on this machine, or the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+
+from mirrorcam.optics.design.spec_grid import structure
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.cluster import run_cluster
+from mirrorcam.workflow.sweep_work import Answer, answer
+from mirrorcam.workflow.workers import Died, Work, run_local
+
+
+def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
+    """Numbers of specs in groups of one structure, in which what was built for one serves the next.
+
+    Arrays of many mirrors come first, so that no core is left alone with one at the end.
+    """
+    groups: dict[tuple[int, int, int, int, str], list[int]] = {}
+    for number, spec in enumerate(specs):
+        groups.setdefault(structure(spec), []).append(number)
+    return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
+
+
+def design_here(
+    specs: Sequence[DesignSpec], workers: int, work: Work[Answer] = answer
+) -> Generator[tuple[int, Answer | Died], None, None]:
+    """Number and answer of each spec, as they come, from processes on this machine."""
+    yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
+
+
+def design_on_cluster(
+    specs: Sequence[DesignSpec], address: str, work: Work[Answer] = answer
+) -> Generator[tuple[int, Answer | Died], None, None]:
+    """Number and answer of each spec, as they come, from the workers of the scheduler at `address`."""
+    order = [number for group in in_order(specs) for number in group]
+    for place, got in run_cluster([specs[number].model_dump_json() for number in order], address, work):
+        yield order[place], got

@@ -1,0 +1,76 @@
+"""One design of a sweep as it is done in a worker: a spec goes in as text, the files to write come out as text."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from pkgutil import iter_modules
+from typing import Literal
+
+from pydantic import Field
+
+from mirrorcam import optics
+from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.design.spec_grid import Outcome, solve
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.stages import source_digest
+
+# What of `optics` no design depends on, and what else decides about one besides its spec.
+UNRELATED = ("calibration", "exports", "light_field")
+TOOLS = ("casadi", "numpy", "scipy", "shapely")
+
+# MUMPS, which solves IPOPT's equations, keeps its state in globals: two designs at once in one process end in a crash.
+_one_at_a_time = threading.Lock()
+
+
+class Record(Value):
+    """The file of one finished design: what became of it, its layout's sha256, and what made it."""
+
+    schema_id: Literal["mirrorcam.sweep/1"] = Field(default="mirrorcam.sweep/1", alias="schema")
+    outcome: Outcome
+    layout_sha256: str = ""
+    made_with: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a worker hands back: the text of a record's file and, of a solved spec, of its layout's; and its time."""
+
+    record: str
+    layout: str = ""
+    seconds: float = field(default=0.0, compare=False)
+
+
+@cache
+def made_with() -> dict[str, str]:
+    """Digests of our sources and versions of the tools that decide about a design, as they are in this process."""
+    sources = sorted(module.name for module in iter_modules(optics.__path__) if module.name not in UNRELATED)
+    modules = [f"mirrorcam.optics.{name}" for name in sources]
+    return {module: source_digest(module) for module in modules} | {tool: version(tool) for tool in TOOLS}
+
+
+def file_text(value: Value) -> str:
+    """A value as its file holds it."""
+    return value.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"
+
+
+def record_text(outcome: Outcome, layout: str = "") -> str:
+    """The text of the record of an outcome and of the text of its layout."""
+    digest = hashlib.sha256(layout.encode()).hexdigest() if layout else ""
+    return file_text(Record(outcome=outcome, layout_sha256=digest, made_with=made_with()))
+
+
+def answer(spec_json: str) -> Answer:
+    """Design one spec; the time is that of the design, without that of loading the optimiser."""
+    import_module("mirrorcam.optics.design.optimise")
+    with _one_at_a_time:
+        started = time.perf_counter()
+        outcome, layout = solve(DesignSpec.model_validate_json(spec_json))
+        seconds = time.perf_counter() - started
+    text = file_text(layout) if layout is not None else ""
+    return Answer(record_text(outcome, text), text, seconds)

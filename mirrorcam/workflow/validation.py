@@ -1,0 +1,158 @@
+"""Blind calibration of a rendered set, then the truth is opened.
+
+`calibrate_set` sees what a real user would have: frames, base frames, nominal layout and board. `validate` calls it,
+and only then reads the `truth` folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.base.files import read_image, read_model
+from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import direct_view
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
+from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.workflow.workers import cores
+
+LIMITS = {
+    "normal_error_max_deg": 0.01,
+    "normal_error_between_mirrors_max_deg": 0.005,
+    "distance_error_max_mm": 0.05,
+    "held_out_rms_x_px": 0.06,
+    "held_out_rms_y_px": 0.06,
+    "held_out_spatial_rms_mm": 0.05,
+    "decoded_corner_rms_px": 0.25,
+}
+"""What a 1920 x 1080 set of 20 frames must reach; figures in pixels do not depend on the size of the sensor much."""
+
+
+class _Poses(Value):
+    """The content of `truth/poses.json`: rig_from_board of each frame and each base frame."""
+
+    frames: tuple[Matrix4, ...]
+    base: tuple[Matrix4, ...]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A blind calibration, and its figures against the truth; those with a limit decide whether it passed."""
+
+    calibration: Calibration
+    metrics: dict[str, Metric]
+
+    @property
+    def passed(self) -> bool:
+        return all(metric.passed for metric in self.metrics.values())
+
+
+def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
+    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
+
+    `on_frame` hears how many of its pictures are done.
+    """
+    dataset = Dataset.load(folder)
+    layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+
+    def images(names: tuple[str, ...]) -> Iterator[Grey]:
+        return (read_image(folder / name, grey=True) for name in names)
+
+    return calibrate(
+        images(dataset.frame_names), images(dataset.base_names), layout, board, workers=cores(), on_frame=on_frame
+    )
+
+
+def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, total: None) -> Validation:
+    """Calibrate blind, then compare with the sealed truth. Raises InputError where the set lacks a file.
+
+    `on_frame` hears how many pictures of how many are done: each is calibrated from, those by mirrors decoded, too.
+    """
+    dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
+    pictures = dataset.frames + dataset.base_frames
+    total = pictures + dataset.frames
+    calibration = calibrate_set(folder, lambda done: on_frame(done, total))
+    truth = Layout.load(folder / "truth" / "layout.json")
+    poses = read_model(_Poses, folder / "truth" / "poses.json").frames
+    metrics = mirror_errors(calibration.layout, truth)
+    metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
+    decoder = Decoder(calibration.layout)
+    errors = []
+    for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
+        light_field = decoder.decode(read_image(folder / name))
+        errors.append(decoded_errors(light_field, truth, board, rig_from_board))
+        on_frame(pictures + done, total)
+    found = np.concatenate(errors)
+    if not len(found):
+        raise InputError(f"{folder}: no corner found in any decoded view")
+    distance = np.linalg.norm(found, axis=1)
+    metrics["decoded_corner_rms_px"] = Metric(value=float(np.sqrt(np.mean(distance**2))), unit="px")
+    metrics["decoded_corner_p95_px"] = Metric(value=float(np.percentile(distance, 95)), unit="px")
+    metrics["decoded_corners"] = Metric(value=len(found), unit="1")
+    for name, limit in LIMITS.items():
+        if name not in metrics:
+            raise InputError(f"{folder}: too few frames to measure {name}, expected 6 at least")
+        metrics[name] = metrics[name].replaced(limit=limit)
+    limited = sorted(metrics, key=lambda name: name not in LIMITS)
+    return Validation(calibration, {name: metrics[name] for name in limited})
+
+
+def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
+    """Angles between calibrated and true normals, and differences of distance: worst, and rms over the mirrors.
+
+    The mean rotation that all normals share is reported apart from what differs between mirrors.
+    """
+    if len(layout.mirrors) != len(truth.mirrors):
+        raise InputError(f"{len(layout.mirrors)} mirrors calibrated, truth has {len(truth.mirrors)}")
+    normals = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
+    true_normals = np.array([mirror.normal_in_rig for mirror in truth.mirrors])
+    tilts = np.cross(true_normals, normals)  # for small angles its length is the angle
+    angles = np.degrees(np.arcsin(np.linalg.norm(tilts, axis=1)))
+    relative = np.degrees(np.linalg.norm(tilts - tilts.mean(axis=0), axis=1))
+    distances = np.array([m.distance_mm for m in layout.mirrors]) - np.array([m.distance_mm for m in truth.mirrors])
+    figures = {
+        "normal_error_max_deg": Metric(value=angles.max(), unit="deg"),
+        "normal_error_rms_deg": Metric(value=np.sqrt(np.mean(angles**2)), unit="deg"),
+        "normal_error_between_mirrors_max_deg": Metric(value=relative.max(), unit="deg"),
+        "distance_error_max_mm": Metric(value=np.abs(distances).max(), unit="mm"),
+        "distance_error_rms_mm": Metric(value=np.sqrt(np.mean(distances**2)), unit="mm"),
+        "focal_error_px": Metric(value=abs(layout.camera.fx_px - truth.camera.fx_px), unit="px"),
+    }
+    sheets = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.surface == "second"]
+    if sheets:
+        thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in sheets]
+        figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")
+    return figures
+
+
+def decoded_errors(
+    light_field: LightField, truth: Layout, board: Charuco | Checkerboard, rig_from_board: FloatArray
+) -> FloatArray:
+    """Found minus predicted pixels (n, 2) of the corners in all decoded views.
+
+    The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field claims.
+    """
+    centres = truth.virtual_centres_in_rig_mm.reshape(truth.rows, truth.cols, 3)
+    true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    points = transform(rig_from_board, board.corners_in_board_mm)
+    in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    errors = [np.empty((0, 2))]
+    for t in range(light_field.rows):
+        for s in range(light_field.cols):
+            grey = light_field.samples[t, s].astype(np.float64).mean(axis=-1)
+            found = direct_view(np.rint(grey).astype(np.uint8), board)
+            offset = in_view - true_positions[t, s]
+            matrix = light_field.matrices[t, s]
+            predicted = offset[:, :2] / offset[:, 2:] * matrix[0, 0] + matrix[:2, 2]
+            errors.append(found.pixels - predicted[found.corner])
+    return np.concatenate(errors)

@@ -1,0 +1,1 @@
+"""Values that check themselves, files written whole or not at all."""

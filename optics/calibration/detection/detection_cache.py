@@ -1,0 +1,64 @@
+"""What was found in a picture, kept by its content: finding it again costs nothing.
+
+A file is named by the SHA-256 of the picture's pixels and of all else that decides what is found, the programs that
+find it among them, so that it is never out of date; one that cannot be read is found again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mirrorcam import optics
+from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+
+FIELDS = ("view", "corner", "pixels")
+
+
+@cache
+def version() -> str:
+    """Sixty-four hexadecimal digits of the programs that decide what is found: optics, OpenCV and NumPy."""
+    digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}\n".encode())
+    package = Path(optics.__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        digest.update(f"{path.relative_to(package).as_posix()} {len(source)}\n".encode() + source)
+    return digest.hexdigest()
+
+
+def key(grey: Grey, target: Charuco | Checkerboard, layout: Layout | None) -> str:
+    """Sixty-four hexadecimal digits of what decides which corners are found, in the mirrors of a layout or without."""
+    mirrors = "none" if layout is None else layout.identity
+    asked = f"{version()} {target.model_dump_json()} {mirrors} {grey.shape}\n"
+    digest = hashlib.sha256(asked.encode())
+    digest.update(np.ascontiguousarray(grey).data)
+    return digest.hexdigest()
+
+
+def load(folder: Path, name: str) -> Observations | None:
+    """What was found under a key, as frame 0, or None where there is no file that holds it whole."""
+    try:
+        with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
+            view, corner, pixels = (np.asarray(file[field]) for field in FIELDS)
+            return Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None  # cut short or written by something else: found again, and written anew
+
+
+def save(folder: Path, name: str, seen: Observations) -> None:
+    """Keep what was found in a picture under a key; written whole or not at all."""
+    content = io.BytesIO()
+    np.savez(content, **{field: getattr(seen, field) for field in FIELDS})
+    write_bytes(folder / f"{name}.npz", content.getvalue())

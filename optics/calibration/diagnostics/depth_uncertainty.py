@@ -1,0 +1,81 @@
+"""How sure the finished light field is of depth: matching noise and calibration apart, against the range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon, contains_xy
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    centre_derivatives,
+    known_of,
+    outline_px,
+    points_seen_at,
+    project,
+    virtual_centre,
+)
+from mirrorcam.optics.geometry.layout import Layout
+
+
+@dataclass(frozen=True)
+class DepthUncertainty:
+    """Standard deviations of the distance of a point from the reference view, by that distance `range_mm` (k,).
+
+    The point appears at pixel `at_px` (2,) of the reference view and is triangulated from all `views` (k,) that show
+    it. `matching_mm` (k,) comes from matching noise of `matching_px` per axis and view, `calibration_mm` (k,) from the
+    calibration; NaN where fewer than two views show the point.
+    """
+
+    range_mm: FloatArray
+    matching_mm: FloatArray
+    calibration_mm: FloatArray
+    views: NDArray[np.int64]
+    at_px: FloatArray
+    matching_px: float
+
+    @property
+    def total_mm(self) -> FloatArray:
+        """Both together (k,), as the two are independent."""
+        return np.hypot(self.matching_mm, self.calibration_mm)
+
+
+def depth_uncertainty(
+    layout: Layout, ranges_mm: FloatArray, *, reference: int, at_px: FloatArray, matching_px: float
+) -> DepthUncertainty:
+    """The standard deviations of distances (k,) mm of points at pixel (2,) of a calibrated layout's reference view.
+
+    Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
+    distance is from the virtual centre of the reference view, so that a turn or shift of the whole rig changes nothing.
+    """
+    which = sorted({reference, *range(len(layout.mirrors))})
+    outlines = [Polygon(outline_px(layout, view)) for view in which]
+    points = np.concatenate([points_seen_at(layout, reference, at_px[None], float(r)) for r in ranges_mm])
+    shown = [project(layout, view, points) for view in which]
+    centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
+    covariance = known_of(layout).covariance
+    matching, calibration, views = [], [], []
+    for k, point in enumerate(points):
+        seen = [s for s, outline in zip(shown, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]
+        views.append(len(seen))
+        if len(seen) < 2:
+            matching.append(np.nan)
+            calibration.append(np.nan)
+            continue
+        by_point = np.concatenate([s.by_point[k] for s in seen])
+        by_parameter = np.concatenate([s.by_parameter[k] for s in seen])
+        along = (point - centre) / np.linalg.norm(point - centre)
+        by_pixels = along @ np.linalg.pinv(by_point)
+        by_calibration = -by_pixels @ by_parameter - along @ by_centre
+        matching.append(matching_px * float(np.linalg.norm(by_pixels)))
+        calibration.append(float(np.sqrt(by_calibration @ covariance @ by_calibration)))
+    return DepthUncertainty(
+        range_mm=np.array(ranges_mm, dtype=np.float64),
+        matching_mm=np.array(matching),
+        calibration_mm=np.array(calibration),
+        views=np.array(views),
+        at_px=at_px,
+        matching_px=matching_px,
+    )

@@ -1,0 +1,75 @@
+"""Are the errors of corners independent, as least squares takes them to be, or shared by what is in one frame?
+
+A ghost beside the picture, a blur that leans, a lens that breathes, a board that sags differently each time: each puts
+a like error on many corners, which then tell less than their number promises. The scores of whole frames show it
+(Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import global_names, residuals_with_jacobians
+
+UNLIKELY = 1e-3
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """How much more the parameters stray, root mean square in sigmas, than independent errors would make them.
+
+    `ratio` is 1 on average where errors are independent, `chance` that of so large a one then. What is alike in all
+    frames is not seen.
+    """
+
+    ratio: float
+    chance: float
+
+    @property
+    def widening(self) -> float:
+        """The factor by which standard deviations are too small: the ratio, where it is no chance."""
+        return max(self.ratio, 1.0) if self.chance < UNLIKELY else 1.0
+
+
+def shared_errors(solution: Solution, observations: Observations, model: Model) -> SharedErrors:
+    """Compare the scores of whole frames with what independent errors of the corners that took part would make.
+
+    With G the derivatives by the free globals, less what the frame's pose explains of them, N_f = G_f^T G_f and N their
+    sum, the scores s_f = G_f^T r_f have covariance sigma^2 (N_f - N_f N^-1 N_f) at the minimum, so that, in coordinates
+    where N = 1, sum |s_f|^2 / sigma^2 has the mean g - sum tr N_f^2 and the variance
+    2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its law is taken as that of a scaled chi squared variable.
+    """
+    if solution.sigma_px < NOTHING_PX:
+        return SharedErrors(1.0, 1.0)
+    rows = observations.where(solution.inliers)
+    mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
+    names = global_names(mirrors, len(model.board.modes))
+    places = [names.index(name) for name in solution.parameters]
+    r, by_global, by_twist = residuals_with_jacobians(solution.estimate, rows, model.board)
+    scores, squares = [], []
+    for frame in np.unique(rows.frame):
+        of = rows.frame == frame
+        poses = by_twist[of].reshape(-1, 6)
+        globals_ = by_global[of][:, :, places].reshape(-1, len(places))
+        left = globals_ - poses @ np.linalg.lstsq(poses, globals_, rcond=None)[0]
+        scores.append(left.T @ r[of].ravel())
+        squares.append(left.T @ left)
+    scale = 1.0 / np.sqrt(np.diag(np.sum(squares, axis=0)))
+    values, vectors = np.linalg.eigh(np.sum(squares, axis=0) * np.outer(scale, scale))
+    white = scale[:, None] * vectors / np.sqrt(values)
+    straying = float(np.sum((np.array(scores) @ white) ** 2)) / solution.sigma_px**2
+    n = white.T @ np.array(squares) @ white
+    n2 = n @ n
+    mean = len(places) - float(np.trace(n2.sum(axis=0)))
+    spread = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
+    if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
+        return SharedErrors(1.0, 1.0)
+    freedom = mean**2 / spread
+    return SharedErrors(float(np.sqrt(straying / mean)), float(chi2.sf(straying / mean * freedom, freedom)))

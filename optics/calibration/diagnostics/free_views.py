@@ -1,0 +1,166 @@
+"""The check model: every mirror a virtual camera of its own, with six numbers instead of the three of a plane.
+
+What it explains beyond the planes is by how much planes fall short, whatever the cause. It is never the answer: its
+views no longer come from one camera and mirrors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+from scipy.stats import f as f_distribution
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import (
+    Estimate,
+    global_names,
+    points_at_camera,
+    residuals_with_jacobians,
+)
+
+STEPS = 10
+
+
+@dataclass(frozen=True)
+class FreeViews:
+    """How much better free virtual cameras explain the corners than mirrors do.
+
+    `rms_px` is what they leave, `unexplained_px` what only they explain: the root of the mean square per axis that the
+    mirrors leave beyond it, less what as many more `parameters` take off noise. `chance` of so much from noise alone.
+    """
+
+    parameters: int
+    rms_px: float
+    unexplained_px: float
+    chance: float
+
+
+def free_views(solution: Solution, observations: Observations, model: Model) -> FreeViews:
+    """Compare a solution with free virtual cameras, on the corners that took part in it.
+
+    A view shows the image X' of a point by its mirror at exp(w) (X' - o) + o + t, o amid the view's corners. Unless
+    some frame shows its board directly, too, the images of all mirrors may be moved as one body with the boards: w and
+    t of the first are held. Raises UndeterminedError where that leaves no more unknowns than the planes had, or where
+    the corners leave a virtual camera open.
+    """
+    rows = observations.where(solution.inliers)
+    mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
+    frames = np.arange(len(solution.estimate.rig_from_board))
+    tied = np.isin(frames, rows.frame[rows.view == DIRECT]) & np.isin(frames, rows.frame[rows.view != DIRECT])
+    held = 0 if tied.any() else 1
+    added = 6 * (mirrors - held) - 3 * mirrors
+    if added <= 0:
+        raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
+    planes = float(np.sum(solution.residuals[solution.inliers] ** 2))
+    left = _minimum(solution.estimate, rows, model, held)
+    spare = 2 * len(rows) - len(solution.parameters) - added - 6 * len(frames)
+    if spare <= 0:
+        raise UndeterminedError(f"{len(rows)} corners are too few for free virtual cameras")
+    variance = left / spare
+    drop = max(planes - left, 0.0)
+    return FreeViews(
+        parameters=added,
+        rms_px=float(np.sqrt(left / (2 * len(rows)))),
+        unexplained_px=float(np.sqrt(max(drop - added * variance, 0.0) / (2 * len(rows)))),
+        chance=float(f_distribution.sf(drop / added / variance, added, spare)),
+    )
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Turns (m, 3) rad about points (m, 3) mm, and shifts (m, 3) mm, of the images in every mirror."""
+
+    turns: FloatArray
+    shifts: FloatArray
+    about_mm: FloatArray
+
+
+def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
+    """The sum of squares at the minimum over virtual cameras, poses, and what else of the model is no mirror's."""
+    mirrors = len(estimate.virtual_centres_in_rig_mm)
+    names = global_names(mirrors, len(model.board.modes))
+    kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
+    _, _, seen = points_at_camera(estimate, rows, model.board)
+    about = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])
+    views = _Views(np.zeros((mirrors, 3)), np.zeros((mirrors, 3)), about)
+    r, by_global, by_twist = _linearised(estimate, views, rows, model, kept, held)
+    cost, damping = float(np.sum(r**2)), 0.0
+    for _ in range(STEPS):
+        step, twists = _step(r, by_global, by_twist, rows, damping)
+        moved = np.zeros(len(names))
+        moved[kept] = step[: len(kept)]
+        change = step[len(kept) :].reshape(-1, 6)
+        trial = estimate.moved(moved, twists)
+        trial_views = _Views(views.turns.copy(), views.shifts.copy(), about)
+        trial_views.turns[held:] += change[:, :3]
+        trial_views.shifts[held:] += change[:, 3:]
+        found = _linearised(trial, trial_views, rows, model, kept, held)
+        trial_cost = float(np.sum(found[0] ** 2))
+        if not trial_cost <= cost:
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        gain, cost = cost - trial_cost, trial_cost
+        estimate, views, (r, by_global, by_twist), damping = trial, trial_views, found, damping / 10.0
+        if gain <= 1e-9 * cost:
+            break
+    return cost
+
+
+def _linearised(
+    estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], held: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (n, 2), derivatives by the globals (n, 2, g), then by turn and shift of each view, and by the twist.
+
+    Those by pose and board are taken as if the views were not turned: they are turned by far less than a degree, so
+    that the steps still converge, and the residuals are exact.
+    """
+    mirrored = rows.view != DIRECT
+    view = rows.view[mirrored]
+    _, _, seen = points_at_camera(estimate, rows, model.board)
+    arm = seen[mirrored] - views.about_mm[view]
+    turned = np.einsum("nij,nj->ni", Rotation.from_rotvec(views.turns).as_matrix()[view], arm)
+    seen[mirrored] = turned + views.about_mm[view] + views.shifts[view]
+    if (seen[:, 2] <= 0).any():
+        nothing = np.full((len(rows), 2), np.inf)
+        return nothing, np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
+    pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
+    _, by_global, by_twist = residuals_with_jacobians(estimate, rows, model.board)
+    by_global[:, :, : by_intrinsics.shape[2]] = by_intrinsics
+    moves = np.zeros((len(rows), 2, 6 * len(views.turns)))
+    number = np.flatnonzero(mirrored)
+    by_turn = np.cross(turned[:, None, :], by_seen[mirrored])
+    for k in range(3):
+        moves[number, :, 6 * view + k] = by_turn[:, :, k]
+        moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
+    every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
+    return pixels - rows.pixels, every, by_twist
+
+
+def _step(
+    r: FloatArray, by_global: FloatArray, by_twist: FloatArray, rows: Observations, damping: float
+) -> tuple[FloatArray, FloatArray]:
+    """The damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), poses eliminated."""
+    size = by_global.shape[2]
+    reduced, right = np.zeros((size, size)), np.zeros(size)
+    frames = []
+    for frame in range(int(rows.frame[-1]) + 1):
+        of = rows.frame == frame
+        u, p, e = by_global[of].reshape(-1, size), by_twist[of].reshape(-1, 6), r[of].ravel()
+        block = p.T @ p
+        solved = np.linalg.solve(block + damping * np.diag(np.diag(block)), np.column_stack([p.T @ u, p.T @ e]))
+        reduced += u.T @ u - (u.T @ p) @ solved[:, :-1]
+        right += u.T @ e - (u.T @ p) @ solved[:, -1]
+        frames.append(solved)
+    scale = np.sqrt(np.maximum(np.diag(reduced), 1e-300))
+    scaled = reduced / np.outer(scale, scale)
+    try:
+        step = -cho_solve(cho_factor(scaled + damping * np.eye(size)), right / scale) / scale
+    except np.linalg.LinAlgError:
+        raise UndeterminedError("the corners leave a free virtual camera open") from None
+    return step, np.array([-solved[:, -1] - solved[:, :-1] @ step for solved in frames])

@@ -1,0 +1,177 @@
+"""How far a calibration may be off in pixels: its covariance, carried to what each view shows.
+
+After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
+axis and pixel axes define it, and the board's poses, free in the fit, are marginalised out of the covariance. Nothing
+of the rig's own pose is open, then, and a point in rig may be held while camera and mirrors vary. What is common to
+all views (an error of the principal point is nearly a turn of all mirrors) counts in full there; against the reference
+view, which is what depth rests on, it drops out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon, contains_xy
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals_with_jacobians
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+
+NOTHING_PX = 1e-4
+"""Finer than any corner is found: differences below it are no evidence."""
+GRID = 9
+"""Points along the longer side of a sub-image at which a map is taken."""
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points (n, 3) mm in rig as one view shows them, to first order in what a calibration estimates.
+
+    `pixels` (n, 2), `by_parameter` (n, 2, g) in the order of the layout's uncertainty, `by_point` (n, 2, 3) px/mm.
+    """
+
+    pixels: FloatArray
+    by_parameter: FloatArray
+    by_point: FloatArray
+
+
+@dataclass(frozen=True)
+class ProjectionMap:
+    """How far one view may be off, at `pixels` (n, 2) on the sensor, for points at one distance.
+
+    Covariances (n, 2, 2) px^2: `in_rig` of the pixel at which a point held in rig appears; `against_reference` of that
+    of a point held where the reference view shows it (zero for the reference view itself).
+    """
+
+    view: int
+    range_mm: float
+    pixels: FloatArray
+    in_rig: FloatArray
+    against_reference: FloatArray
+
+    @cached_property
+    def in_rig_px(self) -> FloatArray:
+        """Standard deviations (n,) along the worst direction."""
+        return worst_sigmas(self.in_rig)
+
+    @cached_property
+    def against_reference_px(self) -> FloatArray:
+        """Standard deviations (n,) along the worst direction."""
+        return worst_sigmas(self.against_reference)
+
+
+def worst_sigmas(covariances: FloatArray) -> FloatArray:
+    """Standard deviations (...) along the direction of the largest variance, of covariances (..., k, k)."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[..., -1], 0.0)))
+
+
+def known_of(layout: Layout) -> Uncertainty:
+    """The covariance that a calibrated layout carries; raises ValueError where it carries none."""
+    if layout.uncertainty is None:
+        raise ValueError("the layout carries no uncertainty, expected a calibrated one")
+    return layout.uncertainty
+
+
+def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
+    """Where a view (a mirror, or DIRECT) shows points (n, 3), by the very model that the solver fits."""
+    known = known_of(layout)
+    count = len(points_in_rig)
+    estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
+    rows = Observations.of_view(0, view, np.arange(count), np.zeros((count, 2)))
+    pixels, by_global, by_twist = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
+    place = {name: k for k, name in enumerate(global_names(len(layout.mirrors), 0))}
+    return Projection(pixels, by_global[:, :, [place[name] for name in known.parameters]], by_twist[:, :, 3:])
+
+
+def virtual_centre(layout: Layout, view: int) -> FloatArray:
+    """Where a view looks from (3,) mm in rig: the virtual centre of the apparent mirror; the pupil itself if DIRECT."""
+    return np.zeros(3) if view == DIRECT else layout.mirrors[view].apparent.virtual_centre_in_rig_mm
+
+
+def points_seen_at(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
+    """Points (n, 3) mm in rig that appear at pixels (n, 2) of a view, `range_mm` from where it looks from.
+
+    First-surface model: through a sheet or a bent mirror, off by what that model is off.
+    """
+    rays = layout.camera.unproject(pixels)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    points = range_mm * rays
+    return points if view == DIRECT else layout.mirrors[view].apparent.reflect(points)
+
+
+def outline_px(layout: Layout, view: int) -> FloatArray:
+    """A view's sub-image (n, 2) on the sensor; all of the sensor, if DIRECT."""
+    if view != DIRECT:
+        return layout.outline_px(view)
+    return np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [layout.camera.width_px, layout.camera.height_px] - 0.5
+
+
+def grid_px(layout: Layout, view: int) -> FloatArray:
+    """Pixels (n, 2) of an even grid over a view's sub-image."""
+    outline = outline_px(layout, view)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    step = (high - low).max() / GRID
+    counts = np.maximum(np.rint((high - low) / step), 1).astype(int)
+    u, v = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
+
+
+def held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
+    """How points (n, 3) move, (n, 3, g) mm per parameter, that stay where the reference view shows them.
+
+    Their pixels in the reference view and their distance from its virtual centre are held.
+    """
+    seen = project(layout, reference, points_in_rig)
+    along = points_in_rig - virtual_centre(layout, reference)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    by_centre = centre_derivatives(layout, reference)
+    system = np.concatenate([seen.by_point, along[:, None, :]], axis=1)
+    right = np.concatenate([-seen.by_parameter, np.einsum("ni,ig->ng", along, by_centre)[:, None, :]], axis=1)
+    return np.asarray(np.linalg.solve(system, right))
+
+
+def centre_derivatives(layout: Layout, view: int) -> FloatArray:
+    """Derivatives (3, g) of a view's virtual centre by the parameters.
+
+    The distance of the apparent mirror from its coating is held: it moves with the sheet's thickness, but how far away
+    a view looks from is a choice of origin that no picture shows.
+    """
+    names = known_of(layout).parameters
+    derivatives = np.zeros((3, len(names)))
+    for k, axis in enumerate("xyz"):
+        name = f"mirror {view} {axis}_mm"
+        if name in names:
+            derivatives[k, names.index(name)] = 1.0
+    return derivatives
+
+
+def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
+    """How far a view may be off, over its sub-image, for points `range_mm` from where it looks from."""
+    at = grid_px(layout, view)
+    points = points_seen_at(layout, view, at, range_mm)
+    covariance = known_of(layout).covariance
+    shown = project(layout, view, points)
+    relative = shown.by_parameter + shown.by_point @ held_in(layout, reference, points)
+    return ProjectionMap(
+        view=view,
+        range_mm=range_mm,
+        pixels=at,
+        in_rig=carried(shown.by_parameter, covariance),
+        against_reference=carried(relative, covariance),
+    )
+
+
+def carried(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariances (..., k, k) of what has derivatives (..., k, g) by parameters of covariance (g, g)."""
+    return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
+
+
+def working_range_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
+    """Median distance of observed points (n, 3) mm from the virtual centre of the view (n,) that shows each."""
+    centres = np.array([virtual_centre(layout, view) for view in (*range(len(layout.mirrors)), DIRECT)])
+    return float(np.median(np.linalg.norm(points_in_rig - centres[views], axis=1)))

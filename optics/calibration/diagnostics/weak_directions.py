@@ -1,0 +1,159 @@
+"""The directions that a calibration knows least, named in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motions
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, known_of, points_seen_at, project
+from mirrorcam.optics.geometry.layout import Layout
+
+MOTIONS_NAMED = 3
+ENOUGH = 0.9
+"""A direction is named by motions until they make up this much of it."""
+WORTH_NAMING = 0.02
+"""A further motion is named only if it adds this much."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A change of parameters that has a name: `name` in words, `change` (g,) of the parameters by one `unit`."""
+
+    name: str
+    unit: str
+    change: FloatArray
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """One principal direction of the covariance, weakest first.
+
+    `words` name it; `sigmas` are its standard deviation in each named motion, as (name, value, unit); `share` is how
+    much of it (0 to 1) these motions make up. One standard deviation of it would move the pixels of all views by
+    `apart_px` (root sum square) if each of its parts acted alone, and moves them by `together_px`: the smaller that is
+    against it, the better its parts hide each other.
+    """
+
+    words: str
+    sigmas: tuple[tuple[str, float, str], ...]
+    share: float
+    apart_px: float
+    together_px: float
+
+
+def motions_of(layout: Layout) -> list[Motion]:
+    """The motions that a person has words for, as far as the layout's parameters have them, the simplest first."""
+    names = known_of(layout).parameters
+    place = {name: k for k, name in enumerate(names)}
+
+    def change(parts: dict[str, float]) -> FloatArray:
+        vector = np.zeros(len(names))
+        for name, value in parts.items():
+            vector[place[name]] = value
+        return vector
+
+    def centres(moved: FloatArray) -> FloatArray:
+        return change({f"mirror {m} {a}_mm": moved[3 * m + k] for m in range(mirrors) for k, a in enumerate("xyz")})
+
+    mirrors = len(layout.mirrors)
+    found: list[Motion] = []
+    has_mirrors = "mirror 0 x_mm" in place
+    if has_mirrors and mirrors > 1:
+        body = rigid_motions(layout)
+        for k, axis in enumerate("xyz"):
+            found.append(Motion(f"all mirrors together about {axis}", "deg", centres(np.radians(1.0) * body[:, k])))
+        for k, axis in enumerate("xyz"):
+            found.append(Motion(f"all mirrors together along {axis}", "mm", centres(body[:, 3 + k])))
+        away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
+        found.append(Motion("all mirrors away from the camera", "mm", centres(away)))
+    if {"fx_px", "fy_px"} <= place.keys():
+        found.append(Motion("focal length", "px", change({"fx_px": 1.0, "fy_px": 1.0})))
+        found.append(Motion("shape of a pixel", "px", change({"fx_px": 0.5, "fy_px": -0.5})))
+    for name, words in (("cx_px", "principal point in x"), ("cy_px", "principal point in y")):
+        if name in place:
+            found.append(Motion(words, "px", change({name: 1.0})))
+    found += [
+        Motion(f"lens distortion {name}", "", change({name: 1.0}))
+        for name in ("k1", "k2", "k3", "p1", "p2")
+        if name in place
+    ]
+    if "sheet_mm" in place:
+        found.append(Motion("thickness of the sheets", "mm", change({"sheet_mm": 1.0})))
+    for m, mirror in enumerate(layout.mirrors if has_mirrors else ()):
+        x, y, n = mirror.rig_from_plane[:3, :3].T
+        for axis, words in ((x, "about its x"), (y, "about its y")):
+            moved = np.zeros(3 * mirrors)
+            # The mirror turns about the middle of its own outline: dd = w.(o x n), dn = w x n, c = -2 d n.
+            o = mirror.outline_in_rig_mm.mean(axis=0)
+            turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
+            moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
+            found.append(Motion(f"mirror {m} {words}", "deg", centres(moved)))
+        moved = np.zeros(3 * mirrors)
+        moved[3 * m : 3 * m + 3] = -2.0 * n
+        found.append(Motion(f"mirror {m} along its normal", "mm", centres(moved)))
+        for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
+            if (name := f"mirror {m} curvature_{axes}_per_m") in place:
+                found.append(Motion(f"bend of mirror {m} {words}", "1/m", change({name: 1.0})))
+    return found
+
+
+def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple[WeakDirection, ...]:
+    """The `count` directions of a calibrated layout that its pictures tell least, weakest first.
+
+    Principal axes of the covariance in pixels: each parameter counts by what it alone moves, root mean square over all
+    views and points `range_mm` from them. A direction is named by orthogonal matching pursuit over `motions_of`.
+    """
+    derivatives = np.concatenate(
+        [
+            project(layout, view, points_seen_at(layout, view, grid_px(layout, view), range_mm)).by_parameter
+            for view in range(len(layout.mirrors))
+        ]
+    )
+    derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
+    scale = np.linalg.norm(derivatives, axis=0)
+    covariance = known_of(layout).covariance * np.outer(scale, scale)
+    variances, axes = np.linalg.eigh(covariance)
+    motions = motions_of(layout)
+    directions = []
+    for k in range(len(variances) - 1, max(len(variances) - 1 - count, -1), -1):
+        sigma = float(np.sqrt(max(variances[k], 0.0)))
+        together = float(np.linalg.norm(derivatives @ (sigma * axes[:, k] / scale)))
+        chosen, amounts, share = _named(axes[:, k], [motion.change * scale for motion in motions])
+        parts = tuple(
+            (motions[i].name, sigma * abs(float(amount)), motions[i].unit)
+            for i, amount in zip(chosen, amounts, strict=True)
+        )
+        directions.append(WeakDirection(_words([name for name, _, _ in parts]), parts, share, sigma, together))
+    return tuple(directions)
+
+
+def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int], FloatArray, float]:
+    """Entries of a dictionary that make up a unit vector, their amounts, and how much of it they make up."""
+    lengths = np.array([np.linalg.norm(entry) for entry in dictionary])
+    units = np.array(dictionary) / lengths[:, None]
+    chosen: list[int] = []
+    amounts, share = np.zeros(0), 0.0
+    while len(chosen) < MOTIONS_NAMED and share < ENOUGH:
+        best, best_amounts, best_share = -1, amounts, share
+        for i in range(len(units)):
+            if i in chosen:
+                continue
+            columns = units[[*chosen, i]].T
+            fitted, *_ = np.linalg.lstsq(columns, axis, rcond=1e-6)
+            explained = 1.0 - float(np.sum((axis - columns @ fitted) ** 2))
+            # A later, more special motion must be better by more than rounding.
+            if explained > best_share + 1e-9:
+                best, best_amounts, best_share = i, fitted, explained
+        if best < 0 or (chosen and best_share - share < WORTH_NAMING):
+            break
+        chosen.append(best)
+        amounts, share = best_amounts, best_share
+    return chosen, amounts / lengths[chosen], share
+
+
+def _words(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} against {' and '.join(names[1:])}"

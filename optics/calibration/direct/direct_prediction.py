@@ -1,0 +1,88 @@
+"""What pictures that a calibration has not seen should show in the mirrors, from the direct view in them alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.plate import rise_mm
+from mirrorcam.optics.geometry.transforms import transform
+
+PATH_STEPS = 20
+
+
+def predicted_mirrored(
+    start: Estimate, observations: Observations, model: Model, fold: IntArray
+) -> tuple[FloatArray, list[Estimate]]:
+    """Residuals (n, 2) of mirrored corners to which no plane, camera or board was fitted; NaN for direct ones.
+
+    Frames of each fold (f,) in turn are left out of a fit of `model`; the board's pose in each is that which its direct
+    view alone tells under that fit's camera and board. Also returns, for each frame, that camera and pose with the
+    fit's mirrors. Frames without a direct view stay NaN.
+    """
+    errors = np.full((len(observations), 2), np.nan)
+    estimates: list[Estimate] = [start] * len(start.rig_from_board)
+    for part in np.unique(fold):
+        out = fold == part
+        number = np.cumsum(~out) - 1
+        rows = observations.where(~out[observations.frame])
+        kept = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
+        fitted = fit(replace(start, rig_from_board=start.rig_from_board[~out]), kept, model).estimate
+        board = Board.rigid(model.board.shaped(fitted.shape))
+        held = Model((), sheet=False, bend=False, board=board, mirrors=False)
+        for frame in np.flatnonzero(out):
+            here = observations.frame == frame
+            shown = observations.where(here).shifted(-int(frame))
+            posed = replace(fitted, rig_from_board=start.rig_from_board[[frame]], shape=np.zeros(0))
+            direct = shown.where(shown.view == DIRECT)
+            if not len(direct):
+                continue
+            posed = fit(posed, direct, held).estimate
+            found = residuals(posed, shown, board)
+            found[shown.view == DIRECT] = np.nan
+            errors[here] = found
+            estimates[frame] = replace(posed, shape=fitted.shape)
+    return errors, estimates
+
+
+def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[int, int]) -> FloatArray:
+    """Pixels (c, 2) of the board's corners seen in mirror path[0], in which mirror path[1] shows them.
+
+    Each sheet is, for a ray of one incidence, a plain mirror raised by t (1 - tan' / tan); rays and incidences are
+    found together by fixed-point steps. Whether the outlines let that light pass is not asked.
+    """
+    points = transform(estimate.rig_from_board[frame], board.shaped(estimate.shape))
+    image = points
+    for mirror in path[::-1]:
+        image = reflect(image, estimate.virtual_centres_in_rig_mm[mirror])
+    for _ in range(PATH_STEPS):
+        direction = image / np.linalg.norm(image, axis=1, keepdims=True)
+        raised = []
+        for mirror in path:
+            centre = estimate.virtual_centres_in_rig_mm[mirror]
+            length = float(np.linalg.norm(centre))
+            unit = centre / length
+            along = np.abs(direction @ unit)
+            tangent = np.sqrt(np.maximum(1.0 - along**2, 0.0)) / along
+            rise = rise_mm(tangent, estimate.thickness_mm[mirror], estimate.refractive_index[mirror])
+            raised.append(centre * (1.0 - 2.0 * rise / length)[:, None])
+            direction = direction - 2.0 * (direction @ unit)[:, None] * unit
+        image = points
+        for centres in raised[::-1]:
+            image = reflect(image, centres)
+    return estimate.camera.project(image)
+
+
+def on_first_mirror(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> FloatArray:
+    """Whether viewing rays of pixels (n, 2) meet mirror path[0] before the plane of path[1], (n,) bool."""
+    rays = estimate.camera.unproject(pixels)
+    distance = [c @ c / 2.0 / (rays @ c) for c in estimate.virtual_centres_in_rig_mm[list(path)]]
+    first, second = (np.where(d > 0.0, d, np.inf) for d in distance)
+    return np.asarray(first < second)

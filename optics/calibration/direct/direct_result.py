@@ -1,0 +1,131 @@
+"""What a calibration with a direct view returns: layout, evidence, figures, and notes on what was not found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.diagnostics import gather
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
+from mirrorcam.optics.calibration.diagnostics.model_selection import Climb
+from mirrorcam.optics.calibration.result import Calibration, angle_between_mirrors, fit_metrics, uncertainty
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, cut
+
+
+def direct_result(
+    reached: Climb,
+    drawn: Solution,
+    observations: Observations,
+    *,
+    pictures: Sequence[int],
+    names: Sequence[str],
+    turns: FloatArray | None,
+) -> Calibration:
+    """The calibration reached, beside the best fit with the board as `drawn`.
+
+    `pictures` says which of those with `names` each frame is, `turns` (f, 3) how the camera was turned back, if so.
+    Where evidence widens the error bounds, those of the layout are as wide. Raises UndeterminedError.
+    """
+    evidence = gather(reached, observations, _layout(reached, observations))
+    reached = reached.widened_to(evidence.widened)
+    solution, board = reached.solution, reached.model.board
+    estimate = solution.estimate
+    metrics = fit_metrics(observations, solution)
+    for axis, rms in zip("xy", drawn.rms_px, strict=True):
+        metrics[f"flat_board_rms_{axis}_px"] = Metric(value=rms, unit="px")
+    shift = board.shaped(estimate.shape) - board.corners_in_board_mm
+    metrics["board_shift_in_plane_rms_mm"] = Metric(
+        value=np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))), unit="mm"
+    )
+    metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift[:, 2] ** 2)), unit="mm")
+    if turns is not None:
+        farthest = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
+        metrics["camera_turned_px"] = Metric(value=farthest, unit="px")
+    if "sheet_mm" in solution.parameters:
+        place = solution.parameters.index("sheet_mm")
+        metrics["sheet_mm"] = Metric(value=estimate.thickness_mm[0], unit="mm")
+        metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[place, place]), unit="mm")
+    metrics |= _angles(solution)
+    views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, len(estimate.thickness_mm))
+    metrics["views"] = Metric(value=views, unit="1")
+    metrics |= evidence.metrics
+    return Calibration(
+        layout=_layout(reached, observations).replaced(metrics=metrics),
+        rig_from_board=estimate.rig_from_board,
+        observations=observations,
+        residuals_px=solution.residuals,
+        inliers=solution.inliers,
+        metrics=metrics,
+        notes=notes,
+        evidence=evidence,
+    )
+
+
+def _angles(solution: Solution) -> dict[str, Metric]:
+    """The angle between every two mirrors, and how sure it is."""
+    centres = solution.estimate.virtual_centres_in_rig_mm
+    covariance = mirror_covariance(uncertainty(solution))
+    metrics = {}
+    for a, b in combinations(range(len(centres)), 2):
+        rows = [*range(3 * a, 3 * a + 3), *range(3 * b, 3 * b + 3)]
+        angle, sigma = angle_between_mirrors(centres[a], centres[b], covariance[np.ix_(rows, rows)])
+        metrics[f"mirrors_{a}_{b}_angle_deg"] = Metric(value=np.degrees(angle), unit="deg")
+        metrics[f"mirrors_{a}_{b}_angle_sigma_deg"] = Metric(value=np.degrees(sigma), unit="deg")
+    return metrics
+
+
+def _views(
+    observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: int
+) -> tuple[int, tuple[str, ...]]:
+    """How many views show corners, and notes on those that show none or not all."""
+    notes = []
+    used = 0
+    for number, picture in enumerate(names):
+        if number not in pictures:
+            notes.append(f"{picture}: no board found, not used")
+            continue
+        in_picture = observations.where(observations.frame == pictures.index(number))
+        for view in range(DIRECT, mirrors):
+            name = "direct view" if view == DIRECT else f"mirror {view}"
+            count = int((in_picture.view == view).sum())
+            used += count > 0
+            if count == 0:
+                notes.append(f"{picture}: {name} not found")
+            elif count < corners:
+                notes.append(f"{picture}: {name} shows {count} of {corners} corners")
+    return used, tuple(notes)
+
+
+def _layout(reached: Climb, observations: Observations) -> Layout:
+    solution = reached.solution
+    mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
+    return Layout(
+        kind="calibrated",
+        rows=1,
+        cols=mirrors,
+        camera=solution.estimate.camera,
+        mirrors=tuple(_seen_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
+        view_from_rig=np.eye(3),
+        provenance={"source": "pictures of a checkerboard seen directly and in the mirrors", "level": reached.level},
+        uncertainty=uncertainty(solution),
+    )
+
+
+def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
+    """The mirror, cut to the convex hull of where corners were seen in it: nothing is known beyond."""
+    centre = estimate.virtual_centres_in_rig_mm[mirror]
+    pixels = observations.pixels[inliers & (observations.view == mirror)]
+    normalized = estimate.camera.normalized_from_pixels(pixels)
+    hull = normalized[ConvexHull(normalized).vertices]
+    glass = estimate.thickness_mm[mirror] > 0.0
+    sheet = {"surface": "second", "thickness_mm": estimate.thickness_mm[mirror]} if glass else {}
+    index = {"refractive_index": estimate.refractive_index[mirror]} if glass else {}
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre), **sheet, **index)

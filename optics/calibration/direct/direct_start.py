@@ -1,0 +1,204 @@
+"""Where to start with pictures that show a board directly and in mirrors, and no layout: camera, planes and poses.
+
+Each plane comes from where the board stands and where its image stands, which pictures agree on; then every board that
+was found is told to be the direct view, or the image in one of the mirrors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Corners
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.transforms import transform
+
+PAIR_MISFIT = 0.15  # of the diagonal across all corners: pose from one view is rough
+AGREEING = 0.5  # of the same diagonal, between middles of one board from several views
+SPARE_PLANES = 3  # besides the mirrors, that chance or images of images may propose
+SAME_PLANE = 0.1  # of the distance of the virtual centre
+
+
+@dataclass(frozen=True)
+class FoundBoard:
+    """A board found somewhere in a picture: the ways to number it as a direct view, and as an image in a mirror.
+
+    Boards whose rows and columns of squares are both even tell by their colours which of the two they are.
+    """
+
+    direct: list[Corners]
+    image: list[Corners]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A first estimate, the corners by view with frames numbered from 0, and the picture that each frame is of."""
+
+    estimate: Estimate
+    observations: Observations
+    pictures: list[int]
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A numbering of a found board, the rigid 4x4 that puts it where it looks so, and its points (n, 3) there."""
+
+    corners: Corners
+    matrix: FloatArray
+    points: FloatArray
+
+
+@dataclass(frozen=True)
+class _Board:
+    """One found board, for each numbering as a direct view, and as an image in a mirror."""
+
+    direct: list[_Placed]
+    image: list[_Placed]
+
+    @property
+    def points(self) -> FloatArray:
+        """Where its corners (n, 3) look to be, however they are numbered."""
+        return (self.direct or self.image)[0].points
+
+
+def first_estimate(
+    found: Sequence[Sequence[FoundBoard]],
+    corners_in_board_mm: FloatArray,
+    *,
+    mirrors: int,
+    width_px: int,
+    height_px: int,
+) -> Start:
+    """Camera, planes and poses from the boards found in each picture.
+
+    Raises InputError where they do not tell the camera or show fewer mirrors.
+    """
+    views = [(board.direct or board.image)[0] for in_picture in found for board in in_picture]
+    camera = initial_estimates.intrinsics(
+        views, corners_in_board_mm, width_px=width_px, height_px=height_px, full_distortion=False
+    )
+    boards = []
+    for in_picture in found:
+        candidates = [_placed(camera, board, corners_in_board_mm) for board in in_picture]
+        boards.append([board for board in candidates if board.direct or board.image])
+    centres = _seed_mirrors(boards, mirrors, size_mm=float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0))))
+    observations, pictures, poses = _assign(boards, centres)
+    return Start(Estimate(camera, centres, poses), observations, pictures)
+
+
+def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _Board:
+    """The board in space, without the numberings for which no pose fits."""
+
+    def place(numberings: list[Corners]) -> list[_Placed]:
+        placed = []
+        for view in numberings:
+            matrix = initial_estimates.camera_from_flat_board(camera, view, corners_in_board_mm)
+            if matrix is not None:
+                placed.append(_Placed(view, matrix, transform(matrix, corners_in_board_mm)))
+        return placed
+
+    return _Board(place(board.direct), place(board.image))
+
+
+def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -> FloatArray:
+    """Virtual centres (m, 3), left to right: the planes that most pictures agree on.
+
+    Every ordered pair of boards in a picture proposes the plane that would show one as the other's image. True planes
+    recur from picture to picture, chance ones seldom do; those of the most recurrent are taken under which most views
+    agree on where the board stands.
+    """
+    proposals: list[tuple[int, FloatArray, float]] = []
+    for number, in_picture in enumerate(boards):
+        for a in in_picture:
+            for b in in_picture:
+                if a is b:
+                    continue
+                for direct in a.direct:
+                    for image in b.image:
+                        centre, misfit = initial_estimates.virtual_centre_between(direct.points, image.points)
+                        in_front = not initial_estimates.behind(direct.points, centre)
+                        if misfit < PAIR_MISFIT * size_mm and in_front:
+                            proposals.append((number, centre, misfit))
+    planes: list[FloatArray] = []
+    while len(planes) < mirrors + SPARE_PLANES and proposals:
+        support = [len({n for n, other, _ in proposals if _same_plane(centre, other)}) for _, centre, _ in proposals]
+        best = min(range(len(proposals)), key=lambda i: (-support[i], proposals[i][2]))
+        members = [centre for _, centre, _ in proposals if _same_plane(proposals[best][1], centre)]
+        planes.append(np.median(members, axis=0))
+        proposals = [p for p in proposals if not _same_plane(proposals[best][1], p[1])]
+    if len(planes) < mirrors:
+        raise InputError(
+            f"the pictures show {len(planes)} mirrors, expected {mirrors}: the board must be seen directly and in each "
+            "mirror in at least one picture"
+        )
+    together = [np.array(sorted(some, key=lambda centre: centre[0])) for some in combinations(planes, mirrors)]
+    return max(together, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
+
+
+def _agreeing(boards: list[list[_Board]], centres: FloatArray, *, size_mm: float) -> int:
+    """How many views show the board where another view of their picture does."""
+    count = 0
+    for in_picture in boards:
+        views = _views(in_picture, centres)
+        middles = np.array([_in_rig(options[0], view, centres).mean(axis=0) for view, options in views.items()])
+        for place, middle in enumerate(middles):
+            others = np.delete(middles, place, axis=0)
+            count += bool((np.linalg.norm(others - middle, axis=1) < AGREEING * size_mm).any())
+    return count
+
+
+def _same_plane(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.linalg.norm(a - b) < SAME_PLANE * np.linalg.norm(a))
+
+
+def _views(in_picture: list[_Board], centres: FloatArray) -> dict[int, list[_Placed]]:
+    """The numberings of the boards by view. A board behind no plane is the direct view, behind one the image in it.
+
+    Boards behind several planes were reflected more than once and are left out.
+    """
+    views: dict[int, list[_Placed]] = {}
+    for board in in_picture:
+        hidden_by = [m for m, centre in enumerate(centres) if initial_estimates.behind(board.points, centre)]
+        if len(hidden_by) == 0 and board.direct:
+            views.setdefault(DIRECT, board.direct)
+        elif len(hidden_by) == 1 and board.image:
+            views.setdefault(hidden_by[0], board.image)
+    return views
+
+
+def _in_rig(board: _Placed, view: int, centres: FloatArray) -> FloatArray:
+    """Where the board (n, 3) itself stands that a view shows."""
+    return board.points if view == DIRECT else reflect(board.points, centres[view])
+
+
+def _assign(boards: list[list[_Board]], centres: FloatArray) -> tuple[Observations, list[int], FloatArray]:
+    """Observations with frames numbered from 0, the picture number of each frame, and a pose (4, 4) per frame."""
+    parts: list[Observations] = []
+    frames: list[int] = []
+    poses: list[FloatArray] = []
+    for number, in_picture in enumerate(boards):
+        views = _views(in_picture, centres)
+        if not views:
+            continue
+        first = min(views)
+        reference = views[first][0]
+        reference_points = _in_rig(reference, first, centres)
+        for view, options in views.items():
+            # A board that looks the same upside down has two numberings; the one that agrees with the first view is it.
+            places = [_in_rig(option, view, centres) for option in options]
+            best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
+            corners = options[best].corners
+            parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels))
+        poses.append(
+            reference.matrix if first == DIRECT else initial_estimates.before_mirror(reference.matrix, centres[first])
+        )
+        frames.append(number)
+    return Observations.join(parts), frames, np.array(poses)

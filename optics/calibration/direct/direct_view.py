@@ -1,0 +1,163 @@
+"""Calibration of a camera that sees a board both directly and in its mirrors, with no layout to start from.
+
+From a first estimate (`direct_start`) one camera, 3 numbers per mirror and one pose per picture are solved jointly, as
+the corners support it with mirrors coated behind glass of one thickness, and with the board's corners free: paper is
+printed and glued less exactly than its corners are seen here. A camera that turned between the pictures is turned back
+by what stands still in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Corners, Grey, confirm, find_checkerboards, orderings
+from mirrorcam.optics.calibration.diagnostics.model_selection import (
+    Climb,
+    Fitted,
+    Rung,
+    concluded,
+    first_rung,
+    fit_as,
+    rung_over,
+)
+from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
+from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
+
+INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
+SHEET_START, GLASS_INDEX = 0.01, 1.52  # thickness in distances of the mirrors; soda-lime glass
+
+
+def calibrate_with_direct_view(
+    pictures: Sequence[Grey],
+    target: Checkerboard,
+    *,
+    mirrors: int,
+    names: Sequence[str],
+    on_picture: Callable[[int, int], None] | None = None,
+) -> Calibration:
+    """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
+
+    Lengths come in the unit of `target.square_mm`; `names` are those of the pictures, for the notes. Raises InputError
+    where the pictures do not suffice.
+    """
+    if not isinstance(target, Checkerboard):
+        raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
+    sizes = {picture.shape for picture in pictures}
+    if len(sizes) != 1:
+        raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
+    found = []
+    for number, picture in enumerate(pictures):
+        boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
+        found.append([board for board in boards if board.direct or board.image])
+        if on_picture is not None:
+            on_picture(number + 1, len(pictures))
+    if not any(found):
+        raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
+
+    corners_mm = target.corners_in_board_mm
+    height, width = pictures[0].shape
+    start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
+    shown = [pictures[number] for number in start.pictures]
+    rigid = Model(INTRINSICS, sheet=False, bend=False, board=Board.rigid(corners_mm))
+    try:
+        first = fit(start.estimate, start.observations, rigid)
+        observations = _confirmed(shown, first, target)
+        flat = fit_as("joint", first.estimate, observations, rigid)
+        turns = camera_turns(shown, flat.solution.estimate.camera)
+        if turns is not None:
+            still = steadied(observations, flat.solution.estimate.camera, turns)
+            again = fit_as("joint", flat.solution.estimate, still, rigid)
+            if _squares(again.solution) < _squares(flat.solution):
+                observations, flat = still, again
+            else:
+                turns = None
+        reached, drawn = climb_with_board(flat, observations)
+    except UndeterminedError as error:
+        raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
+    return direct_result(reached, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+
+
+def climb_with_board(flat: Fitted, observations: Observations) -> tuple[Climb, Solution]:
+    """What the corners support beyond a fit of plane mirrors with the board as drawn; and that board's fit, else alike.
+
+    Mirrors behind glass are asked about before and, where they were not supported, once more after the free board: an
+    inexact board hides them.
+    """
+    rungs = [first_rung(flat)]
+    drawn, rung = _behind_glass(flat, observations)
+    rungs.append(rung)
+    board = Board.free(flat.model.board.corners_in_board_mm)
+    current = fit_as(
+        f"{drawn.name}+board",
+        replace(drawn.solution.estimate, shape=np.zeros(len(board.modes))),
+        observations,
+        replace(drawn.model, board=board),
+    )
+    rungs.append(rung_over(current, drawn, observations))
+    if not rungs[-1].supported:
+        return concluded(drawn, rungs, observations, [], []), drawn.solution
+    if not current.model.sheet:
+        current, rung = _behind_glass(current, observations)
+        rungs.append(rung)
+    if current.model.sheet and not drawn.model.sheet:
+        as_drawn = replace(current.solution.estimate, shape=np.zeros(0))
+        drawn = fit_as("as drawn", as_drawn, observations, replace(current.model, board=flat.model.board))
+    return concluded(current, rungs, observations, [], []), drawn.solution
+
+
+def _squares(solution: Solution) -> float:
+    return float(np.sum(solution.residuals**2))
+
+
+def _behind_glass(plain: Fitted, observations: Observations) -> tuple[Fitted, Rung]:
+    """The fit with mirrors coated behind one kind of glass where the corners support it, else `plain`."""
+    estimate = plain.solution.estimate
+    distances = np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1) / 2.0
+    count = len(distances)
+    start = replace(
+        estimate,
+        thickness_mm=np.full(count, SHEET_START * distances.mean()),
+        refractive_index=np.full(count, GLASS_INDEX),
+    )
+    glass = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, sheet=True))
+    rung = rung_over(glass, plain, observations)
+    return glass if rung.supported else plain, rung
+
+
+def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoard:
+    ids = np.arange(len(target.corners_in_board_mm))
+    direct, image = (
+        [Corners(ids, pixels) for pixels in orderings(picture, grid, target, mirrored=mirrored)]
+        for mirrored in (False, True)
+    )
+    return FoundBoard(direct, image)
+
+
+def _confirmed(pictures: Sequence[Grey], solution: Solution, target: Checkerboard) -> Observations:
+    """All corners of all views, found again where the first fit predicts them: completes partly hidden boards."""
+    estimate = solution.estimate
+    parts = []
+    for frame, (picture, pose) in enumerate(zip(pictures, estimate.rig_from_board, strict=True)):
+        points = transform(pose, target.corners_in_board_mm)
+        for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
+            seen = points if view == DIRECT else reflect(points, estimate.virtual_centres_in_rig_mm[view])
+            predicted = estimate.camera.project(seen)
+            if not np.isfinite(predicted).all():
+                continue
+            corners = confirm(picture, predicted, target)
+            if len(corners):
+                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels))
+    return Observations.join(parts)

@@ -1,0 +1,200 @@
+"""First estimates from single views: intrinsics, board poses and mirror planes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS, Corners
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.transforms import transform
+
+FOCAL_BELIEVED = 1.5  # times the nominal focal length or its inverse
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """OpenCV on one thread: calibrateCamera adds up its threads in the order they finish, so its last digits vary."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def intrinsics(
+    views: Sequence[Corners],
+    corners_in_board_mm: FloatArray,
+    *,
+    width_px: int,
+    height_px: int,
+    full_distortion: bool,
+) -> Camera:
+    """A camera from views of a flat board, by OpenCV's calibration.
+
+    With `full_distortion` k1 k2 p1 p2 k3 are free, else k1 and k2 alone, which few views determine. A view through a
+    mirror serves as well as a direct one: a flat board seen from behind is still a flat board.
+    """
+    if len(views) < 3:
+        raise InputError(f"{len(views)} views show the board, expected at least 3 to find the camera's intrinsics")
+    flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
+    objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
+    images = [view.pixels.astype(np.float32)[:, None] for view in views]
+    with _one_thread():
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            objects, images, (width_px, height_px), None, None, flags=flags
+        )
+    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise InputError("the views of the board do not determine the camera, expected boards at several tilts")
+    return Camera(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=matrix[0, 0],
+        fy_px=matrix[1, 1],
+        cx_px=matrix[0, 2],
+        cy_px=matrix[1, 2],
+        distortion=np.asarray(distortion).ravel()[:5],
+    )
+
+
+def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray | None:
+    """Rigid 4x4 that puts a flat board where it looks like the view, mirrored or not.
+
+    For a mirrored view this is where the *image* of the board stands, with the sign of the board's z axis lost. None
+    where no pose fits.
+    """
+    normalized = camera.normalized_from_pixels(view.pixels)
+    found, turn, shift = cv2.solvePnP(
+        corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found:
+        return None
+    turn, shift = cv2.solvePnPRefineLM(corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, turn, shift)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn)[0], np.asarray(shift).ravel()
+    return matrix
+
+
+def rig_from_board(
+    camera: Camera, view: Corners, corners_in_board_mm: FloatArray, virtual_centre: FloatArray | None
+) -> FloatArray | None:
+    """Rigid 4x4 of the board itself from one view: direct (None) or by way of the mirror with that virtual centre.
+
+    None where no pose fits.
+    """
+    matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
+    return matrix if virtual_centre is None or matrix is None else before_mirror(matrix, virtual_centre)
+
+
+def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Rigid 4x4 of a flat board from that of its image in the mirror with a virtual centre.
+
+    With F = diag(1, 1, -1), which leaves a flat board as it is, and the mirror's reflection S, the image of the board
+    stands at S R F: a rotation. So R = S (S R F) F.
+    """
+    unit = virtual_centre / np.linalg.norm(virtual_centre)
+    turned = matrix.copy()
+    turned[:3, :3] = (np.eye(3) - 2.0 * np.outer(unit, unit)) @ matrix[:3, :3] @ np.diag([1.0, 1.0, -1.0])
+    turned[:3, 3] = reflect(matrix[:3, 3], virtual_centre)
+    return turned
+
+
+def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) -> tuple[FloatArray, float]:
+    """Virtual centre (3,) of the mirror that shows points (n, 3) at image (n, 3), and the rms misfit in mm.
+
+    The differences of a point and its image all lie along the normal, and the plane halves them.
+    """
+    differences = image_in_rig - points_in_rig
+    normal = np.linalg.svd(differences)[2][0]
+    distance = float(np.mean((points_in_rig + image_in_rig) / 2.0 @ normal))
+    centre = 2.0 * distance * normal
+    if abs(distance) < 1e-9:
+        return centre, float("inf")
+    misfit = reflect(points_in_rig, centre) - image_in_rig
+    return centre, float(np.sqrt(np.mean(np.sum(misfit**2, axis=1))))
+
+
+def behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
+    """True where the points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
+    return bool(np.mean(points_in_rig @ virtual_centre) > virtual_centre @ virtual_centre / 2.0)
+
+
+def best_pose(
+    camera: Camera,
+    views: Sequence[tuple[Mirror | None, Corners]],
+    corners_in_board_mm: FloatArray,
+) -> FloatArray:
+    """The board pose (4, 4) of one frame, from whichever of its views predicts all of them best.
+
+    Raises InputError where none of the views fits any pose.
+    """
+    best, best_cost = None, np.inf
+    for mirror, view in views:
+        centre = None if mirror is None else mirror.virtual_centre_in_rig_mm
+        pose = rig_from_board(camera, view, corners_in_board_mm, centre)
+        if pose is None:
+            continue
+        errors = []
+        for other, seen in views:
+            points = transform(pose, corners_in_board_mm[seen.ids])
+            predicted = camera.project(points if other is None else other.reflect(points))
+            errors.append(np.linalg.norm(predicted - seen.pixels, axis=1))
+        cost = float(np.median(np.nan_to_num(np.concatenate(errors), nan=1e9)))
+        if cost < best_cost:
+            best, best_cost = pose, cost
+    if best is None:
+        raise InputError(f"no board pose fits any of the {len(views)} views of a frame")
+    return best
+
+
+def _corner_radius(camera: Camera) -> float:
+    """Normalized radius of the sensor's farthest corner."""
+    x = max(camera.cx_px, camera.width_px - 1 - camera.cx_px) / camera.fx_px
+    y = max(camera.cy_px, camera.height_px - 1 - camera.cy_px) / camera.fy_px
+    return float(np.hypot(x, y))
+
+
+def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: FloatArray) -> Camera:
+    """The camera to start from: that of frames without mirrors where they tell it, else the nominal one.
+
+    Boards that all face the camera leave its focal length open, whatever value the fit to them ends at: a focal length
+    far from the nominal one is not believed.
+    """
+    if not len(direct):
+        return nominal
+    views = [
+        Corners(direct.corner[rows], direct.pixels[rows])
+        for frame in np.unique(direct.frame)
+        if (rows := direct.frame == frame).sum() >= MIN_CORNERS
+    ]
+    camera = intrinsics(
+        views, corners_in_board_mm, width_px=nominal.width_px, height_px=nominal.height_px, full_distortion=True
+    )
+    ratio = camera.fx_px / nominal.fx_px
+    believed = 1.0 / FOCAL_BELIEVED < ratio < FOCAL_BELIEVED and camera.valid_radius > _corner_radius(camera)
+    return camera.replaced(name=nominal.name) if believed else nominal
+
+
+def first_estimate(
+    observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray
+) -> Estimate:
+    """Nominal mirrors, and every board where the view that explains its frame best puts it."""
+    poses = []
+    for frame in range(int(observations.frame[-1]) + 1):
+        rows = observations.where(observations.frame == frame)
+        views = []
+        for view in np.unique(rows.view):
+            shown = rows.view == view
+            mirror = None if view == DIRECT else layout.mirrors[view]
+            views.append((mirror, Corners(rows.corner[shown], rows.pixels[shown])))
+        poses.append(best_pose(camera, views, corners_in_board_mm))
+    return Estimate.of(camera, layout.mirrors, np.array(poses))

@@ -1,0 +1,239 @@
+"""Normal equations of a calibration, summed over groups of corners that share frame and view.
+
+The derivatives of a corner's pixels are by the intrinsics, by its own mirror, by the sheet, by the board's modes and by
+the pose of its own frame: some 20 numbers, where a dense row would have hundreds. Each group's are multiplied out by
+themselves and added in their places. The poses are then eliminated by the Schur complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Estimate, Linearized, linearized, surfaces_of
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from mirrorcam.optics.geometry.mirror_imaging import images
+
+ROWS_AT_ONCE = 4096
+"""Corners that are linearized together: few enough that what is computed of them stays in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with the pixels (2, n) where they are.
+
+    `edges` (k + 1) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
+    """
+
+    rows: slice
+    corner: IntArray
+    view: IntArray
+    pixels: FloatArray
+    edges: list[int]
+    runs: list[tuple[int, int, int]]
+    group_frame: IntArray
+    group_view: IntArray
+
+    @classmethod
+    def of(cls, observations: Observations, order: IntArray, bounds: IntArray) -> Chunk:
+        """The groups that start at `bounds` (k + 1,), the last of which is where they end, in an order of the rows."""
+        rows = slice(int(bounds[0]), int(bounds[-1]))
+        taken = order[rows]
+        frame, view = observations.frame[taken], observations.view[taken]
+        firsts = np.flatnonzero(np.diff(frame, prepend=-1))
+        lasts = np.append(firsts[1:], len(taken))
+        starts = bounds[:-1] - bounds[0]
+        return cls(
+            rows,
+            observations.corner[taken],
+            view,
+            np.ascontiguousarray(observations.pixels[taken].T),
+            [*starts.tolist(), len(taken)],
+            list(zip(frame[firsts].tolist(), firsts.tolist(), lasts.tolist(), strict=True)),
+            frame[starts],
+            view[starts],
+        )
+
+    @property
+    def direct(self) -> bool:
+        return bool(self.group_view[0] == DIRECT)
+
+
+@dataclass(frozen=True)
+class Grouped:
+    """Observations in groups of one frame and one view each, the direct ones first; `order` (n,) are their rows."""
+
+    order: IntArray
+    chunks: list[Chunk]
+
+    @classmethod
+    def of(cls, observations: Observations, model: Model) -> Grouped:
+        order = np.lexsort((observations.view, observations.frame, observations.view != DIRECT))
+        frame, view = observations.frame[order], observations.view[order]
+        new = (np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0)
+        bounds = np.append(np.flatnonzero(new), len(order))
+        direct = view[bounds[:-1]] == DIRECT
+        at_once = ROWS_AT_ONCE // (1 + len(model.board.modes) // 16)
+        chunks, first = [], 0
+        for group in range(1, len(bounds)):
+            end = group == len(direct) or direct[group] != direct[first]
+            if end or bounds[group + 1] - bounds[first] > at_once:
+                chunks.append(Chunk.of(observations, order, bounds[first : group + 1]))
+                first = group
+        return cls(order, chunks)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
+
+    u: FloatArray
+    v: FloatArray
+    w: FloatArray
+    gradient_global: FloatArray
+    gradient_poses: FloatArray
+
+    def reduced(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """The matrix (g, g) of the globals with the poses eliminated, and V^-1 [W, gradient] (f, 6, g + 1).
+
+        Every diagonal is raised by `damping` of itself. Raises LinAlgError where a frame has no definite pose.
+        """
+        v = self.v + damping * self.v * np.eye(6)
+        solved = np.linalg.solve(v, np.concatenate([self.w, self.gradient_poses[:, :, None]], axis=2))
+        flat = (6 * len(v), len(self.u))
+        matrix = self.u - self.w.reshape(flat).T @ solved[:, :, :-1].reshape(flat)
+        return matrix + damping * np.diag(np.diag(self.u)), solved
+
+    def step(self, damping: float) -> tuple[FloatArray, FloatArray, float]:
+        """The damped step of globals (g,) and poses (f, 6), and by how much it should lower the cost.
+
+        Raises LinAlgError where the matrix is not definite.
+        """
+        matrix, solved = self.reduced(damping)
+        right = self.gradient_global - np.einsum("fij,fi->j", self.w, solved[:, :, -1])
+        step_global = -cho_solve(cho_factor(matrix), right) if right.size else right
+        step_poses = -solved[:, :, -1] - solved[:, :, :-1] @ step_global
+        squared = np.sum(np.diag(self.u) * step_global**2)
+        squared += np.sum(np.einsum("fii->fi", self.v) * step_poses**2)
+        along = self.gradient_global @ step_global + np.sum(self.gradient_poses * step_poses)
+        return step_global, step_poses, float(damping * squared - along)
+
+
+def normal_equations(
+    estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
+) -> Normal:
+    """Normal equations at an estimate, rows (n,) in `grouped.order` weighted by the squares of `root_weights` (n,)."""
+    places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
+    size, frames = places.size, len(estimate.rig_from_board)
+    u, v, w = np.zeros((size, size)), np.zeros((frames, 6, 6)), np.zeros((frames, 6, size))
+    gradient_global, gradient_poses = np.zeros(size), np.zeros((frames, 6))
+    corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
+    for chunk in grouped.chunks:
+        columns = columns_of(estimate, chunk, model, corners)
+        if root_weights is not None:
+            columns *= root_weights[chunk.rows]
+        sums = np.empty((len(chunk.group_view), len(columns), len(columns)))
+        for total, start, stop in zip(sums, chunk.edges[:-1], chunk.edges[1:], strict=True):
+            x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
+            np.add(x @ x.T, y @ y.T, out=total)
+        at, frame = places.of_groups(chunk.group_view), chunk.group_frame
+        np.add.at(v, frame, sums[:, :6, :6])
+        np.add.at(gradient_poses, frame, sums[:, :6, 6])
+        np.add.at(w, (frame[:, None, None], np.arange(6)[None, :, None], at[:, None, :]), sums[:, :6, 7:])
+        np.add.at(u, (at[:, :, None], at[:, None, :]), sums[:, 7:, 7:])
+        np.add.at(gradient_global, at, sums[:, 7:, 6])
+    return Normal(u, v, w, gradient_global, gradient_poses)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the columns of a group stand among the free globals."""
+
+    intrinsics: int
+    mirrors: int
+    numbers_per_mirror: tuple[int, ...]
+    rest: int
+
+    @classmethod
+    def of(cls, model: Model, mirrors: int) -> Places:
+        return cls(
+            len(model.intrinsics),
+            mirrors,
+            (3,) * (model.mirrors + model.bend),
+            int(model.sheet) + len(model.board.modes),
+        )
+
+    @property
+    def size(self) -> int:
+        return self.intrinsics + self.mirrors * sum(self.numbers_per_mirror) + self.rest
+
+    def of_groups(self, view: IntArray) -> IntArray:
+        """Places (k, c) of the columns of groups of these views (k,), all direct or all mirrored."""
+        shared = [np.arange(self.intrinsics), np.arange(self.size - self.rest, self.size)]
+        first, last = (np.broadcast_to(part, (len(view), len(part))) for part in shared)
+        if view[0] == DIRECT:
+            return np.concatenate([first, last], axis=1)
+        starts = self.intrinsics + 3 * self.mirrors * np.arange(len(self.numbers_per_mirror))
+        own = starts[:, None] + 3 * view[:, None, None] + np.arange(3)
+        return np.concatenate([first, own.reshape(len(view), -1), last], axis=1)
+
+
+def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
+    """Derivatives (c, 2, n) of a chunk's pixels: by the pose (6), the residual itself (1), by the free globals.
+
+    These are the intrinsics, the centre and the curvature of the mirror (unless direct), the sheet, the modes.
+    """
+    turned, in_rig = _in_rig(estimate, chunk, corners)
+    surfaces = None if chunk.direct else surfaces_of(estimate, chunk.view)
+    at = linearized(estimate.camera, turned, in_rig, surfaces, bent=model.bend)
+    parts = [at.turn, at.corner, (at.pixels - chunk.pixels)[:, None]]
+    parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
+    if surfaces is not None:
+        parts += [at.centre] * model.mirrors + [at.curvature] * model.bend
+    if model.sheet:
+        sheet = np.zeros_like(at.pixels) if surfaces is None else np.where(surfaces.thickness > 0, at.thickness, 0.0)
+        parts.append(sheet[:, None])
+    if len(model.board.modes):
+        parts.append(_by_modes(at, estimate, chunk, model.board.modes[:, chunk.corner]))
+    columns = np.empty((sum(part.shape[1] for part in parts), 2, len(chunk.view)))
+    start = 0
+    for part in parts:
+        columns[start : start + part.shape[1]] = part.transpose(1, 0, 2)
+        start += part.shape[1]
+    return columns
+
+
+def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The chunk's corners (3, n) of a board's (3, c): in rig axes about the board's origin, and in rig."""
+    in_board = corners[:, chunk.corner]
+    turned, in_rig = np.empty_like(in_board), np.empty_like(in_board)
+    for frame, first, last in chunk.runs:
+        pose = estimate.rig_from_board[frame]
+        np.matmul(pose[:3, :3], in_board[:, first:last], out=turned[:, first:last])
+        np.add(turned[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
+    return turned, in_rig
+
+
+def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
+    """Derivatives (2, k, n) by the modes (k, n, 3) of the corners."""
+    by_board = np.empty_like(at.corner)
+    for frame, first, last in chunk.runs:
+        by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ at.corner[:, :, first:last]
+    return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
+
+
+def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
+    """Predicted minus seen pixels (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen."""
+    found = np.empty((2, len(grouped.order)))
+    corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
+    for chunk in grouped.chunks:
+        _, seen = _in_rig(estimate, chunk, corners)
+        if not chunk.direct:
+            seen = images(seen, surfaces_of(estimate, chunk.view)).image
+        found[:, chunk.rows] = estimate.camera.project(seen.T).T - chunk.pixels
+    return found

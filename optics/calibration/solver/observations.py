@@ -1,0 +1,79 @@
+"""What a calibration sees: corners of a target, by frame and by view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+
+DIRECT = -1
+"""The view index of corners that the camera sees without a mirror."""
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Seen corners, one row each, sorted by frame.
+
+    `frame`, `view` (mirror index, or DIRECT) and `corner` (id on the target) are (n,), `pixels` is (n, 2).
+    """
+
+    frame: IntArray
+    view: IntArray
+    corner: IntArray
+    pixels: FloatArray
+
+    def __post_init__(self) -> None:
+        rows = len(self.frame)
+        for field in fields(self):
+            array = np.array(getattr(self, field.name), dtype=np.float64 if field.name == "pixels" else np.int64)
+            expected = (rows, 2) if field.name == "pixels" else (rows,)
+            if array.shape != expected:
+                raise ValueError(f"{field.name} has shape {array.shape}, expected {expected}")
+            array.flags.writeable = False
+            object.__setattr__(self, field.name, array)
+        if not np.isfinite(self.pixels).all():
+            raise ValueError("pixels hold a value that is NaN or infinite, expected finite numbers")
+        if (np.diff(self.frame) < 0).any():
+            raise ValueError("observations are not sorted by frame")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @classmethod
+    def none(cls) -> Self:
+        """No corner at all."""
+        empty = np.empty(0, dtype=np.int64)
+        return cls(empty, empty, empty, np.empty((0, 2)))
+
+    @classmethod
+    def of_view(cls, frame: int, view: int, corner: IntArray, pixels: FloatArray) -> Self:
+        """The corners (n,) of one view in one frame at pixels (n, 2)."""
+        return cls(np.full(len(corner), frame), np.full(len(corner), view), corner, pixels)
+
+    @classmethod
+    def join(cls, parts: list[Self]) -> Self:
+        """All rows of several observations, sorted by frame (stable)."""
+        if not parts:
+            return cls.none()
+        frame = np.concatenate([part.frame for part in parts])
+        order = np.argsort(frame, kind="stable")
+        return cls(
+            frame[order],
+            np.concatenate([part.view for part in parts])[order],
+            np.concatenate([part.corner for part in parts])[order],
+            np.concatenate([part.pixels for part in parts])[order],
+        )
+
+    def where(self, mask: NDArray[np.bool_]) -> Self:
+        """The rows of a boolean mask (n,)."""
+        return type(self)(self.frame[mask], self.view[mask], self.corner[mask], self.pixels[mask])
+
+    def shifted(self, frames: int) -> Self:
+        """The same rows with `frames` added to each frame number."""
+        return type(self)(self.frame + frames, self.view, self.corner, self.pixels)

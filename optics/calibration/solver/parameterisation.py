@@ -1,0 +1,52 @@
+"""Which parameters of a calibration are free: a rung of the model ladder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.calibration.solver.residuals import Board, global_names
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a fit may change besides the board's poses, which are always free.
+
+    Args:
+        intrinsics: free intrinsics, of `INTRINSIC_NAMES`; none is the paper's calibration.
+        sheet: one correction, in mm, to the thickness of all second-surface sheets. Their refractive index is held:
+            only t (1 - tan' / tan) is seen, in which thickness and index are nearly one number.
+        bend: three numbers per mirror, the curvature of its reflecting surface.
+        board: the corners as drawn and the modes by which they may differ; every mode is free.
+        mirrors: the virtual centres; held, a fit only finds where the board stood.
+    """
+
+    intrinsics: tuple[str, ...]
+    sheet: bool
+    bend: bool
+    board: Board
+    mirrors: bool = True
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.intrinsics if name not in INTRINSIC_NAMES]
+        if unknown:
+            raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(INTRINSIC_NAMES)}")
+
+    def parameters(self, mirrors: int) -> tuple[str, ...]:
+        """Names of the free globals of a layout with so many mirrors, in the order of `global_names`."""
+        names = np.array(global_names(mirrors, len(self.board.modes)))
+        return tuple(names[self.free(mirrors)].tolist())
+
+    def free(self, mirrors: int) -> NDArray[np.int64]:
+        """Places (g,) of the free globals among `global_names`, increasing."""
+
+        def is_free(name: str) -> bool:
+            if name.startswith("mirror "):
+                return self.bend if "curvature" in name else self.mirrors
+            return name in self.intrinsics or (self.sheet if name == "sheet_mm" else name.startswith("board "))
+
+        names = global_names(mirrors, len(self.board.modes))
+        return np.array([place for place, name in enumerate(names) if is_free(name)], dtype=np.int64)

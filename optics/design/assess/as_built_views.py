@@ -1,0 +1,238 @@
+"""What devices as built see of the scene, by polygon clipping: all of them at once.
+
+Everything is in the view axes of the holder, with its origin where the pupil was designed to be: depth is z, and the
+plane at a depth does not move when the camera does. Regions are polygons in (x, y), mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.perturbations import Devices, Strays, strayed_camera, strayed_mirrors
+from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
+
+Polygons = NDArray[np.object_]
+Indices = NDArray[np.int64]
+
+LEAST_FORWARD = 1e-6
+FAR_NORMALIZED = 1e3
+
+
+@dataclass(frozen=True)
+class BuiltViews:
+    """The views of n devices of m mirrors, in the view axes of their holders, mm.
+
+    Attributes:
+        layout: the design.
+        cameras: the camera of each device, the same object where it does not stray.
+        pupils: where it is (n, 3).
+        view_from_camera: how it is turned (n, 3, 3).
+        normals: of the mirrors as they look (`Mirror.apparent`), (n, m, 3).
+        centres: virtual camera centres (n, m, 3).
+        outlines: the mirrors' outlines (n, m) in each camera's normalized coordinates.
+        shown: the part of each that shows the scene.
+        sub_images: the part of that which the sensor sees, whose rays head for the scene.
+    """
+
+    layout: Layout
+    cameras: tuple[Camera, ...]
+    pupils: FloatArray
+    view_from_camera: FloatArray
+    normals: FloatArray
+    centres: FloatArray
+    outlines: Polygons
+    shown: Polygons
+    sub_images: Polygons
+
+    def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) by way of mirrors (...) of devices (...); NaN where not seen."""
+        normals, offsets = self.normals[device, mirror], points - self.pupils[device]
+        # The pupil's virtual centre is as far from the point as the pupil from the reflected point.
+        distances = self._distances(device, mirror)
+        reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
+        seen = (reflected[..., None, :] @ self.view_from_camera[device])[..., 0, :]
+        if len(set(map(id, self.cameras))) == 1:
+            return self.cameras[0].project(seen)
+        devices = np.broadcast_to(device, seen.shape[:-1])
+        pixels = np.empty((*seen.shape[:-1], 2))
+        for number, camera in enumerate(self.cameras):
+            pixels[devices == number] = camera.project(seen[devices == number])
+        return pixels
+
+    def _distances(self, device: Indices, mirror: Indices) -> FloatArray:
+        return np.linalg.norm(self.centres - self.pupils[:, None], axis=-1)[device, mirror] / 2.0
+
+    def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
+        """Points (..., 2) of the plane at a depth that rays (..., 2) by way of mirrors (...) of devices (...) meet."""
+        rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
+        turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
+        normals, centres = self.normals[device, mirror], self.centres[device, mirror]
+        leaving = turned - 2.0 * np.sum(turned * normals, axis=-1, keepdims=True) * normals
+        return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
+
+    def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
+        """What all views of each device see of the plane at a depth (n,), and what each sees (n, m)."""
+        count = self.sub_images.shape[1]
+        footprints = _placed(
+            self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
+        )
+        return _whole(shapely.intersection_all(footprints, axis=1)), footprints
+
+    def seen_px(self, regions: Polygons, depth_mm: float) -> FloatArray:
+        """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane at a depth."""
+        start, end, of = _edges(regions)
+        if any(camera.distortion.any() for camera in self.cameras):
+            along = np.linspace(0.0, 1.0, POINTS_PER_EDGE + 1)[:, None]
+            bent = start[:, None] * (1.0 - along) + end[:, None] * along
+            start, end = bent[:, :-1].reshape(-1, 2), bent[:, 1:].reshape(-1, 2)
+            of = np.repeat(of, POINTS_PER_EDGE)
+        mirrors = np.arange(self.sub_images.shape[1])
+        first, second = (self.pixels(_lifted(p, depth_mm)[:, None], of[:, None], mirrors) for p in (start, end))
+        crosses = (first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]) / 2.0
+        areas = np.zeros(self.sub_images.shape)
+        np.add.at(areas, of, crosses)
+        return np.abs(areas)
+
+    def hidden(self) -> NDArray[np.bool_]:
+        """Of which devices (n,) one mirror hides part of another from the camera: their outlines overlap there."""
+        count = self.outlines.shape[1]
+        first, second = np.triu_indices(count, 1)
+        low, high = shapely.bounds(self.outlines).reshape(-1, count, 2, 2).transpose(2, 0, 1, 3)
+        near = ((low[:, first] < high[:, second]) & (low[:, second] < high[:, first])).all(axis=-1)
+        device, pair = np.nonzero(near)
+        shared = shapely.intersection(self.outlines[device, first[pair]], self.outlines[device, second[pair]])
+        found = np.zeros(len(self.outlines), dtype=np.bool_)
+        found[device[shapely.area(shared) > 1e-12]] = True
+        return found
+
+
+def built_views(layout: Layout, strays: Strays) -> BuiltViews:
+    """The views of devices that stray from a layout.
+
+    Raises InputError where a device could not be built: a sheet without thickness, a mirror behind its camera, a lens
+    that folds inside the sensor.
+    """
+    devices = strayed_mirrors(layout, strays)
+    cameras = tuple(strayed_camera(layout.camera, strays, device) for device in range(len(strays.focal)))
+    behind = (devices.pupils[:, None] - devices.middles)[..., None, :] @ devices.normals[..., None]
+    distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
+    if (thicknesses <= 0).any():
+        raise InputError(f"a drawn sheet is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
+    second = np.array([mirror.surface == "second" for mirror in layout.mirrors])
+    if (distances <= np.where(second, thicknesses, 0.0)).any():
+        raise InputError("a drawn mirror reaches past the pupil, expected smaller tolerances")
+    rises, outlines, shown = _windows(layout, devices, distances)
+    distances = distances - rises
+    sensors = {id(camera): sensor_polygon(camera) for camera in cameras}
+    sensor = np.array([sensors[id(camera)] for camera in cameras])
+    view_from_holder = layout.view_from_rig
+    pupils, normals = devices.pupils @ view_from_holder.T, devices.normals @ view_from_holder.T
+    view_from_camera = view_from_holder @ devices.holder_from_camera
+    return BuiltViews(
+        layout=layout,
+        cameras=cameras,
+        pupils=pupils,
+        view_from_camera=view_from_camera,
+        normals=normals,
+        centres=pupils[:, None] - 2.0 * distances[..., None] * normals,
+        outlines=outlines,
+        shown=shown,
+        sub_images=_forward(_whole(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
+    )
+
+
+def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[FloatArray, Polygons, Polygons]:
+    """How far mirrors look raised towards the pupil (n, m), their outlines and what of those shows the scene (n, m)."""
+    rises = np.zeros(distances.shape)
+    shifts: dict[int, FloatArray] = {}
+    for k, mirror in enumerate(layout.mirrors):
+        if mirror.surface == "first":
+            continue
+        index, glass = mirror.refractive_index, devices.thicknesses_mm[:, k]
+        across = devices.middles[:, k] - devices.pupils + distances[:, k, None] * devices.normals[:, k]
+        lengths = np.linalg.norm(across, axis=1)
+        cases = zip(lengths, distances[:, k] - glass, glass, strict=True)
+        tangents = np.array([outer_tangent(float(a), float(b), float(c), index) for a, b, c in cases])
+        rises[:, k] = glass * rise_mm(tangents, 1.0, index)
+        # Light enters the front so far before the point of the coating that it meets and leaves as far behind it.
+        along = across * (glass * inner_tangent(tangents, index) / np.maximum(lengths, 1e-12))[:, None]
+        shifts[k] = (along[:, None] @ devices.axes[:, k])[:, 0]
+    raised = devices.outlines + (rises[..., None] * devices.normals)[..., None, :]
+    outlines = shapely.polygons(_normalized(raised, devices))
+    shown = outlines.copy()
+    for k, shift in shifts.items():
+        flat = layout.mirrors[k].outline_in_plane_mm
+        inside = shapely.intersection(*(shapely.polygons(flat + side * shift[:, None]) for side in (1.0, -1.0)))
+        middles = devices.middles[:, k] + rises[:, k, None] * devices.normals[:, k]
+
+        def place(points: FloatArray, of: Indices, k: int = k, middles: FloatArray = middles) -> FloatArray:
+            corners = middles[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
+            seen = ((corners - devices.pupils[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
+            return seen[:, :2] / seen[:, 2:]
+
+        shown[:, k] = _placed(_whole(inside), place)
+    return rises, outlines, shown
+
+
+def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
+    """Normalized coordinates (n, m, k, 2) of points (n, m, k, 3) of each device in its own camera."""
+    seen = (points - devices.pupils[:, None, None]) @ devices.holder_from_camera[:, None]
+    if (seen[..., 2] <= 0).any():
+        raise InputError("a drawn mirror reaches behind the camera, expected smaller tolerances")
+    return seen[..., :2] / seen[..., 2:]
+
+
+def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
+    """Polygons (n, m) of normalized coordinates without the rays that do not head for the scene once reflected."""
+    reflected_z = np.array([0.0, 0.0, 1.0]) - 2.0 * normals[..., 2:] * normals
+    slopes = (reflected_z[..., None, :] @ view_from_camera[:, None])[..., 0, :].reshape(-1, 3)
+    flat = polygons.ravel().copy()
+    points, of = shapely.get_coordinates(flat, return_index=True)
+    heights = np.sum(points * slopes[of, :2], axis=1) + slopes[of, 2]
+    for number in np.unique(of[heights <= LEAST_FORWARD]):
+        a, b, c = slopes[number]
+        across = np.hypot(a, b)
+        up = np.array([a, b]) / across
+        start, side = up * (LEAST_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
+        end = start + FAR_NORMALIZED * up
+        flat[number] = shapely.intersection(flat[number], Polygon([start - side, start + side, end + side, end - side]))
+    return _whole(flat.reshape(polygons.shape))
+
+
+def _whole(shapes: Polygons) -> Polygons:
+    """The shapes with an empty polygon for all that has no area: a point or a line where two polygons touch."""
+    kept = (shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON) & (shapely.area(shapes) > 0)
+    return np.where(kept, shapes, Polygon())
+
+
+def _placed(polygons: Polygons, place: Callable[[FloatArray, Indices], FloatArray]) -> Polygons:
+    """Polygons (...) whose corners are moved by `place(corners (c, 2), number of the polygon (c,)) -> (c, 2)`."""
+    flat = polygons.ravel()
+    points, of = shapely.get_coordinates(flat, return_index=True)
+    moved = np.full(flat.shape, Polygon(), dtype=np.object_)
+    if len(points):
+        present, ring = np.unique(of, return_inverse=True)
+        moved[present] = shapely.polygons(shapely.linearrings(place(points, of), indices=ring))
+    return moved.reshape(polygons.shape)
+
+
+def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:
+    """Start (e, 2) and end (e, 2) of the edges of polygons (n,), and which polygon each belongs to (e,)."""
+    points, of = shapely.get_coordinates(polygons, return_index=True)
+    joined = of[1:] == of[:-1]
+    return points[:-1][joined], points[1:][joined], of[:-1][joined]
+
+
+def _lifted(points: FloatArray, depth_mm: float) -> FloatArray:
+    """Points (..., 3) of the plane at a depth from (x, y)."""
+    return np.concatenate([points, np.full((*points.shape[:-1], 1), depth_mm)], axis=-1)

@@ -1,0 +1,143 @@
+"""Rays from the pupil by way of mirrors, through the glass of those coated behind, to the scene; what stops them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import half_spaces, sheet_in_rig_mm, stacked
+from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
+
+TOUCH_MM = 1e-6
+SAMPLES = 24
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """Part of the light of one mirror that the sheet of another stops, on its way in or out."""
+
+    light_of: int
+    sheet_of: int
+    leg: Literal["in", "out"]
+    fraction: float
+
+
+def length_inside_mm(starts: FloatArray, ends: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Length (n,) of each segment from `starts` to `ends` (n, 3) inside the convex body n.x <= d (k faces)."""
+    heights, slopes = starts @ normals.T - offsets, (ends - starts) @ normals.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = -heights / slopes
+    entered = np.where(slopes < 0, crossings, np.where((slopes == 0) & (heights > 0), np.inf, -np.inf)).max(axis=1)
+    left = np.where(slopes > 0, crossings, np.inf).min(axis=1)
+    inside = np.minimum(left, 1.0) - np.maximum(entered, 0.0)
+    return np.maximum(inside, 0.0) * np.linalg.norm(ends - starts, axis=1)
+
+
+def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
+    """Points (n, 2) that cover a convex polygon (k, 2) evenly, its border included; none where it has no corners."""
+    i, j = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1))
+    weights = np.stack([i, j], axis=-1)[i + j <= steps] / steps
+    fans = [
+        polygon[0] + weights @ np.array([polygon[k] - polygon[0], polygon[k + 1] - polygon[0]])
+        for k in range(1, len(polygon) - 1)
+    ]
+    return np.concatenate(fans) if fans else np.zeros((0, 2))
+
+
+def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where viewing rays (n, 2) meet a mirror's front and where they leave it (n, 3), mm; their directions then (n, 3).
+
+    Exact, also through a slab: the ray bends at the front by Snell's law, runs to the coating and back, and leaves
+    2 t tan' further along the front, as if reflected there.
+    """
+    rays = np.column_stack([normalized, np.ones(len(normalized))])
+    normal = mirror.normal_in_rig
+    glass_mm = mirror.thickness_mm if mirror.surface == "second" else 0.0
+    towards = -rays @ normal
+    met = rays * ((mirror.distance_mm - glass_mm) / towards)[:, None]
+    along = rays + towards[:, None] * normal
+    leaving = met
+    if glass_mm > 0.0:
+        tangent = np.linalg.norm(along, axis=1) / towards
+        bend = np.divide(
+            inner_tangent(tangent, mirror.refractive_index),
+            tangent,
+            out=np.full_like(tangent, 1.0 / mirror.refractive_index),
+            where=tangent > 0,
+        )
+        leaving = met + 2.0 * glass_mm * (bend / towards)[:, None] * along
+    return met, leaving, rays @ mirror.reflection
+
+
+def slab_stray_mm(mirror: Mirror) -> float:
+    """How far the light of a mirror, at most, runs beside that of its apparent mirror, mm; both run in parallel.
+
+    A ray of incidence i that meets the slab where it looks d higher than at the chief ray leaves 2 d sin(i) aside.
+    """
+    normalized = sampled(mirror.usable_normalized)
+    if mirror.surface == "first" or len(normalized) == 0:
+        return 0.0
+    rays = np.column_stack([normalized, np.ones(len(normalized))])
+    cosine = -(rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    rise = mirror.distance_mm - mirror.apparent.distance_mm
+    higher = rise_mm(sine / cosine, mirror.thickness_mm, mirror.refractive_index) - rise
+    return float(np.abs(2.0 * higher * sine).max())
+
+
+def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
+    """Whether (n,) bodies with corners (n, k, 3) may meet the convex hull of points (m, 3).
+
+    They cannot where a plane of given normal (p, 3) parts them.
+    """
+    beyond = (points @ planes.T).max(axis=0)
+    return ~((bodies @ planes.T).min(axis=1) >= beyond).any(axis=1)
+
+
+def blocked_light(
+    mirrors: Sequence[Mirror],
+    depth_mm: float,
+    steps: int = SAMPLES,
+    *,
+    view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
+) -> list[Blocked]:
+    """Which mirrors stand in the light of which, by casting rays from the pupil through sub-images to a depth.
+
+    The depth is along the view axis (3,) in rig: of a layout, `layout.view_from_rig[2]`; by default that of a fold by
+    90 degrees.
+
+    Rays go through what of a mirror shows the scene, and are stopped by the whole sheet of another.
+    """
+    found, axis = [], np.asarray(view_axis, dtype=np.float64)
+    faces = [half_spaces(mirror) for mirror in mirrors]
+    bodies = stacked([sheet_in_rig_mm(mirror) for mirror in mirrors])
+    for light_of, mirror in enumerate(mirrors):
+        met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, steps))
+        heading = directions @ axis > 1e-9
+        met, leaving, directions = met[heading], leaving[heading], directions[heading]
+        if not heading.any():
+            continue
+        at_depth = leaving + directions * ((depth_mm - leaving @ axis) / (directions @ axis))[:, None]
+        outline = mirror.outline_in_rig_mm
+        legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
+            ("in", np.zeros_like(met), met, np.zeros(3)),
+            ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
+        )
+        for leg, starts, ends, source in legs:
+            # Planes that bound the light: through its source and an edge, and the mirror's own.
+            sides = np.cross(outline - source, np.roll(outline, -1, axis=0) - source)
+            planes = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
+            close = _may_meet(np.concatenate([starts, ends]), planes, bodies)
+            for sheet_of in np.flatnonzero(close):
+                if sheet_of == light_of:
+                    continue
+                fraction = float(np.mean(length_inside_mm(starts, ends, *faces[sheet_of]) > TOUCH_MM))
+                if fraction > 0:
+                    found.append(Blocked(light_of, int(sheet_of), leg, fraction))
+    return found

@@ -1,0 +1,214 @@
+"""What a layout is worth. Shares no code with the constraints of the optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from shapely import union_all
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.design.assess.chief_rays import slab_stray_mm
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
+from mirrorcam.optics.geometry.sub_images import Views, vertices, views_of
+
+HALF = 0.5
+"""Views overlap where pixel efficiency is at least this part of what it is at the working depth where it is best."""
+
+FARTHEST_MM = 1e5
+"""A depth range that reaches 100 m is not followed any further: to a webcam that is as good as infinitely far."""
+
+DEPTH_STEP = 1.15
+SMALL_SHIFT_PX = 0.25
+
+
+def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Best-fitting rectangular grid (rows, cols, 3) to the virtual centres in view axes, and its two spacings, mm.
+
+    The grid's axes are those of the view; its origin (3) and two spacings are fitted by least squares. An axis with a
+    single row or column has spacing 0.
+    """
+    centres = layout.virtual_centres_in_view_mm
+    grid = np.broadcast_to(centres.mean(axis=(0, 1)), centres.shape).copy()
+    spacings = np.zeros(2)
+    for axis, count in ((0, layout.cols), (1, layout.rows)):
+        steps = np.arange(count) - (count - 1) / 2.0
+        if count == 1:
+            continue
+        along = centres[..., axis].mean(axis=axis)
+        spacings[axis] = steps @ along / (steps @ steps)
+        grid[..., axis] += (steps[None, :] if axis == 0 else steps[:, None]) * spacings[axis]
+    return grid, spacings
+
+
+def grid_error(layout: Layout) -> float:
+    """Root mean square distance of virtual centres to the best-fitting grid / geometric mean of its spacings.
+
+    Raises InputError where a spacing is 0: views in one place are no grid.
+    """
+    grid, spacings = fitted_grid(layout)
+    if layout.rows * layout.cols < 2:
+        return 0.0
+    distances = np.linalg.norm(layout.virtual_centres_in_view_mm - grid, axis=-1)
+    used = np.abs(spacings[[layout.cols > 1, layout.rows > 1]])
+    if used.min() < 1e-6:
+        raise InputError(f"virtual centres are {used.min():.2g} mm apart along an axis of the grid, expected a grid")
+    return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
+
+
+def _crossing(inside: Callable[[float], bool], within: float, without: float) -> float:
+    """Where `inside` changes between a depth within and one without, to a relative 1e-4."""
+    while abs(within - without) > 1e-4 * within:
+        middle = (within + without) / 2.0
+        within, without = (middle, without) if inside(middle) else (within, middle)
+    return within
+
+
+def depth_range_mm(views: Views, depths_mm: Sequence[float]) -> tuple[float, float] | None:
+    """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
+
+    The full width at half maximum, as a depth of field is measured: depths around the working depth where pixel
+    efficiency is best, without a break, at which it is at least half of what it is there. Relative to the best, it says
+    how quickly the overlap is lost and not, once more, how good it is. Sampled 15 % apart, then bisected; the farthest
+    is at most `FARTHEST_MM`, which then stands for infinity.
+    """
+
+    def efficiency(depth_mm: float) -> float:
+        return views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
+
+    nearest_mm = farthest_mm = max(depths_mm, key=efficiency)
+    best = efficiency(nearest_mm)
+    if best <= 0.0:
+        return None
+
+    def inside(depth_mm: float) -> bool:
+        return efficiency(depth_mm) >= HALF * best
+
+    while farthest_mm < FARTHEST_MM:
+        further_mm = min(farthest_mm * DEPTH_STEP, FARTHEST_MM)
+        if not inside(further_mm):
+            farthest_mm = _crossing(inside, farthest_mm, further_mm)
+            break
+        farthest_mm = further_mm
+    least_mm = views.reach_mm * (1.0 + 1e-6)
+    while nearest_mm > least_mm:
+        nearer_mm = max(nearest_mm / DEPTH_STEP, least_mm)
+        if not inside(nearer_mm):
+            nearest_mm = _crossing(inside, nearest_mm, nearer_mm)
+            break
+        nearest_mm = nearer_mm
+    return nearest_mm, farthest_mm
+
+
+def _overlap(views: Views, depth_mm: float) -> dict[str, Metric]:
+    region, footprints = views.common_region(depth_mm)
+    union = union_all(footprints).area
+    share, iou = views.pixel_efficiency(region, depth_mm), region.area / union if union else 0.0
+    return {
+        f"pixel_efficiency_{depth_mm:g}mm": Metric(value=share, unit="of the sensor", lower_is_better=False),
+        f"overlap_iou_{depth_mm:g}mm": Metric(value=iou, unit="of the union", lower_is_better=False),
+    }
+
+
+def _field_of_view(views: Views, depth_mm: float) -> dict[str, Metric]:
+    """Angles that the common region at a depth spans at the mean virtual centre, across and upwards."""
+    region, _ = views.common_region(depth_mm)
+    angles = np.zeros(2)
+    if not region.is_empty:
+        x, y, z = views.layout.virtual_centres_in_view_mm.mean(axis=(0, 1))
+        angles = np.ptp(np.degrees(np.arctan2(vertices(region) - [x, y], depth_mm - z)), axis=0)
+    return {
+        f"fov_{axis}_deg": Metric(value=float(angle), unit="deg", lower_is_better=False)
+        for axis, angle in zip("xy", angles, strict=True)
+    }
+
+
+def _depth_range(views: Views, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Absent where the views share nothing at any working depth."""
+    found = depth_range_mm(views, depths_mm)
+    if found is None:
+        return {}
+    nearest_mm, farthest_mm = found
+    return {
+        "depth_nearest_mm": Metric(value=nearest_mm, unit="mm"),
+        "depth_farthest_mm": Metric(
+            value=farthest_mm, unit="mm" if farthest_mm < FARTHEST_MM else "mm or more", lower_is_better=False
+        ),
+    }
+
+
+def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Disparity and depth resolution at each depth, seen from the central view at the resolution of the sensor.
+
+    A view step b shifts what lies at the distance D from the central view by f b / D px against what is infinitely far
+    (docs/conventions.md, with the reference plane at infinity); two depths differ by the difference of their values.
+    A shift of p px between the outermost views, B apart, is a change of depth of p D^2 / (f B); of the two axes, that
+    which tells depths better.
+    """
+    _, spacings = fitted_grid(layout)
+    steps_mm = np.abs(spacings)
+    counts = np.array([layout.cols, layout.rows])
+    focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
+    behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
+    best = float((focal_px * steps_mm * (counts - 1)).max())
+    figures = {}
+    for depth_mm in depths_mm:
+        distance_mm = depth_mm - behind_mm
+        for axis, count, shift_px in zip("st", counts, focal_px * steps_mm / distance_mm, strict=True):
+            if count > 1:
+                figures[f"disparity_{axis}_{depth_mm:g}mm"] = Metric(
+                    value=float(shift_px), unit="px per view", lower_is_better=False
+                )
+        if best > 0.0:
+            for name, shift in (("", 1.0), ("_fine", SMALL_SHIFT_PX)):
+                figures[f"depth_resolution{name}_{depth_mm:g}mm"] = Metric(
+                    value=shift * distance_mm**2 / best, unit=f"mm for {shift:g} px"
+                )
+    return figures
+
+
+def _sizes(layout: Layout) -> dict[str, Metric]:
+    edges = np.concatenate([edges_mm(mirror) for mirror in layout.mirrors])
+    areas = [area_mm2(mirror) for mirror in layout.mirrors]
+    sizes = {
+        "shortest_edge_mm": Metric(value=float(edges.min()), unit="mm", lower_is_better=False),
+        "longest_edge_mm": Metric(value=float(edges.max()), unit="mm"),
+        "smallest_area_mm2": Metric(value=min(areas), unit="mm²", lower_is_better=False),
+        "largest_area_mm2": Metric(value=max(areas), unit="mm²"),
+    }
+    if len(layout.mirrors) > 1:
+        sizes["smallest_gap_mm"] = Metric(value=smallest_gap_mm(layout), unit="mm", lower_is_better=False)
+    return sizes
+
+
+def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """How far light through second-surface sheets strays from the plain mirrors that stand for them; else nothing."""
+    if all(mirror.surface == "first" for mirror in layout.mirrors):
+        return {}
+    stray_mm = max(slab_stray_mm(mirror) for mirror in layout.mirrors)
+    nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_view_mm[..., 2].max())
+    focal_px = max(layout.camera.fx_px, layout.camera.fy_px)
+    return {
+        "slab_stray_mm": Metric(value=stray_mm, unit="mm"),
+        "slab_stray_px": Metric(value=focal_px * stray_mm / nearest_mm, unit="px"),
+    }
+
+
+def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """The figures of a layout at depths, mm; the field of view is that of the common region at the farthest.
+
+    Raises InputError for a depth nearer than the mirrors, and where the views lie in one place.
+    """
+    views = views_of(layout)
+    metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
+    for depth_mm in depths_mm:
+        metrics |= _overlap(views, depth_mm)
+    metrics |= _field_of_view(views, max(depths_mm))
+    _, spacings = fitted_grid(layout)
+    for axis, spacing, count in zip("xy", np.abs(spacings), (layout.cols, layout.rows), strict=True):
+        metrics[f"baseline_{axis}_mm"] = Metric(value=float(spacing * (count - 1)), unit="mm", lower_is_better=False)
+    metrics |= _depth_range(views, depths_mm)
+    metrics |= _disparities(layout, depths_mm)
+    metrics |= _sizes(layout)
+    return metrics | _slab(layout, depths_mm)

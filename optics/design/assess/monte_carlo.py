@@ -1,0 +1,109 @@
+"""What a maker can expect: the figures of many devices that stray from a design, drawn at random (Monte Carlo)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.design.assess.as_built_metrics import UNITS, yardstick
+from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.perturbations import draw_strays, workmanship
+from mirrorcam.optics.geometry.tolerances import Tolerances
+
+DEVICES = 200
+ACCURACIES = (0.25, 0.5, 1.0, 2.0)
+LOW, HIGH = 5.0, 95.0
+
+CAUSES: dict[str, tuple[str, ...]] = {
+    "mirror tilt": ("tilt_deg",),
+    "mirror offset": ("offset_mm",),
+    "sheet thickness": ("sheet_thickness_mm",),
+    "camera offset": ("camera_offset_mm",),
+    "camera turn": ("camera_turn_deg",),
+    "camera itself": ("focal_percent", "centre_px", "distortion_mean", "distortion_sigma"),
+}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """One figure over many devices: of the design, then the median and the range that 90 % of the devices lie in."""
+
+    nominal: float
+    low: float
+    median: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """What becomes of a layout at given tolerances.
+
+    Attributes:
+        tolerances: those that `spreads[1.0]` holds for.
+        devices: how many were drawn.
+        spreads: by accuracy (a factor on what printing and assembling decides; the camera's own tolerances stay), then
+            by figure.
+        hidden: by accuracy, the part of the devices in which a mirror hides a part of another from the camera.
+        shares: by cause, then by figure: the mean square departure from the design with that tolerance alone, as part
+            of the sum over causes. Of a figure that departs in proportion, that is the share of its variance.
+    """
+
+    tolerances: Tolerances
+    devices: int
+    spreads: dict[float, dict[str, Spread]]
+    hidden: dict[float, float]
+    shares: dict[str, dict[str, float]]
+
+
+def study(
+    layout: Layout, tolerances: Tolerances, depths_mm: Sequence[float], *, devices: int = DEVICES, seed: int = 0
+) -> Study:
+    """Draw devices at each accuracy and with each cause alone, always the same ones but for their size.
+
+    Raises InputError where views share nothing at a depth, or where what is drawn could not be built: also at the
+    coarsest accuracy, twice the tolerances.
+    """
+    ideal = yardstick(layout, depths_mm)
+    nominal = {name: float(values[0]) for name, values in ideal.figures(ideal.design).items()}
+    spreads, hidden, squares = {}, {}, {}
+    for accuracy in ACCURACIES:
+        views = _drawn(layout, tolerances, devices, seed, accuracy)
+        spreads[accuracy] = {
+            name: _spread(name, nominal[name], values) for name, values in ideal.figures(views).items()
+        }
+        hidden[accuracy] = float(views.hidden().mean())
+    for cause, names in CAUSES.items():
+        alone = tolerances.only(*names)
+        if alone != Tolerances.none():
+            drawn = ideal.figures(_drawn(layout, alone, devices, seed))
+            squares[cause] = {name: float(np.mean((drawn[name] - nominal[name]) ** 2)) for name in nominal}
+    return Study(tolerances, devices, spreads, hidden, _shares(squares))
+
+
+def _drawn(layout: Layout, tolerances: Tolerances, devices: int, seed: int, accuracy: float = 1.0) -> BuiltViews:
+    random = np.random.default_rng(seed)
+    try:
+        return built_views(layout, draw_strays(tolerances.times(accuracy), len(layout.mirrors), devices, random))
+    except InputError as error:
+        times = "" if accuracy == 1.0 else f", {accuracy:g} times that"
+        raise InputError(f"tolerances {workmanship(tolerances)}{times}: {error}") from None
+
+
+def _spread(name: str, nominal: float, values: FloatArray) -> Spread:
+    low, median, high = (float(v) for v in np.percentile(values, [LOW, 50.0, HIGH]))
+    return Spread(nominal, low, median, high, UNITS[re.sub(r"_[0-9.e+]+mm$", "", name)])
+
+
+def _shares(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    figures = next(iter(squares.values()), {})
+    total = {name: sum(of_cause[name] for of_cause in squares.values()) for name in figures}
+    return {
+        cause: {name: value / total[name] if total[name] > 0 else 0.0 for name, value in of_cause.items()}
+        for cause, of_cause in squares.items()
+    }

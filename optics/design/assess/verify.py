@@ -1,0 +1,107 @@
+"""A second opinion on a layout, by polygon clipping and ray casting; shares nothing with the optimiser."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.design.assess.chief_rays import blocked_light
+from mirrorcam.optics.design.infeasible import InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm, smallest_seen_gap
+from mirrorcam.optics.geometry.sub_images import views_of
+
+LENGTH_TOLERANCE_MM = 1e-4
+AREA_TOLERANCE_MM2 = 1e-3
+SENSOR_TOLERANCE_PX = 0.05
+AXES_TOLERANCE = 1e-9
+LEAST_COMMON_AREA_MM2 = 1.0
+
+FINDINGS = {
+    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those asked for"),
+    "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
+    "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
+    "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
+    "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
+    "common_area": ("overlap", "only {value:.3g} mm² are seen by all views at {depth}"),
+    "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),
+    "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
+    "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too few"),
+}
+"""By name (before its depth, if it has one): the constraint that a failed figure belongs to, and what to say of it."""
+
+
+def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
+    """Whether a mirror has more corners than asked for, or is not made of the sheet asked for."""
+    asked = (spec.surface, spec.thickness_mm, spec.refractive_index)
+    found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
+    return found != asked or len(mirror.outline_in_rig_mm) > spec.sides
+
+
+def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
+    wholes = ((layout.camera, spec.camera), (layout.rows, spec.rows), (layout.cols, spec.cols))
+    turned = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
+    return (
+        sum(found != asked for found, asked in wholes)
+        + int(turned)
+        + sum(_differs(mirror, spec) for mirror in layout.mirrors)
+    )
+
+
+def _outside_sensor_px(layout: Layout) -> float:
+    """How far any sub-image leaves the sensor; its diagonal where one goes where the lens model does not reach."""
+    size = np.array([layout.camera.width_px, layout.camera.height_px], dtype=np.float64)
+    outlines = np.concatenate([layout.outline_px(k, points_per_edge=64) for k in range(len(layout.mirrors))])
+    outside = np.maximum(-0.5 - outlines, outlines - (size - 0.5)).max()
+    return float(np.linalg.norm(size)) if np.isnan(outside) else max(float(outside), 0.0)
+
+
+def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
+    """The verdict on a layout: each figure that a spec limits, measured, with its limit.
+
+    Light is cast as far as the farthest depth. Gaps are those in space between whole sheets, which leave room for the
+    walls printed between them. Limits on lengths are looser by `LENGTH_TOLERANCE_MM`, far less than can be made.
+    """
+    mirrors = layout.mirrors
+    verdict = {
+        "unlike_spec": Metric(value=_unlike_spec(layout, spec), unit="parts", limit=0.0),
+        "outside_sensor_px": Metric(value=_outside_sensor_px(layout), unit="px", limit=SENSOR_TOLERANCE_PX),
+    }
+    least = {
+        "shortest_edge_mm": (min(edges_mm(m).min() for m in mirrors), spec.min_edge_mm, LENGTH_TOLERANCE_MM, "mm"),
+        "smallest_area_mm2": (min(area_mm2(m) for m in mirrors), spec.min_area_mm2, AREA_TOLERANCE_MM2, "mm²"),
+    }
+    if len(mirrors) > 1:
+        seen_mm = smallest_seen_gap(mirrors) * spec.scale_mm
+        least["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
+        least["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
+    for name, (value, asked, tolerance, unit) in least.items():
+        limit = max(asked - tolerance, 0.0)
+        verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)
+    views = views_of(layout)
+    beyond_mm = max(views.reach_mm - min(spec.depths_mm), 0.0)
+    verdict["beyond_depth_mm"] = Metric(value=beyond_mm, unit="mm", limit=0.0)
+    for depth_mm in spec.depths_mm:
+        area = views.common_region(depth_mm)[0].area if depth_mm > views.reach_mm else 0.0
+        verdict[f"common_area_{depth_mm:g}mm"] = Metric(
+            value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
+        )
+    blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2])
+    stopped = max((found.fraction for found in blocked), default=0.0)
+    verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
+    return verdict
+
+
+def require_passed(verdict: dict[str, Metric]) -> None:
+    """Raise InfeasibleDesign, which names the constraint, where a figure of a verdict misses its limit."""
+    for name, metric in verdict.items():
+        if metric.passed:
+            continue
+        stem, _, depth = name.rpartition("_") if name.startswith("common_area_") else (name, "", "")
+        constraint, finding = FINDINGS[stem]
+        missing = abs(metric.value - (metric.limit or 0.0))
+        raise InfeasibleDesign(
+            constraint, finding.format(value=metric.value, missing=missing, depth=depth.replace("mm", " mm"))
+        )

@@ -1,0 +1,1 @@
+"""The nonlinear program that a design solves, and where it starts."""

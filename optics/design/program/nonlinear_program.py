@@ -1,0 +1,244 @@
+"""A nonlinear program made of terms, and how IPOPT is asked to solve it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
+
+LARGEST_SLACK = 10.0
+
+HOLD = 1e-5
+"""Weight of the squared distance from the start: unknowns that nothing else decides, such as planes between mirrors
+far apart, stay where they were; IPOPT converges faster when no direction is free."""
+
+IPOPT: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "calc_lam_p": False,
+    "no_nlp_grad": True,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-8,
+    "ipopt.acceptable_tol": 1e-6,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.adaptive_mu_globalization": "never-monotone-mode",
+    "ipopt.max_iter": 300,
+}
+
+
+class Program:
+    """Unknowns and uses of terms as they are collected. The first unknowns are the slacks of the elastic families."""
+
+    def __init__(self) -> None:
+        self._start: list[FloatArray] = []
+        self._low: list[FloatArray] = []
+        self._high: list[FloatArray] = []
+        self.size = 0
+        self._uses: dict[int, tuple[Term, list[Indices], list[FloatArray]]] = {}
+        self.unknown(np.zeros(len(ELASTIC)), 0.0, 0.0)
+
+    def unknown(self, start: ArrayLike, low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Indices:
+        """New unknowns, started at `start` (n,) and kept between `low` and `high`; returns their places (n,)."""
+        first = np.atleast_1d(np.asarray(start, dtype=np.float64))
+        for kept, values in ((self._start, first), (self._low, low), (self._high, high)):
+            kept.append(np.broadcast_to(np.asarray(values, dtype=np.float64), first.shape))
+        self.size += first.size
+        return np.arange(self.size - first.size, self.size)
+
+    def add(self, term: Term, unknowns: Sequence[Indices], parameters: Sequence[ArrayLike] = ()) -> None:
+        """Use a term once more, over the unknowns at these places and with these numbers.
+
+        Raises ValueError where the term takes another number of either.
+        """
+        places = np.concatenate([np.ravel(part) for part in unknowns])
+        numbers = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(part, dtype=np.float64)) for part in parameters)])
+        if places.size != term.unknowns or numbers.size != term.parameters:
+            raise ValueError(
+                f"{places.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
+            )
+        _, used, given = self._uses.setdefault(id(term), (term, [], []))
+        used.append(places)
+        given.append(numbers)
+
+    @property
+    def uses(self) -> list[tuple[Term, Indices, FloatArray]]:
+        """Each term with the places of its unknowns (k, n) and its parameters (k, p) in its k uses."""
+        return [(term, np.array(places), np.array(numbers)) for term, places, numbers in self._uses.values()]
+
+    @property
+    def start(self) -> FloatArray:
+        """Where all unknowns start."""
+        return np.concatenate(self._start)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest values of all unknowns."""
+        return np.concatenate(self._low), np.concatenate(self._high)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Where IPOPT stopped: values of all unknowns (n,), its own word for it, and whether that is an optimum.
+
+    `objective` is that of the question asked: of the design, or how much a search for feasibility misses.
+    """
+
+    values: FloatArray
+    objective: float
+    status: str
+    solved: bool
+    iterations: int
+
+
+class Assembled:
+    """Objective, constraints and their derivatives of a whole program, in CasADi's MX, from those of its terms."""
+
+    def __init__(self, program: Program) -> None:
+        self.uses = program.uses
+        self.x = ca.MX.sym("x", program.size)
+        self._size = program.size
+        self._inputs = [
+            (ca.reshape(self.x[places.ravel().tolist()], term.unknowns, len(places)), ca.DM(numbers.T))
+            for term, places, numbers in self.uses
+        ]
+        counts = [len(places) * term.family.size for term, places, _ in self.uses]
+        self._offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        self.family = np.concatenate([np.tile(term.family, len(places)) for term, places, _ in self.uses])
+        self.equality = np.repeat([term.equality for term, _, _ in self.uses], counts)
+        self._elastic = np.flatnonzero(self.family >= 0)
+        self._start = program.start
+
+    def _mapped(self, function: ca.Function, which: int, *more: Expression) -> list[Expression]:
+        x, p = self._inputs[which]
+        return list(function.map(x.shape[1]).call([x, p, *more]))
+
+    def objective_and_constraints(self) -> tuple[Expression, Expression]:
+        """f of the design and g (m) with the slacks."""
+        f: Expression = ca.MX(0.0)
+        g: list[Expression] = []
+        for which, (term, _, _) in enumerate(self.uses):
+            shares, constraints = self._mapped(term.value, which)
+            f += ca.sum2(shares)
+            g.append(ca.vec(constraints))
+        rows, cols = self._elastic, self.family[self._elastic]
+        slack = ca.Sparsity.triplet(int(self._offsets[-1]), len(ELASTIC), rows.tolist(), cols.tolist())
+        return f, ca.vertcat(*g) + ca.mtimes(ca.DM(slack, 1.0), self.x[: len(ELASTIC)])
+
+    def nearby(self) -> Expression:
+        """Squared distance of all unknowns but the slacks from the start."""
+        return ca.sumsqr(self.x[len(ELASTIC) :] - ca.DM(self._start[len(ELASTIC) :]))
+
+    def gradient(self) -> Expression:
+        """Gradient (n) of the design's objective."""
+        total = ca.MX(self._size, 1)
+        for which, (term, places, _) in enumerate(self.uses):
+            (parts,) = self._mapped(term.gradient, which)
+            spread = ca.Sparsity.triplet(self._size, places.size, places.ravel().tolist(), list(range(places.size)))
+            total += ca.mtimes(ca.DM(spread, 1.0), ca.vec(parts))
+        return total
+
+    def jacobian(self) -> Expression:
+        """dg/dx (m, n)."""
+        rows, cols = [self._elastic], [self.family[self._elastic]]
+        values: list[Expression] = [ca.MX(ca.DM.ones(self._elastic.size))]
+        for which, (term, places, _) in enumerate(self.uses):
+            (parts,) = self._mapped(term.jacobian, which)
+            first = self._offsets[which] + np.arange(len(places)) * term.family.size
+            rows.append((first[:, None] + term.rows).ravel())
+            cols.append(places[:, term.cols].ravel())
+            values.append(ca.vec(parts))
+        return _summed((int(self._offsets[-1]), self._size), rows, cols, values)
+
+    def hessian(self, weight: Expression, hold: Expression, multipliers: Expression) -> Expression:
+        """Upper half of the second derivative (n, n) of weight * f + hold * nearby + multipliers . g."""
+        free = np.arange(len(ELASTIC), self._size)
+        rows, cols = [free], [free]
+        values: list[Expression] = [2.0 * hold * ca.MX(ca.DM.ones(free.size))]
+        for which, (term, places, _) in enumerate(self.uses):
+            mine = multipliers[int(self._offsets[which]) : int(self._offsets[which + 1])]
+            per_use = ca.reshape(mine, term.family.size, len(places))
+            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(places)), per_use)
+            i, j = places[:, term.upper_rows].ravel(), places[:, term.upper_cols].ravel()
+            rows.append(np.minimum(i, j))
+            cols.append(np.maximum(i, j))
+            values.append(ca.vec(parts))
+        return _summed((self._size, self._size), rows, cols, values)
+
+
+def _summed(shape: tuple[int, int], rows: list[Indices], cols: list[Indices], values: list[Expression]) -> Expression:
+    """A sparse MX matrix of entries at (rows, cols); those in one place are added."""
+    i, j = np.concatenate(rows), np.concatenate(cols)
+    places, which = np.unique(j * shape[0] + i, return_inverse=True)
+    sparsity = ca.Sparsity.triplet(*shape, (places % shape[0]).tolist(), (places // shape[0]).tolist())
+    add = ca.Sparsity.triplet(places.size, i.size, which.tolist(), list(range(i.size)))
+    return ca.MX(sparsity, ca.mtimes(ca.DM(add, 1.0), ca.vertcat(*values)))
+
+
+class Solver:
+    """IPOPT over a program, with exact first and second derivatives.
+
+    The same program answers two questions. `optimise` minimises the objective with every constraint held;
+    `find_feasible` minimises by how much the elastic families are missed, and stays near the start otherwise.
+    """
+
+    def __init__(self, program: Program, slack_weights: dict[str, float]) -> None:
+        self.program = program
+        whole = Assembled(program)
+        x, searching = whole.x, ca.MX.sym("searching")
+        f, g = whole.objective_and_constraints()
+        weights = ca.DM([slack_weights[family] for family in ELASTIC])
+        objective = (1.0 - searching) * f + searching * ca.dot(weights, x[: len(ELASTIC)]) + HOLD * whole.nearby()
+        pull = ca.vertcat(searching * weights, 2.0 * HOLD * (x - ca.DM(program.start))[len(ELASTIC) :])
+        weight, multipliers = ca.MX.sym("w"), ca.MX.sym("l", g.numel())
+        hessian = whole.hessian(weight * (1.0 - searching), weight * HOLD, multipliers)
+        gradient, jacobian = (1.0 - searching) * whole.gradient() + pull, whole.jacobian()
+        self._upper_limits = np.where(whole.equality, 0.0, np.inf)
+        names = {"x": x, "p": searching, "f": objective, "g": g}
+        self.derivatives = {
+            "grad_f": ca.Function("nlp_grad_f", [x, searching], [objective, gradient], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [x, searching], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l",
+                [x, searching, weight, multipliers],
+                [hessian],
+                ["x", "p", "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+        }
+        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives)
+
+    def _solve(self, start: FloatArray, slack: tuple[float, float], searching: float) -> Outcome:
+        low, high = (bound.copy() for bound in self.program.bounds)
+        first = start.copy()
+        first[: len(ELASTIC)], high[: len(ELASTIC)] = slack
+        result = self._nlp(
+            x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
+        )
+        stats = self._nlp.stats()
+        return Outcome(
+            values=np.array(result["x"]).ravel(),
+            objective=float(result["f"]),
+            status=stats["return_status"],
+            solved=bool(stats["success"]),
+            iterations=int(stats["iter_count"]),
+        )
+
+    def optimise(self, start: FloatArray | None = None) -> Outcome:
+        """The best values with all constraints held, from the program's own start or, as far as it goes, `start`."""
+        first = self.program.start
+        if start is not None:
+            first[: len(start)] = start
+        return self._solve(first, (0.0, 0.0), 0.0)
+
+    def find_feasible(self, start: FloatArray | None = None) -> tuple[Outcome, dict[str, float]]:
+        """The values that miss the elastic families least, and by how much each family is missed."""
+        outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
+        return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

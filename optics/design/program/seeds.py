@@ -1,0 +1,217 @@
+"""Where a design starts: flat facets of a paraboloid (the paper's start) or of an ellipsoid, tiled over the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.optimize import brentq
+
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm
+from mirrorcam.optics.geometry.sub_images import sensor_polygon
+
+CENTRE_DECIMALS_MM = 6
+NORMALIZED_DECIMALS = 8
+OUTLINE_DECIMALS_MM = 9
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Mirrors to start from, row by row, in units of the scale.
+
+    Virtual centres (n, 3) in view axes; corners (n, sides, 2) in normalized coordinates; half the size (2,) of a tile.
+    """
+
+    centres: FloatArray
+    corners: FloatArray
+    half_tile: FloatArray
+
+    @cached_property
+    def chief(self) -> FloatArray:
+        """Where the middles of the mirrors appear (n, 2), normalized."""
+        return self.corners.mean(axis=1)
+
+    def middles(self, view_from_rig: FloatArray) -> FloatArray:
+        """Where chief rays meet the mirrors (n, 3), in view axes."""
+        rays = np.column_stack([self.chief, np.ones(len(self.corners))]) @ view_from_rig.T
+        reach = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
+        return rays * reach[:, None]
+
+
+def sensor_rectangle(camera: Camera) -> FloatArray:
+    """The largest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates inside the sensor.
+
+    Without distortion it is the sensor itself, out to the edges of its outermost pixels. Raises InputError where the
+    lens model does not reach the sensor's border.
+    """
+    along = np.linspace(-0.5, 0.5, 65)
+    x, y = along * camera.width_px, along * camera.height_px
+    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
+    left, right, top, bottom = (
+        camera.normalized_from_pixels(np.column_stack(np.broadcast_arrays(*edge)) + middle)
+        for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))
+    )
+    rectangle = np.array(
+        [[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]], dtype=np.float64
+    )
+    if not np.isfinite(rectangle).all():
+        raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
+    return rectangle
+
+
+def sensor_bounds(camera: Camera) -> FloatArray:
+    """The smallest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates around the sensor."""
+    return np.array(sensor_polygon(camera).bounds).reshape(2, 2)
+
+
+def corner_pattern(sides: int) -> FloatArray:
+    """Corners (sides, 2) of a tile as parts of its width and height, in the image's (u, v).
+
+    A rectangle; the fifth corner breaks the edge of greatest v, fifth and sixth those on the left and on the right.
+    """
+    rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    if sides == 5:
+        rectangle.insert(3, [0.5, 1.0])
+    if sides == 6:
+        rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0], [0.0, 1.0], [0.0, 0.5]]
+    return np.array(rectangle)
+
+
+def tiles(spec: DesignSpec, gap: float) -> FloatArray:
+    """Sub-images (rows, cols, sides, 2) in normalized coordinates that tile the sensor with a gap between neighbours.
+
+    Row 0, whose views are highest, lies where v is greatest, because the fold turns the image upside down. Corners
+    run as in `corner_pattern`.
+    """
+    low, high = sensor_rectangle(spec.camera)
+    count = np.array([spec.cols, spec.rows])
+    size = (high - low - (count - 1) * gap) / count
+    u, v = (low[k] + np.arange(count[k]) * (size[k] + gap) for k in (0, 1))
+    origins = np.stack(np.broadcast_arrays(u[None, :], v[::-1, None]), axis=-1)
+    return origins[:, :, None] + corner_pattern(spec.sides) * size
+
+
+def _rays(chief: FloatArray, view_from_rig: FloatArray) -> FloatArray:
+    """Unit viewing rays (..., 3) in view axes of normalized coordinates (..., 2)."""
+    rays = np.concatenate([chief, np.ones((*chief.shape[:-1], 1))], axis=-1) @ view_from_rig.T
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def parabola_centres(chief: FloatArray, scale: float, view_from_rig: FloatArray) -> FloatArray:
+    """Virtual centres (..., 3), in view axes, of facets tangent to a paraboloid where chief rays meet it.
+
+    Its focus is the pupil, its axis that of the views. `chief` (..., 2) holds normalized coordinates. All virtual
+    centres lie on the directrix plane, so all chief rays leave along the views' axis.
+    """
+    rays = _rays(chief, view_from_rig)
+    reach = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
+    return reach * (rays - [0.0, 0.0, 1.0])
+
+
+def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view_from_rig: FloatArray) -> FloatArray:
+    """Virtual centres (..., 3), in view axes, of facets tangent to an ellipsoid with foci at the pupil and at a target.
+
+    The target lies at `target_depth` where the folded optical axis gets there; all chief rays meet there. The
+    paraboloid is the limit of an infinitely far target. A point P on the surface has |P| + |P - target| = constant,
+    and its virtual centre is that far from the target on the line through P.
+    """
+    rays = _rays(chief, view_from_rig)
+    turn = scale * view_from_rig[:, 2]  # where the optical axis meets its mirror
+    target = np.array([turn[0], turn[1], target_depth])
+    total = scale + target_depth - turn[2]
+    points = rays * ((total**2 - target @ target) / (2.0 * (total - rays @ target)))[..., None]
+    away = points - target
+    return target + total * away / np.linalg.norm(away, axis=-1, keepdims=True)
+
+
+def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
+    """The faceted ellipsoid whose chief rays meet at a depth; tiles a little farther apart than the spec asks.
+
+    Where that would leave little of the sensor, they are as far apart as half a tile.
+    """
+    whole = tiles(spec, 0.0)[0, 0]
+    most = 0.5 * float((whole.max(axis=0) - whole.min(axis=0)).min())
+    gap_mm = max(1.3 * spec.spacing_mm, spec.seen_gap_mm)
+    corners = tiles(spec, min(gap_mm / spec.scale_mm, most)).reshape(-1, spec.sides, 2)
+    centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
+    return Seed(centres, corners, (corners[0].max(axis=0) - corners[0].min(axis=0)) / 2.0)
+
+
+def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatArray) -> tuple[Mirror, ...]:
+    """Mirrors that look like plain ones of virtual centres (n, 3), view axes, and corners (n, k, 2), normalized.
+
+    The numbers are rounded first, so that noise in the last digits does not change a layout's identity; outlines are
+    cut from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign where a sheet coated
+    behind does not fit between its coating and the pupil.
+    """
+    mirrors = []
+    centres = (centres_in_view_mm @ spec.view_from_rig).round(CENTRE_DECIMALS_MM) + 0.0
+    for centre, polygon in zip(centres, corners.round(NORMALIZED_DECIMALS), strict=True):
+        outline = cut(polygon, centre).round(OUTLINE_DECIMALS_MM) + 0.0
+        glass = {"thickness_mm": spec.thickness_mm, "refractive_index": spec.refractive_index}
+        try:
+            if spec.surface == "second":
+                mirrors.append(Mirror.second_surface(centre, outline, **glass))
+            else:
+                mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, **glass))
+        except ValidationError as error:
+            reason = one_line(error)
+            raise InfeasibleDesign("occlusion" if "past the pupil" in reason else GAVE_UP, reason) from None
+    return tuple(mirrors)
+
+
+def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, str]) -> Layout:
+    """The nominal layout of mirrors, row by row. Raises InfeasibleDesign where two overlap in the image."""
+    try:
+        return Layout(
+            rows=spec.rows,
+            cols=spec.cols,
+            camera=spec.camera,
+            mirrors=mirrors,
+            view_from_rig=spec.view_from_rig,
+            spec=spec,
+            provenance=made_by,
+        )
+    except ValidationError as error:
+        raise InfeasibleDesign("spacing", one_line(error)) from None
+
+
+def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
+    corners = tiles(spec.replaced(sides=4), gap).reshape(-1, 4, 2)
+    centres = parabola_centres(corners.mean(axis=1), spec.scale_mm, spec.view_from_rig)
+    return layout_of(spec, mirrors_of(spec, centres, corners), {"made_by": "optics.design.seeds.faceted_parabola"})
+
+
+def faceted_parabola(spec: DesignSpec) -> Layout:
+    """The paper's start: sub-images tile the sensor, facets are tangent to a paraboloid with its focus at the pupil.
+
+    The gap in the image is the smallest that leaves `spacing_mm` between all mirrors, all of four corners. Raises
+    InfeasibleDesign where no gap does.
+    """
+    low, high = sensor_rectangle(spec.camera)
+    widest = float(((high - low) / np.maximum(np.array([spec.cols, spec.rows]) - 1, 1)).min())
+
+    def excess_mm(gap: float) -> float:
+        return smallest_gap_mm(_parabola_with_gap(spec, gap)) - spec.spacing_mm
+
+    least = 1e-7
+    if excess_mm(least) >= 0:
+        return _parabola_with_gap(spec, least)
+    greatest = 0.98 * widest
+    missing_mm = -excess_mm(greatest)
+    if missing_mm > 0:
+        raise InfeasibleDesign(
+            "spacing",
+            f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
+            f"they come {missing_mm:.3g} mm too close however small they are",
+        )
+    return _parabola_with_gap(spec, brentq(excess_mm, least, greatest, xtol=1e-7) + 2e-7)

@@ -1,0 +1,142 @@
+"""Many designs: the grid of specs that a sweep asks for, what became of each, and all of them as rows of a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+
+if TYPE_CHECKING:
+    from mirrorcam.optics.geometry.layout import Layout
+
+Status = Literal["solved", "infeasible", "failed"]
+Cell = str | int | float | list[float] | None
+
+
+class Outcome(Value):
+    """What became of one spec: its figures, the constraint that cannot hold, or why nobody knows."""
+
+    spec: DesignSpec
+    status: Status
+    constraint: str = ""
+    finding: str = ""
+    metrics: dict[str, Metric] = Field(default_factory=dict)
+
+
+def grid(
+    common: DesignSpec,
+    *,
+    counts: Sequence[tuple[int, int]],
+    depth_sets_mm: Sequence[tuple[float, ...]],
+    scales_mm: Sequence[float],
+    tradeoffs: Sequence[float],
+) -> tuple[DesignSpec, ...]:
+    """All combinations of counts (rows, cols), depths, scales and tradeoffs, in this order, the last varying fastest.
+
+    Everything else is as in `common`. Raises InputError for a value that no spec takes and for one that is named twice.
+    """
+    axes: dict[str, list[dict[str, Any]]] = {
+        "counts": [{"rows": rows, "cols": cols} for rows, cols in counts],
+        "depth_sets_mm": [{"depths_mm": depths} for depths in depth_sets_mm],
+        "scales_mm": [{"scale_mm": scale} for scale in scales_mm],
+        "tradeoffs": [{"tradeoff": tradeoff} for tradeoff in tradeoffs],
+    }
+    fields = {name: getattr(common, name) for name in DesignSpec.model_fields}
+    for axis, choices in axes.items():
+        if not choices:
+            raise InputError(f"{axis}: nothing to choose from, expected one or more")
+        for choice in choices:
+            text = "x".join(str(value) for value in choice.values())
+            if choices.count(choice) > 1:
+                raise InputError(f"{axis}: {text} is named twice")
+            try:
+                DesignSpec(**(fields | choice))
+            except ValidationError as error:
+                from mirrorcam.optics.base.files import one_line
+
+                raise InputError(f"{axis}: {text}: {one_line(error)}") from None
+    combined = (
+        {key: value for choice in choices for key, value in choice.items()} for choices in product(*axes.values())
+    )
+    return tuple(DesignSpec(**(fields | choice)) for choice in combined)
+
+
+def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
+    """What specs of one optimisation problem share, whatever their numbers are."""
+    return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface
+
+
+def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
+    """Design one spec; the layout where there is one. Whatever goes wrong becomes the outcome and stops no sweep."""
+    from mirrorcam.optics.design.optimise import design
+
+    try:
+        layout = design(spec)
+    except InfeasibleDesign as refusal:
+        status: Status = "failed" if refusal.constraint == GAVE_UP else "infeasible"
+        return Outcome(spec=spec, status=status, constraint=refusal.constraint, finding=refusal.finding), None
+    except Exception as error:
+        finding = " ".join(f"{type(error).__name__}: {error}".split())
+        return Outcome(spec=spec, status="failed", finding=finding), None
+    return Outcome(spec=spec, status="solved", metrics=layout.metrics), layout
+
+
+def summary_figures(outcome: Outcome) -> dict[str, float | None]:
+    """Figures by which designs of any count and depths compare; None where there is none.
+
+    `pixel_efficiency_mean` is that of the depths of the spec, `fov_diagonal_deg` the diagonal of the field of view, and
+    `depth_of_field_per_m` the depth range in which views overlap as 1/nearest - 1/farthest, which is what disparities
+    are proportional to, and stays finite where the range does not.
+    """
+    values = {name: metric.value for name, metric in outcome.metrics.items()}
+    shares = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
+    known = [share for share in shares if share is not None]
+    across, upwards = values.get("fov_x_deg"), values.get("fov_y_deg")
+    nearest_mm, farthest_mm = values.get("depth_nearest_mm"), values.get("depth_farthest_mm")
+    diagonal = depth_of_field = None
+    if across is not None and upwards is not None:
+        halves = [math.tan(math.radians(angle) / 2.0) for angle in (across, upwards)]
+        diagonal = 2.0 * math.degrees(math.atan(math.hypot(*halves)))
+    if nearest_mm is not None and farthest_mm is not None:
+        depth_of_field = 1e3 / nearest_mm - 1e3 / farthest_mm
+    return {
+        "pixel_efficiency_mean": sum(known) / len(known) if known else None,
+        "fov_diagonal_deg": diagonal,
+        "depth_of_field_per_m": depth_of_field,
+    }
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Numbers of the points than which no other is better in one coordinate and as good in the other; more is better.
+
+    From the least first coordinate to the greatest. Of equal points, the first stands for all.
+    """
+    front: list[int] = []
+    for number in sorted(range(len(points)), key=lambda k: (-points[k][0], -points[k][1], k)):
+        if not front or points[number][1] > points[front[-1]][1]:
+            front.append(number)
+    return front[::-1]
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
+    """A row for each outcome, all of the same columns: spec, outcome and every figure; None where there is none.
+
+    Names of figures hold their units. The camera stands there by its name.
+    """
+    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.metrics))
+    rows: list[dict[str, Cell]] = []
+    for outcome in outcomes:
+        spec = outcome.spec.model_dump(mode="json", exclude={"camera"})
+        row: dict[str, Cell] = {"camera": outcome.spec.camera.name} | spec
+        row |= {"status": outcome.status, "constraint": outcome.constraint, "finding": outcome.finding}
+        row |= summary_figures(outcome)
+        row |= {name: outcome.metrics[name].value if name in outcome.metrics else None for name in names}
+        rows.append(row)
+    return rows

@@ -1,0 +1,122 @@
+"""The folder of exports: what other tools read of a layout, and the pictures that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_image, write_image, write_text
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports.colmap_rig import rig_config, sparse_model
+from mirrorcam.optics.exports.kalibr import camchain_yaml, radtan
+from mirrorcam.optics.exports.nearest_pinhole import DISTANCES_MM
+from mirrorcam.optics.exports.nerfstudio_views import transforms_json
+from mirrorcam.optics.exports.opencv import opencv_yaml
+from mirrorcam.optics.exports.ros import camera_info_yaml
+from mirrorcam.optics.exports.urdf import urdf
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.geometry.layout import Layout
+
+PICTURE = "0000.png"
+
+
+def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:
+    """Write the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF into `folder`, with a README.md.
+
+    `pictures` are frames of this camera: COLMAP gets all of them, as frames of one rig, nerfstudio the first, for a
+    picture is one moment of a rig whose motion only COLMAP finds. Raises InputError where a mirror shows nothing and
+    where a picture has another size or shares its name with another.
+    """
+    views = virtual_cameras(layout)
+    names = [f"{path.stem}.png" for path in pictures]
+    if len(set(names)) < len(names):
+        raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
+    colmap, nerfstudio = folder / "colmap", folder / "nerfstudio"
+    write_text(folder / "opencv.yaml", opencv_yaml(views))
+    write_text(folder / "kalibr_camchain.yaml", camchain_yaml(views))
+    write_text(folder / "mirrorcam_calibrated.urdf", urdf(views))
+    for view in views:
+        write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
+    write_text(colmap / "rig_config.json", rig_config(views, layout.central_index))
+    for name, text in sparse_model(views, layout.central_index, (names or [PICTURE])[0]).items():
+        write_text(colmap / "sparse" / name, text)
+    write_text(nerfstudio / "transforms.json", transforms_json(views, layout.view_from_rig))
+    for view in views:
+        write_image(nerfstudio / "masks" / f"{view.name}.png", view.mask[view.sub_image.slices])
+        for name in names or [PICTURE]:
+            write_image(colmap / "masks" / view.name / f"{name}.png", view.mask)
+    for place, (path, name) in enumerate(zip(pictures, names, strict=True)):
+        frame = _frame(path, layout)
+        for view in views:
+            flipped = view.flipped(frame)
+            shown = np.where(view.mask.reshape(*view.mask.shape, 1) > 0, flipped, 0).astype(np.uint8)
+            write_image(colmap / "images" / view.name / name, shown)
+            if place == 0:
+                write_image(nerfstudio / "images" / f"{view.name}.png", flipped[view.sub_image.slices])
+    write_text(folder / "README.md", readme(layout, views))
+
+
+def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:
+    frame = read_image(path)
+    height, width = frame.shape[:2]
+    camera = layout.camera
+    if (width, height) != (camera.width_px, camera.height_px):
+        raise InputError(f"{path}: {width}x{height} px, expected {camera.width_px}x{camera.height_px} as calibrated")
+    return frame
+
+
+def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
+    """What each file holds, and which picture belongs to it."""
+    flip = views[0].flip
+    option = "hflip" if flip == "left-right" else "vflip"
+    rows = ""
+    for view in views:
+        cut = view.sub_image
+        errors = " | ".join(
+            f"{error:.2g}" if error > 1e-6 else "0" for error in (view.pinhole_error_px, radtan(view)[1])
+        )
+        rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
+    depths = " to ".join(f"{mm:g}" for mm in (layout.spec.depths_mm if layout.spec else DISTANCES_MM))
+    return f"""# A mirror camera for other tools
+
+Layout {layout.identity}, camera {layout.camera.width_px} x {layout.camera.height_px} px.
+
+Each mirror is a camera of its own here. A mirror exchanges left and right, so its picture is the frame **flipped
+{flip}** (`ffmpeg -vf {option}`): with a frame as the sensor gives it every file here is wrong.
+
+| file | picture | pixel (0, 0) is | unit |
+|---|---|---|---|
+| `opencv.yaml` | whole flipped frame; `roi` is the view's part | the centre of the top-left pixel | mm |
+| `ros/VIEW.yaml` | whole flipped frame, or only its `roi` as CameraInfo has it | the centre of the top-left pixel | |
+| `mirrorcam_calibrated.urdf` | | | m |
+| `kalibr_camchain.yaml` | whole flipped frame, one topic for each view | the centre of the top-left pixel | m |
+| `colmap/` | whole flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
+| `nerfstudio/` | flipped frame cut to the view, in `images/` | the corner of the top-left pixel | m |
+
+OpenCV: x_camera = R x_rig + T; the rig's origin is the pupil, x right, y down, z along the optical axis.
+ROS: the URDF hangs `mirrorcam_VIEW_optical_frame` on `mirrorcam_camera_optical_frame`, which is the rig. A driver puts
+`frame_id` and `roi` of a file into its messages; ROS's own parser passes over them.
+
+COLMAP, with the cameras as they are calibrated:
+
+    mkdir points
+    colmap feature_extractor --database_path database.db --image_path images --ImageReader.mask_path masks \\
+        --ImageReader.single_camera_per_folder 1
+    colmap rig_configurator --database_path database.db --rig_config_path rig_config.json
+    colmap exhaustive_matcher --database_path database.db
+    colmap point_triangulator --database_path database.db --image_path images --input_path sparse \\
+        --output_path points --Mapper.ba_refine_sensor_from_rig 0
+
+triangulates one picture; of many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0 --Mapper.ba_refine_focal_length 0
+--Mapper.ba_refine_extra_params 0` finds the rig's motion too. nerfstudio: `ns-train splatfacto --data nerfstudio`.
+
+How wrong these cameras are, in px, anywhere in their view: as pinholes, and in Kalibr's model, which has no k3. A flat
+mirror that is coated in front makes a pinhole. One coated behind its sheet, or bent, does not: the camera here is the
+nearest to it over the view and {depths} mm from its virtual centre.
+
+| view | first pixel of the flipped frame | size px | pinhole | Kalibr |
+|---|---|---|---|---|
+{rows}"""

@@ -1,0 +1,1 @@
+"""Camera, mirrors and layout, and where light goes between them."""

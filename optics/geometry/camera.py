@@ -1,0 +1,147 @@
+"""The base camera: pinhole with Brown-Conrady distortion in OpenCV's convention (pixel (0, 0) is a pixel centre)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+
+INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+
+
+class Camera(Value):
+    """Pinhole camera at the origin of its frame, looking along +z, x to image right, y to image down.
+
+    `distortion` is (k1, k2, p1, p2, k3), the order of OpenCV. "Normalized" coordinates are (x/z, y/z).
+    """
+
+    name: str = "camera"
+    width_px: int = Field(gt=0)
+    height_px: int = Field(gt=0)
+    fx_px: float = Field(gt=0)
+    fy_px: float = Field(gt=0)
+    cx_px: float
+    cy_px: float
+    distortion: Annotated[FloatArray, Shaped((5,))] = Field(default_factory=lambda: np.zeros(5), validate_default=True)
+
+    @classmethod
+    def c920(cls) -> Self:
+        """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length."""
+        return cls(
+            name="Logitech C920",
+            width_px=1920,
+            height_px=1080,
+            fx_px=1360.38,
+            fy_px=1360.38,
+            cx_px=959.5,
+            cy_px=539.5,
+        )
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """The 3x3 intrinsic matrix."""
+        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
+
+    @cached_property
+    def intrinsics(self) -> FloatArray:
+        """The nine numbers of `INTRINSIC_NAMES`."""
+        return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion])
+
+    def with_intrinsics(self, intrinsics: FloatArray) -> Self:
+        """The same sensor with the nine numbers of `INTRINSIC_NAMES` replaced."""
+        fx, fy, cx, cy, *distortion = (float(v) for v in intrinsics)
+        return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion)
+
+    @cached_property
+    def valid_radius(self) -> float:
+        """Normalized radius up to which the radial distortion grows monotonically (infinite where it never folds)."""
+        k1, k2, _, _, k3 = self.distortion
+        # Solved for 1 / r^2, whose polynomial has the leading coefficient 1 however small the distortion is.
+        roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
+        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # beyond r = 1e6 is as good as never
+        return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
+
+    def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
+        """Distort and scale normalized coordinates (..., 2) to pixels; NaN beyond `valid_radius`."""
+        x, y = normalized[..., 0], normalized[..., 1]
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        pixels = np.stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px], axis=-1)
+        if np.isfinite(self.valid_radius):
+            pixels = np.where((r2 <= self.valid_radius**2)[..., None], pixels, np.nan)
+        return pixels
+
+    def project(self, points_in_rig: FloatArray) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in mm; NaN for points behind the camera or past the lens model."""
+        points = np.asarray(points_in_rig, dtype=np.float64)
+        depth = points[..., 2:]
+        normalized = np.divide(points[..., :2], depth, out=np.full(points[..., :2].shape, np.nan), where=depth > 0)
+        return self.pixels_from_normalized(normalized)
+
+    def project_with_jacobians(self, points_in_rig: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, 9) of points (n, 3) in mm."""
+        x, y, z = np.asarray(points_in_rig, dtype=np.float64).T
+        x, y = x / z, y / z
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        r4, r6 = r2 * r2, r2 * r2 * r2
+        radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
+        d_radial = k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+
+        # Stored component first: each assignment below then runs through memory once.
+        d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
+        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
+        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
+        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
+        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * xx / z, self.fx_px * cross / z
+        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * cross / z, self.fy_px * yy / z
+        d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
+
+        d_intrinsics = np.zeros((2, 9, x.size)).transpose(2, 0, 1)
+        d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = xd, yd
+        d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
+        for row, focal, coordinate in ((0, self.fx_px, x), (1, self.fy_px, y)):
+            for column, power in ((4, r2), (5, r4), (8, r6)):
+                d_intrinsics[:, row, column] = focal * coordinate * power
+        d_intrinsics[:, 0, 6], d_intrinsics[:, 0, 7] = self.fx_px * 2.0 * x * y, self.fx_px * (r2 + 2.0 * x * x)
+        d_intrinsics[:, 1, 6], d_intrinsics[:, 1, 7] = self.fy_px * (r2 + 2.0 * y * y), self.fy_px * 2.0 * x * y
+        pixels = np.stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px], axis=-1)
+        return pixels, d_points, d_intrinsics
+
+    def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
+        """Undistort pixels (..., 2) to normalized coordinates by Newton's method; NaN where it does not converge."""
+        pixels = np.asarray(pixels, dtype=np.float64)
+        shape = pixels.shape
+        target = pixels.reshape(-1, 2)
+        focal = np.array([self.fx_px, self.fy_px])
+        normalized = (target - np.array([self.cx_px, self.cy_px])) / focal
+        if not self.distortion.any():
+            return normalized.reshape(shape)
+        if np.isfinite(self.valid_radius):
+            radius = np.linalg.norm(normalized, axis=1, keepdims=True)
+            normalized *= np.minimum(1.0, 0.95 * self.valid_radius / np.maximum(radius, 1e-12))
+        for _ in range(20):
+            points = np.column_stack([normalized, np.ones(len(normalized))])
+            found, d_points, _ = self.project_with_jacobians(points)
+            error = target - found
+            if np.nanmax(np.abs(error), initial=0.0) < 1e-11 * max(self.width_px, self.height_px):
+                break
+            normalized += np.linalg.solve(d_points[:, :, :2], error[:, :, None])[:, :, 0]
+        error = np.abs(target - self.pixels_from_normalized(normalized))
+        converged = (error < 1e-6).all(axis=1)
+        normalized[~converged] = np.nan
+        return normalized.reshape(shape)
+
+    def unproject(self, pixels: FloatArray) -> FloatArray:
+        """Viewing rays (..., 3) with z = 1, in rig, of pixels (..., 2)."""
+        normalized = self.normalized_from_pixels(pixels)
+        return np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)

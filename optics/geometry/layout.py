@@ -1,0 +1,139 @@
+"""The one value that flows through the house: a base camera and its mirrors, with the file format users meet."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from shapely import Polygon, STRtree
+
+from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror import Mirror
+
+FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
+
+SLIVER = 0.02
+"""Part of a sub-image that another may hide in a device as built; more means that the mirrors are not those meant."""
+
+
+class Uncertainty(Value):
+    """Covariance of calibrated parameters, named like "mirror 4 x_mm" or "fx_px"; units are those of the names."""
+
+    parameters: tuple[str, ...]
+    covariance: SquareMatrix
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        expected = (len(self.parameters),) * 2
+        if self.covariance.shape != expected:
+            raise ValueError(f"covariance has shape {self.covariance.shape}, expected {expected}")
+        return self
+
+
+class Layout(Value):
+    """A base camera plus rows x cols flat mirrors, row by row: t down (view y), s right (view x).
+
+    Nominal (designed), as-built (perturbed) and calibrated layouts are this same type. All lengths are mm in the rig
+    frame: origin at the entrance pupil, +x image right, +y image down, +z along the optical axis.
+
+    `metrics` are the figures of a layout, `verdict` those that a design must keep, with their limits, as measured by
+    `optics.design.verify`. Both are of these very mirrors: a layout whose mirrors moved has neither until measured.
+    """
+
+    schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")
+    kind: Literal["nominal", "as-built", "calibrated"] = "nominal"
+    rows: int = Field(ge=1)
+    cols: int = Field(ge=1)
+    camera: Camera
+    mirrors: tuple[Mirror, ...]
+    view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)
+    spec: DesignSpec | None = None
+    metrics: dict[str, Metric] = Field(default_factory=dict)
+    verdict: dict[str, Metric] = Field(default_factory=dict)
+    provenance: dict[str, str] = Field(default_factory=dict)
+    uncertainty: Uncertainty | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.mirrors) != self.rows * self.cols:
+            raise ValueError(f"{len(self.mirrors)} mirrors, expected rows x cols = {self.rows * self.cols}")
+        turn = self.view_from_rig
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
+            raise ValueError("view_from_rig is not a rotation")
+        polygons = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in self.mirrors])
+        touching = STRtree(polygons).query(polygons, predicate="intersects").T
+        for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
+            shared = polygons[i].intersection(polygons[j]).area
+            if shared > self._overlap_allowed(polygons[i].area, polygons[j].area):
+                raise ValueError(f"outlines of mirrors {i} and {j} overlap in the image, expected a gap")
+        return self
+
+    def _overlap_allowed(self, *areas: float) -> float:
+        """Of a design none; in a built device, a mirror may hide a sliver of another."""
+        return 1e-12 if self.kind == "nominal" else SLIVER * min(areas)
+
+    @cached_property
+    def identity(self) -> str:
+        """Sixteen hexadecimal digits of what light meets: camera, mirrors and view axes; nothing else changes it.
+
+        Names do not: not even the camera's.
+        """
+        light = self.model_dump(
+            mode="json",
+            include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
+            exclude={"camera": {"name"}},
+        )
+        return hashlib.sha256(json.dumps(light, sort_keys=True).encode()).hexdigest()[:16]
+
+    @cached_property
+    def virtual_centres_in_rig_mm(self) -> FloatArray:
+        """Virtual camera centres (rows*cols, 3); of second-surface mirrors, those of the apparent ones."""
+        return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors])
+
+    @cached_property
+    def virtual_centres_in_view_mm(self) -> FloatArray:
+        """Virtual camera centres (rows, cols, 3) in view axes (x right, y down, z forward), origin at the pupil."""
+        return (self.virtual_centres_in_rig_mm @ self.view_from_rig.T).reshape(self.rows, self.cols, 3)
+
+    @property
+    def central_index(self) -> int:
+        """Index of the central mirror (of an even count, the one after the centre)."""
+        return (self.rows // 2) * self.cols + self.cols // 2
+
+    def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
+        """Pixels (..., 2) at which points (..., 3) appear by way of one mirror, whether or not the outline shows them.
+
+        Exact, through a sheet and in a bent mirror too (`Mirror.image_of`).
+        """
+        return self.camera.project(self.mirrors[mirror_index].image_of(points_in_rig))
+
+    def outline_px(self, mirror_index: int, points_per_edge: int = 16, *, usable: bool = False) -> FloatArray:
+        """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them.
+
+        `usable`: the part of it that shows the scene, see `Mirror.usable_normalized`.
+        """
+        mirror = self.mirrors[mirror_index].apparent
+        corners = self.mirrors[mirror_index].usable_normalized if usable else mirror.outline_normalized
+        along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
+        edges = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+        if not mirror.curvature_per_m.any():
+            return self.camera.pixels_from_normalized(edges)
+        on_plane = mirror.cut(edges)
+        return self.camera.project(on_plane + mirror.sag_mm(on_plane)[:, None] * mirror.normal_in_rig)
+
+    def save(self, path: Path) -> None:
+        """Write `layout.json` atomically."""
+        write_text(path, self.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read `layout.json`; raises InputError with one line for anything that does not belong in it."""
+        return read_model(cls, path)

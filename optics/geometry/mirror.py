@@ -1,0 +1,249 @@
+"""A flat mirror is one point: the pupil reflected. Its plane is the perpendicular bisector of pupil and that point."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from shapely import LinearRing, Polygon
+
+from mirrorcam.optics.base.values import FloatArray, Points3, Value, Vector3
+from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images, plane_axes
+from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+
+ON_PLANE_TOLERANCE_MM = 1e-6
+NEARLY_FLAT = 0.1
+"""Distance over radius up to which a bent mirror's image is single and about where its plane shows it."""
+
+
+def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Reflect points (..., 3) at the plane of a virtual centre c: x - 2 (x.c / |c|^2 - 1/2) c. Broadcasts."""
+    squared = np.sum(virtual_centre * virtual_centre, axis=-1, keepdims=True)
+    along = np.sum(points_in_rig * virtual_centre, axis=-1, keepdims=True) / squared
+    return points_in_rig - 2.0 * (along - 0.5) * virtual_centre
+
+
+def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+    """Points (..., 3) where viewing rays (normalized coordinates (..., 2)) meet the plane of a virtual centre (3,)."""
+    rays = np.concatenate([normalized, np.ones((*np.shape(normalized)[:-1], 1))], axis=-1)
+    return rays * (0.5 * (virtual_centre @ virtual_centre) / (rays @ virtual_centre))[..., None]
+
+
+class Mirror(Value):
+    """One mirror of a layout, flat or nearly so, in the rig frame (origin at the pupil of the base camera).
+
+    The plane is the *reflecting* surface: the front of a first-surface mirror, the coated back of a second-surface one.
+    The outline is where that surface is cut, a convex polygon of at least three corners on the plane. The camera sees a
+    second-surface mirror through its sheet, about as it would see the first-surface mirror `apparent`.
+
+    A bent mirror stands off its plane, towards the pupil, by (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y) of its own
+    frame: the plane touches it in the middle of the outline. `curvature_per_m` is (k_xx, k_yy, k_xy), in 1/m.
+    """
+
+    virtual_centre_in_rig_mm: Vector3
+    outline_in_rig_mm: Points3
+    surface: Literal["first", "second"] = "first"
+    thickness_mm: float = Field(default=1.0, gt=0)
+    refractive_index: float = Field(default=1.49, ge=1)
+    curvature_per_m: Vector3 = Field(
+        default_factory=lambda: np.zeros(3), validate_default=True, exclude_if=lambda curvature: not np.any(curvature)
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.distance_mm < 1e-3:
+            raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
+        if self.surface == "second" and self.distance_mm <= self.thickness_mm:
+            past_mm = self.thickness_mm - self.distance_mm
+            raise ValueError(f"second-surface sheet reaches {past_mm:.3g} mm past the pupil, expected it before it")
+        curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
+        if curvature > limit:
+            raise ValueError(
+                f"curvature_per_m reaches {curvature:.3g}, expected a mirror nearly flat: {limit:.3g} at most"
+            )
+        outline = self.outline_in_rig_mm
+        if len(outline) < 3:
+            raise ValueError(f"outline has {len(outline)} corners, expected at least 3")
+        off_plane = np.abs(outline @ self.normal_in_rig + self.distance_mm).max()
+        if off_plane > ON_PLANE_TOLERANCE_MM:
+            raise ValueError(f"outline leaves the mirror plane by {off_plane:.3g} mm, expected all corners on it")
+        if (outline[:, 2] <= 0).any():
+            raise ValueError("outline has a corner behind the camera, expected z > 0")
+        polygon = self.outline_in_plane_mm
+        if not LinearRing(polygon).is_simple:
+            raise ValueError("outline crosses itself, expected a convex polygon")
+        edges = np.roll(polygon, -1, axis=0) - polygon
+        following = np.roll(edges, -1, axis=0)
+        turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+        scale = np.square(edges).sum(axis=1).max()
+        if Polygon(polygon).area <= 1e-6 * scale:
+            raise ValueError("outline has no area, expected a convex polygon")
+        if not (turns > -1e-9 * scale).all() and not (turns < 1e-9 * scale).all():
+            raise ValueError("outline is not convex, expected a convex polygon")
+        return self
+
+    @classmethod
+    def from_plane(cls, point_in_rig: FloatArray, normal_in_rig: FloatArray, **fields: object) -> Self:
+        """The mirror through a point (3,) in mm with a normal (3,) of any length and sign."""
+        normal = normal_in_rig / np.linalg.norm(normal_in_rig)
+        return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point_in_rig) * normal, **fields)
+
+    @classmethod
+    def second_surface(
+        cls,
+        apparent_centre_in_rig_mm: FloatArray,
+        apparent_outline_in_rig_mm: FloatArray,
+        *,
+        thickness_mm: float,
+        refractive_index: float,
+    ) -> Self:
+        """The mirror coated behind whose `apparent` mirror has this virtual centre (3,) and this outline (n, 3)."""
+        distance_mm = float(np.linalg.norm(apparent_centre_in_rig_mm)) / 2.0
+        normal = -apparent_centre_in_rig_mm / (2.0 * distance_mm)
+        across = apparent_outline_in_rig_mm.mean(axis=0) + distance_mm * normal
+        tangent = np.array(np.linalg.norm(across) / distance_mm)
+        rise = float(rise_mm(tangent, thickness_mm, refractive_index))
+        return cls(
+            virtual_centre_in_rig_mm=apparent_centre_in_rig_mm * (1.0 + rise / distance_mm),
+            outline_in_rig_mm=apparent_outline_in_rig_mm - rise * normal,
+            surface="second",
+            thickness_mm=thickness_mm,
+            refractive_index=refractive_index,
+        )
+
+    @cached_property
+    def _chief(self) -> tuple[FloatArray, float]:
+        """Where the middle of the outline lies from the foot of the pupil (3,) in mm, and the chief ray's tangent."""
+        across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
+        across_mm = float(np.linalg.norm(across))
+        if self.surface == "first":
+            return across, across_mm / self.distance_mm
+        air_mm = self.distance_mm - self.thickness_mm
+        return across, float(outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index))
+
+    @cached_property
+    def apparent(self) -> Mirror:
+        """The first-surface mirror that this one looks like at its chief ray, through the middle of the outline.
+
+        Of a first-surface mirror, itself. Else the plane and the outline moved towards the pupil by t (1 - tan' / tan),
+        where incoming and outgoing chief ray, made longer, meet; rays of another incidence stray a little from it.
+        """
+        if self.surface == "first":
+            return self
+        rise = float(rise_mm(np.array(self._chief[1]), self.thickness_mm, self.refractive_index))
+        return Mirror(
+            virtual_centre_in_rig_mm=self.virtual_centre_in_rig_mm * (1.0 - rise / self.distance_mm),
+            outline_in_rig_mm=self.outline_in_rig_mm + rise * self.normal_in_rig,
+            thickness_mm=self.thickness_mm,
+            curvature_per_m=self.curvature_per_m,
+        )
+
+    @cached_property
+    def usable_normalized(self) -> FloatArray:
+        """The part (n, 2) of the outline that shows the scene, as the camera sees it; (0, 2) where there is none.
+
+        All of a first-surface mirror. Light enters the front of a second-surface one t tan' before the point of the
+        coating that it meets and leaves as far behind it, and both must lie within the front, which is cut alike.
+        """
+        if self.surface == "first":
+            return self.outline_normalized
+        across, tangent = self._chief
+        inside = float(inner_tangent(np.array(tangent), self.refractive_index))
+        across_mm = float(np.linalg.norm(across))
+        shift = self.thickness_mm * inside * across / across_mm if across_mm > 0 else across
+        flat = shift @ self.rig_from_plane[:3, :2]
+        shown = Polygon(self.outline_in_plane_mm + flat).intersection(Polygon(self.outline_in_plane_mm - flat))
+        if shown.area <= 0.0:
+            return np.zeros((0, 2))
+        seen = self.apparent.rig_from_plane
+        points = np.array(shown.exterior.coords)[:-1] @ seen[:3, :2].T + seen[:3, 3]
+        return points[:, :2] / points[:, 2:]
+
+    @cached_property
+    def distance_mm(self) -> float:
+        """Distance of the plane from the pupil."""
+        return float(np.linalg.norm(self.virtual_centre_in_rig_mm)) / 2.0
+
+    @cached_property
+    def normal_in_rig(self) -> FloatArray:
+        """Unit normal (3,) on the reflecting side, where the pupil is: n.x = -distance on the plane."""
+        return -self.virtual_centre_in_rig_mm / (2.0 * self.distance_mm)
+
+    @cached_property
+    def reflection(self) -> FloatArray:
+        """The 3x3 linear part I - 2 n n^T (determinant -1), for directions."""
+        return np.eye(3) - 2.0 * np.outer(self.normal_in_rig, self.normal_in_rig)
+
+    def reflect(self, points_in_rig: FloatArray) -> FloatArray:
+        """Reflect points (..., 3) in mm at the plane."""
+        return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
+
+    def image_of(self, points_in_rig: FloatArray) -> FloatArray:
+        """Where points (..., 3) before the mirror appear to the pupil, exactly in direction; see `optics.image`.
+
+        NaN for points that are not before a sheet or a bent mirror.
+        """
+        if self.surface == "first" and not self.curvature_per_m.any():
+            return self.reflect(points_in_rig)
+        surfaces = Surfaces(
+            centre=self.virtual_centre_in_rig_mm[:, None],
+            middle=self.outline_in_rig_mm.mean(axis=0)[:, None],
+            thickness=np.array([self.thickness_mm if self.surface == "second" else 0.0]),
+            index=np.array([self.refractive_index]),
+            curvature=self.curvature_per_m[:, None],
+        )
+        return images(points_in_rig.reshape(-1, 3).T, surfaces).image.T.reshape(points_in_rig.shape)
+
+    def sag_mm(self, points_in_rig: FloatArray) -> FloatArray:
+        """How far (...) the reflecting surface stands before the plane at points (..., 3) of the plane."""
+        x, y = np.moveaxis((points_in_rig - self.rig_from_plane[:3, 3]) @ self.rig_from_plane[:3, :2], -1, 0)
+        xx, yy, xy = self.curvature_per_m / 1e3
+        return np.asarray((xx * x**2 + yy * y**2) / 2.0 + xy * x * y)
+
+    def cut(self, normalized: FloatArray) -> FloatArray:
+        """Points (..., 3) in rig, mm, where viewing rays with normalized image coordinates (..., 2) meet the plane."""
+        return cut(normalized, self.virtual_centre_in_rig_mm)
+
+    @cached_property
+    def outline_normalized(self) -> FloatArray:
+        """The outline (n, 2) as the camera sees it, in normalized image coordinates."""
+        return self.outline_in_rig_mm[:, :2] / self.outline_in_rig_mm[:, 2:]
+
+    @cached_property
+    def rig_from_plane(self) -> FloatArray:
+        """Rigid 4x4 of the mirror's own frame.
+
+        Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows (for a mirror that
+        faces along the rig's x: along the rig's z), z out of the reflecting side.
+        """
+        matrix = np.eye(4)
+        for column, axis in enumerate(plane_axes(self.normal_in_rig[:, None])):
+            matrix[:3, column] = axis[:, 0]
+        matrix[:3, 2], matrix[:3, 3] = self.normal_in_rig, self.outline_in_rig_mm.mean(axis=0)
+        return matrix
+
+    @cached_property
+    def outline_in_plane_mm(self) -> FloatArray:
+        """The outline (n, 2) in the mirror's own frame, as seen from the reflecting side."""
+        matrix = self.rig_from_plane
+        return (self.outline_in_rig_mm - matrix[:3, 3]) @ matrix[:3, :2]
+
+    def moved(self, rotation: FloatArray, translation_mm: FloatArray) -> Self:
+        """The mirror as a rigid body: turned by a 3x3 rotation about its outline mean, then shifted by (3,) in rig."""
+        centre = self.outline_in_rig_mm.mean(axis=0)
+        normal = rotation @ self.normal_in_rig
+        # The frame's x axis stays along the rig's, so the mirror turns within its frame.
+        turned = (rotation @ self.rig_from_plane[:3, :2]).T @ np.column_stack(plane_axes(normal[:, None]))
+        xx, yy, xy = self.curvature_per_m
+        bend = turned.T @ np.array([[xx, xy], [xy, yy]]) @ turned
+        return type(self).from_plane(
+            centre + translation_mm,
+            normal,
+            outline_in_rig_mm=(self.outline_in_rig_mm - centre) @ rotation.T + centre + translation_mm,
+            surface=self.surface,
+            thickness_mm=self.thickness_mm,
+            refractive_index=self.refractive_index,
+            curvature_per_m=[bend[0, 0], bend[1, 1], bend[0, 1]],
+        )

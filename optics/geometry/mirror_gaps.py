@@ -1,0 +1,114 @@
+"""The sheets of mirrors as convex bodies, and how far apart they are, in space and as the camera sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from shapely import Polygon
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+
+def sheet_in_rig_mm(mirror: Mirror) -> FloatArray:
+    """Corners (2n, 3) of the mirror's sheet: the reflecting face, then the other one."""
+    side = -1.0 if mirror.surface == "first" else 1.0
+    face = mirror.outline_in_rig_mm
+    return np.concatenate([face, face + side * mirror.thickness_mm * mirror.normal_in_rig])
+
+
+def half_spaces(mirror: Mirror) -> tuple[FloatArray, FloatArray]:
+    """Outward unit normals (k, 3) and offsets (k,) of the faces of the mirror's sheet: inside where n.x <= d, mm."""
+    corners = sheet_in_rig_mm(mirror)
+    front, back = corners[: len(corners) // 2], corners[len(corners) // 2 :]
+    middle = corners.mean(axis=0)
+    sides = np.cross(np.roll(front, -1, axis=0) - front, back - front)
+    normals = np.concatenate([[mirror.normal_in_rig, mirror.normal_in_rig], sides])
+    points = np.concatenate([front[:1], back[:1], front])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign(np.sum(normals * (points - middle), axis=1, keepdims=True))
+    return normals, np.sum(normals * points, axis=1)
+
+
+def hull_distance(first: FloatArray, second: FloatArray) -> float:
+    """Distance between the convex hulls of two point sets (n, 3) and (m, 3); 0 where they meet.
+
+    Lawson and Hanson's least-distance programming: with D all pairwise differences, the w >= 0 that minimises
+    |D w|^2 + (1 - sum w)^2 points at the point of hull(D) nearest to the origin, and leaves d^2 / (1 + d^2).
+    """
+    differences = (first[:, None] - second[None, :]).reshape(-1, 3).T
+    size = float(np.abs(differences).max())
+    system = np.vstack([differences / size, np.ones(differences.shape[1])])
+    weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
+    return float(np.linalg.norm(differences @ weights) / weights.sum())
+
+
+def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Arrays (k_i, ...) as one (n, max k, ...); the shorter ones repeat their last row, which no extreme feels."""
+    longest = max(len(array) for array in arrays)
+    return np.stack([np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in arrays])
+
+
+def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
+    """For all pairs (n, n) a distance that their sheets keep at least: the best of their faces as a plane between."""
+    corners = stacked([sheet_in_rig_mm(mirror) for mirror in mirrors])
+    faces = [half_spaces(mirror) for mirror in mirrors]
+    normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
+    heights = np.tensordot(normals, corners, axes=(2, 2)) - offsets[:, :, None, None]
+    beyond = heights.min(axis=3).max(axis=1)
+    return np.maximum(np.maximum(beyond, beyond.T), 0.0)
+
+
+def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[int, int]]:
+    """Pairs i < j of mirrors whose sheets are less than `gap_mm` apart."""
+    corners = [sheet_in_rig_mm(mirror) for mirror in mirrors]
+    candidates = np.argwhere(np.triu(_least_gaps_mm(mirrors) < gap_mm, 1))
+    return [(int(i), int(j)) for i, j in candidates if hull_distance(corners[i], corners[j]) < gap_mm]
+
+
+def smallest_gap_mm(layout: Layout) -> float:
+    """Smallest distance between the sheets of any two mirrors, mm; 0 where two meet, infinite for a single mirror."""
+    corners = [sheet_in_rig_mm(mirror) for mirror in layout.mirrors]
+    first, second = np.triu_indices(len(corners), 1)
+    least = _least_gaps_mm(layout.mirrors)[first, second]
+    smallest = float("inf")
+    for k in np.argsort(least, kind="stable"):
+        if least[k] >= smallest:
+            break
+        smallest = min(smallest, hull_distance(corners[first[k]], corners[second[k]]))
+    return smallest
+
+
+def edges_mm(mirror: Mirror) -> FloatArray:
+    """Lengths (n,) of the outline's edges."""
+    outline = mirror.outline_in_rig_mm
+    return np.array([np.linalg.norm(b - a) for a, b in pairwise([*outline, outline[0]])])
+
+
+def area_mm2(mirror: Mirror) -> float:
+    """Area of the outline (shoelace in the mirror's own plane)."""
+    x, y = mirror.outline_in_plane_mm.T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)
+
+
+def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """All pairs i < j and how far their sub-images are apart, in normalized coordinates."""
+    seen = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
+    first, second = np.triu_indices(len(seen), 1)
+    return first, second, shapely.distance(seen[first], seen[second])
+
+
+def seen_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
+    """Pairs i < j of mirrors whose sub-images are less than `gap` apart, in normalized coordinates."""
+    return [(int(i), int(j)) for i, j, apart in zip(*_seen_gaps(mirrors), strict=True) if apart < gap]
+
+
+def smallest_seen_gap(mirrors: Sequence[Mirror]) -> float:
+    """Smallest distance between any two sub-images, in normalized coordinates; infinite for a single mirror."""
+    return float(_seen_gaps(mirrors)[2].min(initial=np.inf))

@@ -1,0 +1,204 @@
+"""The camera as somebody built it: a layout strayed from its design by drawn tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import stacked
+from mirrorcam.optics.geometry.sub_images import sub_images
+from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
+
+DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens that covers the sensor
+
+
+@dataclass(frozen=True)
+class Strays:
+    """How far n devices of m mirrors stray from their design.
+
+    Attributes:
+        focal: relative error (n,) of the focal length.
+        centre_px: error (n, 2) of the principal point.
+        lens: error (n, 5) of k1 k2 p1 p2 k3.
+        tilts: rotation (n, m, 2) of each mirror about the x and y axis of its own plane, radians.
+        shifts_mm: shift (n, m) of each mirror along its normal.
+        sheets_mm: error (n,) of the thickness of the sheet that all mirrors of a device are cut from.
+        camera_shifts_mm: where the pupil is (n, 3), in the frame of the holder (the rig as designed).
+        camera_turns: rotation vector (n, 3) of holder_from_camera, radians.
+    """
+
+    focal: FloatArray
+    centre_px: FloatArray
+    lens: FloatArray
+    tilts: FloatArray
+    shifts_mm: FloatArray
+    sheets_mm: FloatArray
+    camera_shifts_mm: FloatArray
+    camera_turns: FloatArray
+
+
+def draw_strays(tolerances: Tolerances, mirrors: int, devices: int, random: np.random.Generator) -> Strays:
+    """Draw devices from normal distributions; the same generator and tolerances of other sizes: the same, scaled.
+
+    The first devices do not depend on how many follow.
+    """
+    # Sheet and camera have a generator of their own, so that what is drawn for all else does not depend on them.
+    placed = random.spawn(1)[0].standard_normal((devices, 7))
+    drawn = random.standard_normal((devices, 8 + 3 * mirrors))
+    by_mirror = drawn[:, 8:].reshape(devices, mirrors, 3)
+    return Strays(
+        focal=tolerances.focal_percent / 100.0 * drawn[:, 0],
+        centre_px=tolerances.centre_px * drawn[:, 1:3],
+        lens=np.array(tolerances.distortion_mean) + np.array(tolerances.distortion_sigma) * drawn[:, 3:8],
+        tilts=np.deg2rad(tolerances.tilt_deg) * by_mirror[..., :2],
+        shifts_mm=tolerances.offset_mm * by_mirror[..., 2],
+        sheets_mm=tolerances.sheet_thickness_mm * placed[:, 0],
+        camera_shifts_mm=tolerances.camera_offset_mm * placed[:, 1:4],
+        camera_turns=np.deg2rad(tolerances.camera_turn_deg) * placed[:, 4:],
+    )
+
+
+def strayed_camera(camera: Camera, strays: Strays, device: int) -> Camera:
+    """The camera of one device; itself where it does not stray."""
+    focal, centre, lens = 1.0 + strays.focal[device], strays.centre_px[device], strays.lens[device]
+    if focal == 1.0 and not centre.any() and not lens.any():
+        return camera
+    return camera.replaced(
+        fx_px=camera.fx_px * focal,
+        fy_px=camera.fy_px * focal,
+        cx_px=camera.cx_px + centre[0],
+        cy_px=camera.cy_px + centre[1],
+        distortion=camera.distortion + lens,
+    )
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Where the mirrors and the pupils of n devices are, in the frame of their holder: the rig as it was designed.
+
+    Attributes:
+        normals: unit normals (n, m, 3) on the reflecting side.
+        middles: means (n, m, 3) of the outlines' corners, which lie on the reflecting planes, mm.
+        axes: the x and y axis (n, m, 3, 2) of each mirror's own frame.
+        outlines: corners (n, m, k, 3), mm; those of mirrors with fewer than k repeat their last.
+        thicknesses_mm: of the sheets (n, m).
+        pupils: where the camera's pupil is (n, 3), mm.
+        holder_from_camera: how the camera is turned (n, 3, 3).
+    """
+
+    normals: FloatArray
+    middles: FloatArray
+    axes: FloatArray
+    outlines: FloatArray
+    thicknesses_mm: FloatArray
+    pupils: FloatArray
+    holder_from_camera: FloatArray
+
+
+def strayed_mirrors(layout: Layout, strays: Strays) -> Devices:
+    """The devices that a layout becomes: each mirror tilted about its middle, then shifted along the normal it had.
+
+    The back of a sheet rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
+    second-surface one where it did, behind more glass.
+    """
+    shape = strays.shifts_mm.shape
+    designed = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
+    frames = np.array([mirror.rig_from_plane for mirror in layout.mirrors])
+    middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    spokes = stacked([mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    lifts = np.array([mirror.surface == "first" for mirror in layout.mirrors])
+    vectors = (frames[:, :3, :2] @ strays.tilts[..., None])[..., 0]
+    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
+    shifts = (strays.shifts_mm + np.where(lifts, strays.sheets_mm[:, None], 0.0))[..., None] * designed
+    return Devices(
+        normals=(turns @ designed[..., None])[..., 0],
+        middles=middles + shifts,
+        axes=turns @ frames[:, :3, :2],
+        outlines=spokes @ np.swapaxes(turns, -1, -2) + middles[:, None] + shifts[..., None, :],
+        thicknesses_mm=np.array([mirror.thickness_mm for mirror in layout.mirrors]) + strays.sheets_mm[:, None],
+        pupils=strays.camera_shifts_mm,
+        holder_from_camera=Rotation.from_rotvec(strays.camera_turns).as_matrix(),
+    )
+
+
+def _built(layout: Layout, strays: Strays) -> Layout:
+    """The first device as a layout in its own rig frame, which is that of its camera."""
+    devices = strayed_mirrors(layout, strays)
+    turn, pupil = devices.holder_from_camera[0], devices.pupils[0]
+    mirrors = tuple(
+        Mirror.from_plane(
+            (devices.middles[0, k] - pupil) @ turn,
+            devices.normals[0, k] @ turn,
+            outline_in_rig_mm=(devices.outlines[0, k, : len(mirror.outline_in_rig_mm)] - pupil) @ turn,
+            surface=mirror.surface,
+            thickness_mm=float(devices.thicknesses_mm[0, k]),
+            refractive_index=mirror.refractive_index,
+        )
+        for k, mirror in enumerate(layout.mirrors)
+    )
+    return layout.replaced(
+        kind="as-built",
+        camera=strayed_camera(layout.camera, strays, 0),
+        mirrors=mirrors,
+        view_from_rig=layout.view_from_rig @ turn,
+        metrics={},
+        verdict={},
+        provenance={"drawn_from": layout.identity},
+        uncertainty=None,
+    )
+
+
+def _covers_sensor(camera: Camera) -> bool:
+    """Whether every pixel at the border of the sensor has a viewing ray."""
+    x, y = np.linspace(0.0, camera.width_px - 1.0, 33), np.linspace(0.0, camera.height_px - 1.0, 33)
+    edges = [np.stack(np.broadcast_arrays(x, row), axis=1) for row in (y[0], y[-1])]
+    edges += [np.stack(np.broadcast_arrays(column, y), axis=1) for column in (x[0], x[-1])]
+    return bool(np.isfinite(camera.normalized_from_pixels(np.concatenate(edges))).all())
+
+
+def _off_sensor(layout: Layout) -> int | None:
+    """The first mirror of which the sensor shows nothing."""
+    return next((index for index, shown in enumerate(sub_images(layout)) if shown.is_empty), None)
+
+
+def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
+    """A layout of kind "as-built", drawn around `layout`; drawn again (up to 20 times) when it could not exist.
+
+    Its rig frame is that of the camera as it sits in the holder; its view axes stay those of the holder.
+    Raises InputError that names the tolerance when no draw can exist, and for mirrors that are bent.
+    """
+    bent = [number for number, mirror in enumerate(layout.mirrors) if mirror.curvature_per_m.any()]
+    if bent:
+        raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected flat mirrors to draw a device around")
+    for _ in range(DRAWS):
+        strays = draw_strays(tolerances, len(layout.mirrors), 1, random)
+        try:
+            built = _built(layout, strays)
+        except ValidationError as error:
+            reason = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
+            blame = f"{workmanship(tolerances)}: {reason}"
+            if error.title == Camera.__name__:
+                blame = f"focal_percent {tolerances.focal_percent}: {reason}"
+            continue
+        if not _covers_sensor(built.camera):
+            blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
+        elif (lost := _off_sensor(built)) is not None:
+            blame = (
+                f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
+                f"centre_px {tolerances.centre_px}: mirror {lost} lies outside the sensor"
+            )
+        else:
+            return built
+    raise InputError(f"tolerances {blame} (in each of {DRAWS} draws), expected smaller ones")
+
+
+def workmanship(tolerances: Tolerances) -> str:
+    """What printing and assembling is blamed for, in the words of an error: the tolerances that are not none."""
+    return ", ".join(f"{name} {value}" for name in WORKMANSHIP if (value := getattr(tolerances, name)) > 0)

@@ -1,0 +1,155 @@
+"""What the views of a layout see of the scene and have in common, by polygon clipping.
+
+Depths are along the view axis from the pupil; regions of the plane at a depth are polygons in (x, y) of the view axes,
+mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.mirror_gaps import sheet_in_rig_mm
+
+POINTS_PER_EDGE = 32
+
+
+def _subdivided(polygon: FloatArray, per_edge: int = POINTS_PER_EDGE) -> FloatArray:
+    along = np.linspace(0.0, 1.0, per_edge, endpoint=False)[None, :, None]
+    following = np.roll(polygon, -1, axis=0)
+    return (polygon[:, None] * (1.0 - along) + following[:, None] * along).reshape(-1, 2)
+
+
+def vertices(polygon: Polygon) -> FloatArray:
+    """Corners (n, 2) of a polygon without holes; none where it is empty."""
+    return np.array(polygon.exterior.coords).reshape(-1, 2)[:-1]
+
+
+def sensor_polygon(camera: Camera) -> Polygon:
+    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
+    w, h = camera.width_px - 0.5, camera.height_px - 0.5
+    border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
+    if camera.distortion.any():
+        border = _subdivided(border)
+    normalized = camera.normalized_from_pixels(border)
+    if not np.isfinite(normalized).all():
+        raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
+    return Polygon(normalized)
+
+
+def sub_images(layout: Layout) -> list[Polygon]:
+    """What of each mirror shows the scene, in normalized coordinates, as far as the sensor sees it."""
+    sensor = sensor_polygon(layout.camera)
+    shown = [sensor.intersection(Polygon(mirror.usable_normalized)) for mirror in layout.mirrors]
+    return [part if isinstance(part, Polygon) else Polygon() for part in shown]
+
+
+def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
+    """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those that head for the scene."""
+    heights = polygon @ slope[:2] + slope[2] - 1e-6
+    kept: list[FloatArray] = []
+    for k in range(len(polygon)):
+        here, following = heights[k - 1], heights[k]
+        if (here > 0) != (following > 0):
+            kept.append(polygon[k - 1] + (polygon[k] - polygon[k - 1]) * here / (here - following))
+        if following > 0:
+            kept.append(polygon[k])
+    return np.array(kept).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Views:
+    """The light of all views: corner rays of each sub-image, from where they leave their mirrors, in view axes, mm.
+
+    `leaving` and `directions` (m, 3) hold the corners of one sub-image after the other, `corners_of` those of each
+    mirror that sees something. `reach_mm` is the depth to which the sheets of the mirrors reach.
+    """
+
+    layout: Layout
+    reach_mm: float
+    leaving: FloatArray
+    directions: FloatArray
+    corners_of: dict[int, slice]
+
+    def footprints(self, depth_mm: float) -> list[Polygon]:
+        """What each view sees of the plane at a depth; empty where nothing.
+
+        Raises InputError for a depth nearer than the mirrors.
+        """
+        if depth_mm <= self.reach_mm:
+            raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.reach_mm:.1f} mm")
+        steps = (depth_mm - self.leaving[:, 2]) / self.directions[:, 2]
+        corners = (self.leaving + steps[:, None] * self.directions)[:, :2]
+        seen = [Polygon()] * len(self.layout.mirrors)
+        for k, part in self.corners_of.items():
+            seen[k] = Polygon(corners[part])
+        return seen
+
+    def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
+        """The region of the plane at a depth that all views see, empty where there is none, and the footprints."""
+        footprints = self.footprints(depth_mm)
+        region = shapely.intersection_all(footprints)
+        return (region if isinstance(region, Polygon) else Polygon()), footprints
+
+    def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
+        """Sensor pixels, over all sub-images, that see a region of the plane at a depth / all sensor pixels."""
+        if region.is_empty:
+            return 0.0
+        camera = self.layout.camera
+        scene = _on_plane(self.layout, region, depth_mm)
+        seen = camera.project(reflect(scene, self.layout.virtual_centres_in_rig_mm[:, None]))
+        following = np.roll(seen, -1, axis=1)
+        areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
+        return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
+
+
+def views_of(layout: Layout) -> Views:
+    """The light of all views of a layout; that which does not head for the scene is left out."""
+    turn = layout.view_from_rig.T
+    leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
+    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout), strict=True)):
+        apparent = mirror.apparent
+        forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
+        if len(forward) < 3:
+            continue
+        corners_of[k] = slice(len(leaving), len(leaving) + len(forward))
+        rays = np.column_stack([forward, np.ones(len(forward))])
+        leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
+        directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
+    reach_mm = max(float((sheet_in_rig_mm(mirror) @ turn)[:, 2].max()) for mirror in layout.mirrors)
+    return Views(layout, reach_mm, leaving, directions, corners_of)
+
+
+def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
+    """The outline (n, 3) in rig of a region at a depth, with points along edges where a lens bends them."""
+    outline = vertices(region)
+    if layout.camera.distortion.any():
+        outline = _subdivided(outline)
+    return np.column_stack([outline, np.full(len(outline), depth_mm)]) @ layout.view_from_rig
+
+
+def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
+    """The outline (n, 2) of a region of the plane at a depth, as it lies on the distorted sensor."""
+    return layout.project(_on_plane(layout, region, depth_mm), mirror_index)
+
+
+def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
+    """The region of the plane at a depth that all views see, and what each view sees.
+
+    The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
+    """
+    return views_of(layout).common_region(depth_mm)
+
+
+def pixel_efficiency(layout: Layout, depth_mm: float) -> float:
+    """Sensor pixels, over all sub-images, that see the region common to all views at a depth / all pixels."""
+    views = views_of(layout)
+    region, _ = views.common_region(depth_mm)
+    return views.pixel_efficiency(region, depth_mm)

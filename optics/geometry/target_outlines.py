@@ -1,0 +1,42 @@
+"""What of a board is ink, as outlines: for a print whose edges are as sharp as the printer's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import shapely
+
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard
+
+
+def ink_in_board_mm(target: Checkerboard | Charuco) -> shapely.MultiPolygon:
+    """Black squares and markers in the board's frame, x and y in mm; what touches along an edge is one polygon.
+
+    So no viewer shows seams between the modules of a marker. Squares that touch in a corner stay apart.
+    """
+    side = target.square_mm
+    squares = [
+        shapely.box(column * side, row * side, (column + 1) * side, (row + 1) * side)
+        for row in range(target.rows)
+        for column in range(target.cols)
+        if (row + column) % 2 == 0
+    ]
+    markers = _markers(target) if isinstance(target, Charuco) else ()
+    return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in (*squares, *markers)])
+
+
+def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
+    """The polygons of the markers: in the middle of each white square, in the order of their numbers, row by row."""
+    name, modules = DICTIONARIES[target.dictionary]
+    dictionary = cv2.aruco.getPredefinedDictionary(name)
+    white = ((row, column) for row in range(target.rows) for column in range(target.cols) if (row + column) % 2)
+    for number, (row, column) in enumerate(white):
+        black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
+        corner = (np.array([column, row]) + 0.5) * target.square_mm - target.marker_mm / 2.0
+        # Edges of neighbours are the same numbers, so that their union closes.
+        x, y = (corner[:, None] + np.arange(modules + 1) * target.marker_mm / modules).tolist()
+        boxes = [shapely.box(x[k], y[j], x[k + 1], y[j + 1]) for j, k in np.argwhere(black).tolist()]
+        whole = shapely.union_all(boxes)
+        yield from whole.geoms if isinstance(whole, shapely.MultiPolygon) else (whole,)

@@ -1,0 +1,224 @@
+"""Decoding by one table lookup: undistort, slice and turn every sub-image into the common view orientation at once."""
+
+from __future__ import annotations
+
+from copy import copy
+from statistics import harmonic_mean
+from typing import Any, Literal, Self
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.equalisation import Equalisation
+from mirrorcam.optics.light_field.light_field import Axis, LightField, Samples, Views
+
+Field = Literal["common", "union"]
+
+# A decoded pixel blends sensor pixels up to sqrt(2) px away, each of which gathers light half a pixel around its
+# centre: two pixels inside the outline, no light from beyond the mirror's edge is left in it.
+OUTLINE_MARGIN_PX = 2.0
+DEFAULT_REFERENCE_DEPTH_MM = 400.0
+# cv2.remap takes no table or image side of 2**15 - 1 px or more.
+LONGEST_TABLE_SIDE = 2**15 - 2
+NOWHERE_PX = -2.0
+
+
+class Decoder:
+    """Turns frames of one layout into light fields; the lookup table is built once, here.
+
+    Args:
+        layout: nominal, as-built or calibrated.
+        reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
+            depths the layout was designed for, or 400 mm.
+        field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
+        width_px: width of every view; the height follows from the field. Default: the resolution of the sub-images
+            themselves, which more pixels do not add to, and of which fewer leave out some.
+        margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
+        regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
+            what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
+
+    Raises:
+        InputError: a mirror that shows nothing; views that share no field; a plane nearer than a mirror.
+
+    Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
+    so nothing depends on depth. What mirrors behind sheets and bent ones show of the reference plane is exact; nearer
+    and farther than that, each view is that of the mirror's `apparent` plane through the middle of its outline.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        *,
+        reference_depth_mm: float | None = None,
+        field: Field = "common",
+        width_px: int | None = None,
+        margin_px: float = OUTLINE_MARGIN_PX,
+        regular_grid_at_mm: float | None = None,
+    ) -> None:
+        depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
+        self.camera = layout.camera
+        self.views = choose_views(layout, depth, field, width_px)
+        if regular_grid_at_mm is not None:
+            for index in range(len(layout.mirrors)):
+                footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror does not look at
+            self.views = self.views.on_regular_grid()
+        self.equalisation: Equalisation | None = None
+        pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
+        table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
+        table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
+        rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
+        blocks = [table[start : start + rows_per_block] for start in range(0, len(table), rows_per_block)]
+        self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
+
+    def equalised(self, equalisation: Equalisation) -> Self:
+        """The same decoder, which makes views equally bright; raises InputError for factors of another layout."""
+        equalisation.check_belongs_to(self.views)
+        decoder = copy(self)
+        decoder.equalisation = equalisation
+        return decoder
+
+    def decode(self, frame: Samples) -> LightField:
+        """The light field of one frame (h, w, 3) in RGB or (h, w) in grey, uint8 or float32.
+
+        Raises InputError for a frame that is not of the layout's camera.
+        """
+        width, height = self.camera.width_px, self.camera.height_px
+        if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] not in (1, 3)):
+            raise InputError(f"frame has shape {frame.shape}, expected ({height}, {width}, 3) or ({height}, {width})")
+        if frame.shape[:2] != (height, width):
+            raise InputError(
+                f"frame is {frame.shape[1]}x{frame.shape[0]} px, expected {width}x{height} of the layout's camera "
+                f"({self.camera.name})"
+            )
+        if frame.dtype not in (np.uint8, np.float32):
+            raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
+        parts: list[Any] = [cv2.remap(frame, where, fraction, cv2.INTER_LINEAR) for where, fraction in self.tables]
+        samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        samples = samples.reshape(*self.weights.shape, -1)
+        if self.equalisation is not None:
+            self.equalisation.apply(samples)
+        return LightField.of(self.views, samples, self.weights)
+
+
+def check_belongs(layout: Layout, identity: str, what: str) -> None:
+    """Raise InputError unless `identity` is this layout's, or that of the design it was calibrated or drawn from.
+
+    `what` names the frames, say "video.mp4", that say that they were taken with the layout of this identity.
+    """
+    origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
+    known = [layout.identity, *(origin for origin in origins if origin is not None)]
+    if identity not in known:
+        raise InputError(f"{what} was taken with layout {identity}, expected {' or '.join(known)} of the layout given")
+
+
+def default_reference_depth_mm(layout: Layout) -> float:
+    """The depth midway in disparity between those the layout was designed for: their harmonic mean."""
+    if layout.spec is None:
+        return DEFAULT_REFERENCE_DEPTH_MM
+    return harmonic_mean(layout.spec.depths_mm)
+
+
+def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:
+    """What a mirror shows of the plane at a depth, and the area in px of the part of the sensor that shows it.
+
+    The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
+    """
+    mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
+    shown = layout.mirrors[mirror_index].usable_normalized
+    if len(shown) < 3:
+        raise InputError(f"mirror {mirror_index} shows nothing: its sheet is too thick for its size")
+    right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
+    along = np.linspace(0.0, 1.0, 33)[:-1, None]
+    corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
+    border = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+    border = camera.normalized_from_pixels(border)
+    sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
+    seen = shapely.get_coordinates(sensor.intersection(Polygon(shown)))[:-1]
+    if len(seen) < 3:
+        raise InputError(f"mirror {mirror_index} lies outside the image, expected each mirror to be seen")
+    window = mirror.cut(seen) @ layout.view_from_rig.T
+    centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
+    rays = window - centre
+    if (rays[:, 2] <= 0).any():
+        raise InputError(f"mirror {mirror_index} does not look forward along the view axis")
+    if (window[:, 2] >= depth_mm).any():
+        nearest = window[:, 2].max()
+        raise InputError(
+            f"the plane at {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
+        )
+    points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
+    pixels = camera.pixels_from_normalized(seen)
+    return Polygon(points[:, :2]), float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
+
+
+def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
+    """The output grid on the box of the field, of a width, or in the sub-images' own resolution (median of mirrors)."""
+    if not np.isfinite(reference_depth_mm):
+        raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
+    indices = range(len(layout.mirrors))
+    footprints, areas_px = zip(*(footprint(layout, index, reference_depth_mm) for index in indices), strict=True)
+    area = shapely.intersection_all(footprints) if field == "common" else shapely.union_all(footprints)
+    if area.area == 0:
+        raise InputError(f"the views share no field at depth {reference_depth_mm:g} mm, expected an overlap")
+    left, top, right, bottom = area.bounds
+    px_per_mm = float(np.median([np.sqrt(px / shown.area) for px, shown in zip(areas_px, footprints, strict=True)]))
+    if width_px is not None:
+        if width_px < 2:
+            raise InputError(f"views of {width_px} px in width, expected at least 2")
+        px_per_mm = (width_px - 0.5) / (right - left)
+    width, height = (1 + int((end - start) * px_per_mm) for start, end in ((left, right), (top, bottom)))
+    if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > LONGEST_TABLE_SIDE:
+        raise InputError(f"the {field} field would take {width}x{height} px a view, more than the whole sensor")
+    centres = layout.virtual_centres_in_view_mm
+    reference = centres.reshape(-1, 3)[layout.central_index]
+    middle = np.array([(left + right) / 2, (top + bottom) / 2]) - reference[:2]
+    views = Views(
+        positions_mm=centres - reference,
+        focal_px=px_per_mm * float(reference_depth_mm - reference[2]),
+        centre_px=(np.array([width, height]) - 1.0) / 2.0 - px_per_mm * middle,
+        width_px=width,
+        height_px=height,
+        reference_depth_mm=reference_depth_mm,
+        reference_view_in_rig_mm=layout.virtual_centres_in_rig_mm[layout.central_index],
+        view_from_rig=layout.view_from_rig,
+        layout_identity=layout.identity,
+    )
+    counts: dict[Axis, int] = {"s": views.cols, "t": views.rows}
+    for axis, count in counts.items():
+        if count > 1 and views.step_mm(axis) <= 0:
+            raise InputError(f"the mirrors' order along {axis} is reversed, expected s to the right and t down")
+    return views
+
+
+def sources(
+    layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Where on the sensor each decoded pixel comes from (t, s, v, u, 2), and its weight (t, s, v, u).
+
+    A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
+    direction in which the mirror shows that point, through its sheet where it has one, is where the camera sees it.
+    """
+    depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
+    shape = (len(layout.mirrors), views.height_px, views.width_px)
+    pixels, weights = np.empty((*shape, 2)), np.zeros(shape, dtype=np.float32)
+    limits = np.array([layout.camera.width_px - 1.0, layout.camera.height_px - 1.0])
+    grid = views.pixel_grid()
+    for index, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
+        plane = views.plane_points_in_rig(depth_mm, grid, (t, s))
+        pixels[index] = layout.project(plane, index)
+        outline = layout.outline_px(index, points_per_edge=64, usable=True)
+        inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)
+        if inside.is_empty:
+            continue
+        low, high = np.array(inside.bounds).reshape(2, 2)
+        low, high = np.maximum(low, 0.0), np.minimum(high, limits)
+        near = ((pixels[index] >= low) & (pixels[index] <= high)).all(axis=-1)
+        shapely.prepare(inside)
+        weights[index][near] = shapely.contains_xy(inside, pixels[index][near])
+    out = (views.rows, views.cols, views.height_px, views.width_px)
+    return pixels.reshape(*out, 2), weights.reshape(out)

@@ -1,0 +1,333 @@
+"""Features of a light field: 2-D keypoints of the reference view that all views agree on, with slope and place.
+
+As in the paper (Light Field Features): one match of a keypoint in another view tells a slope, and with it where the
+feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least N_MIN
+views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and
+at the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.features.align import Pyramid, align, templates
+from mirrorcam.optics.light_field.features.keypoints import (
+    DetectorName,
+    Keypoints,
+    detect,
+    detector,
+    grey_views,
+    inner_masks,
+)
+from mirrorcam.optics.light_field.features.match import candidates, vote
+from mirrorcam.optics.light_field.features.slope import (
+    Fit,
+    Geometry,
+    TwoSlopes,
+    fit,
+    fit_two_slopes,
+    moderated_variance,
+)
+from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
+
+# How far, in pixels of its scale, a keypoint may be found from where it is.
+MATCH_PX = 1.0
+# How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
+LEAST_ALIKE = 0.85
+# Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
+PRIOR_FREEDOM = 4.0
+# Errors of a patch are in part alike in all views (surfaces bend within it, views are not equally soft): in the views
+# farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
+# residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered desks.
+COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Features:
+    """Features of one light field (n of them), in the order of their keypoints; arrays are read-only.
+
+    Attributes:
+        detector: its name.
+        pixels: (n, 2) where the consolidated fit has them in the reference view, as (u, v).
+        scale_px: (n,) scale they were found at, 1 the finest.
+        disparity_px: (n,) consolidated slope, px per mean step along s (of one column of views: along t), positive
+            nearer than the reference plane: -du/ds.
+        disparity_sigma_px: (n,) its standard deviation.
+        points_in_rig_mm: (n, 3).
+        depth_mm: (n,) from the pupil along view z.
+        depth_sigma_mm: (n,) its standard deviation.
+        residual_px: (n,) root mean square distance of where views see them from where the fit expects them.
+        seen: (n, t, s) in which views they were found, the reference view included.
+        seen_px: (n, t, s, 2) where; NaN where not.
+        apart_disparity_px: (n, 2) the slopes along s and along t estimated apart, each as `disparity_px` (both in px
+            per mean step of the same axis, so that they are equal for a point); NaN where views in one line, or too
+            few, cannot tell.
+        two_slope_sigma: (n,) how many standard deviations the two principal slopes are apart; NaN where not told.
+        refracted: (n,) whether that is more than the test's limit: seen by way of a curved or through a refracting
+            surface; their depth is not that of anything at this pixel.
+        descriptors: (n, d) of the reference view: bits as uint64 words, SIFT's as float32 (RootSIFT).
+        layout_identity: of the light field.
+    """
+
+    detector: DetectorName
+    pixels: FloatArray
+    scale_px: FloatArray
+    disparity_px: FloatArray
+    disparity_sigma_px: FloatArray
+    points_in_rig_mm: FloatArray
+    depth_mm: FloatArray
+    depth_sigma_mm: FloatArray
+    residual_px: FloatArray
+    seen: NDArray[np.bool_]
+    seen_px: FloatArray
+    apart_disparity_px: FloatArray
+    two_slope_sigma: FloatArray
+    refracted: NDArray[np.bool_]
+    descriptors: NDArray[Any]
+    layout_identity: str
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                if len(value) != len(self.pixels):
+                    raise ValueError(f"{name} has shape {value.shape}, expected {len(self.pixels)} features")
+                read_only = value.view()
+                read_only.flags.writeable = False
+                object.__setattr__(self, name, read_only)
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+class FeatureFinder:
+    """Finds the features of light fields of the same views; keep one for a video, its detectors and threads stay.
+
+    Args:
+        views: of the light fields.
+        name: SIFT, ORB or AKAZE.
+        keypoints: about how many of each view's strongest keypoints are kept.
+        max_distance_px: farther from where its slope expects it, a view does not see the feature.
+        min_views: N_MIN, in how many views beside the reference view a feature must be found. Default: in most.
+        nearest_mm, farthest_mm: depths between which features are sought. Default: from half the distance of the
+            reference plane to infinity.
+        two_slope_sigma: features whose slopes are more standard deviations apart are flagged.
+
+    Raises InputError for fewer views than `min_views` asks for, depths out of order or nearer than a view, and AKAZE
+    where OpenCV has none.
+    """
+
+    def __init__(
+        self,
+        views: Views,
+        name: DetectorName = "SIFT",
+        *,
+        keypoints: int = 600,
+        max_distance_px: float = 0.5,
+        min_views: int | None = None,
+        nearest_mm: float | None = None,
+        farthest_mm: float = np.inf,
+        two_slope_sigma: float = 4.0,
+    ) -> None:
+        count = views.rows * views.cols
+        if count < 2:
+            raise InputError("features of one view, expected at least two views")
+        least = (count - 1) // 2 + 1 if min_views is None else min_views
+        if not 1 <= least <= count - 1:
+            raise InputError(f"features in {least} views beside the reference view, expected 1 to {count - 1}")
+        if not (np.isfinite(max_distance_px) and max_distance_px > 0):
+            raise InputError(f"maximum distance is {max_distance_px:g} px, expected a positive number")
+        if keypoints < 1:
+            raise InputError(f"at most {keypoints} keypoints a view, expected at least 1")
+        if not two_slope_sigma > 0:
+            raise InputError(f"two slopes {two_slope_sigma:g} standard deviations apart, expected a positive number")
+        pupil_mm = views.reference_depth_mm - views.reference_distance_mm
+        nearest = pupil_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
+        if not max(views.positions_mm[..., 2].max(), 0.0) < nearest - pupil_mm < farthest_mm - pupil_mm:
+            raise InputError(
+                f"depths {nearest:g} to {farthest_mm:g} mm, expected the nearer one first and in front of every view"
+            )
+        self.views, self.name = views, name
+        self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, least, two_slope_sigma
+        self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
+        self.geometry = Geometry.of(views)
+        self._described = [self.geometry.reference, *_ends(views, self.geometry.reference)]
+        self._detectors = [detector(name, keypoints) for _ in self._described]
+        self._pool = ThreadPoolExecutor(min(len(self._described), os.cpu_count() or 1))
+
+    def find(self, light_field: LightField) -> Features:
+        """The features of a light field; raises InputError for one of other views."""
+        if not self.fits(light_field):
+            raise InputError(
+                f"light field of layout {light_field.layout_identity} has other views than those of layout "
+                f"{self.views.layout_identity} that features are sought in"
+            )
+        run, described = self._pool.map, self._described
+        images, inner = grey_views(light_field), inner_masks(light_field)
+        keypoints = detect(images[described], inner[described], self._detectors, self.name, run)
+        at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
+        tolerance = MATCH_PX * at.scale_px
+        found = candidates(self.geometry, at, others, self.name, self.inverse_range_mm, tolerance, run)
+        agreed, competing = vote(found, tolerance)
+        # Where two slopes compete, what all views show decides; where it shows both, the keypoint tells neither.
+        tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
+        inverse = np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
+        seen_px, covariance = self._aligned(images, inner, at, tried, inverse)
+        return self._consolidated(at, tried, seen_px, inverse, covariance)
+
+    def fits(self, light_field: LightField) -> bool:
+        """Whether a light field is of the views that this one is for."""
+        return (
+            light_field.layout_identity == self.views.layout_identity
+            and light_field.weights.shape[2:] == (self.views.height_px, self.views.width_px)
+            and np.array_equal(light_field.positions_mm, self.views.positions_mm)
+            and np.array_equal(light_field.matrices, self.views.matrices)
+        )
+
+    def _aligned(
+        self,
+        images: NDArray[np.uint8],
+        inner: NDArray[np.uint8],
+        at: Keypoints,
+        tried: NDArray[np.int64],
+        inverse_mm: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else.
+
+        And what not knowing slants better adds to the covariance (n, 3, 3) of w, d, e.
+        """
+        geometry = self.geometry
+        pyramid = Pyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
+        pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
+        given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
+        others = np.delete(np.arange(len(images)), geometry.reference)
+        start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in others])
+        start[~_shown(inner[others], start)] = np.nan
+        distance = 1.0 / np.maximum(inverse_mm, 1e-6)
+        aligned = align(pyramid, given, others, start, geometry.across_mm[others], distance, self._pool.map)
+        sure = (aligned.alike >= LEAST_ALIKE) & _shown(inner[others], aligned.pixels)
+        seen_px = np.full((len(images), len(tried), 2), np.nan)
+        seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
+        told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
+        seen_px[geometry.reference, told] = pixels[told]
+        return seen_px, aligned.slant_covariance / self.views.focal_px**2
+
+    def _consolidated(
+        self,
+        at: Keypoints,
+        tried: NDArray[np.int64],
+        seen_px: FloatArray,
+        inverse_mm: FloatArray,
+        covariance: FloatArray,
+    ) -> Features:
+        """Features of the keypoints that enough views see where one slope expects them."""
+        shown = np.isfinite(seen_px[..., 0])
+        used = shown.copy()
+        # From far to near: one view that saw something else moves the first fit of a feature, not the last.
+        for factor in (3.0, 1.5, 1.0, 1.0):
+            solved = fit(self.geometry, seen_px, used, inverse_mm)
+            used = shown & (solved.distances_px <= factor * self.max_distance_px)
+        solved = fit(self.geometry, seen_px, used, inverse_mm)
+        reference = self.geometry.reference
+        near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
+        keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
+        keep &= (solved.inverse_mm > far) & (solved.inverse_mm <= near)
+        widest = np.hypot(*self.geometry.across_mm.T).max() * self.views.focal_px
+        keep[keep] = _one_of_each(
+            at.pixels[tried[keep]],
+            used[:, keep].sum(axis=0),
+            widest * solved.inverse_mm[keep],
+            2.0 * self.max_distance_px,
+        )
+        # In the order of keypoints, whichever of their slopes it is.
+        keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
+        solved = fit(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
+        apart = fit_two_slopes(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
+        return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, covariance[keep])
+
+    def _features(
+        self,
+        at: Keypoints,
+        chosen: NDArray[np.int64],
+        seen_px: FloatArray,
+        used: NDArray[np.bool_],
+        solved: Fit,
+        apart: TwoSlopes,
+        covariance: FloatArray,
+    ) -> Features:
+        views, grid = self.views, (self.views.rows, self.views.cols)
+        axis: Axis = "s" if views.cols > 1 else "t"
+        px_mm = views.focal_px * views.step_mm(axis)
+        scale = at.scale_px[chosen]
+        squares = scale**2
+        noise = moderated_variance(solved.squares_px2 / squares, solved.freedom, PRIOR_FREEDOM) * squares
+        own_noise = moderated_variance(apart.squares_px2 / squares, apart.freedom, PRIOR_FREEDOM) * squares
+        farthest = views.focal_px * np.hypot(*self.geometry.across_mm.T).max()
+        sigma_w = np.sqrt(noise * (1.0 / solved.information + (COMMON_SHARE / farthest) ** 2) + covariance[:, 0, 0])
+        distance = 1.0 / solved.inverse_mm
+        points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
+        seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
+        own = apart.apart_covariance + np.eye(2) * (COMMON_SHARE_APART / farthest) ** 2
+        own = own_noise[:, None, None] * own + covariance[:, 1:, 1:]
+        two_slope_sigma = np.sqrt(np.einsum("ni,nij,nj->n", apart.apart_mm, np.linalg.inv(own), apart.apart_mm))
+        along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
+        return Features(
+            detector=self.name,
+            pixels=views.focal_px * solved.directions + views.centre_px,
+            scale_px=scale,
+            disparity_px=px_mm * (solved.inverse_mm - 1.0 / views.reference_distance_mm),
+            disparity_sigma_px=px_mm * sigma_w,
+            points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
+            depth_mm=distance + views.reference_depth_mm - views.reference_distance_mm,
+            depth_sigma_mm=sigma_w * distance**2,
+            residual_px=np.sqrt(solved.squares_px2 / used.sum(axis=0)),
+            seen=used.T.reshape(-1, *grid),
+            seen_px=seen.reshape(-1, *grid, 2),
+            apart_disparity_px=px_mm * (along - 1.0 / views.reference_distance_mm),
+            two_slope_sigma=two_slope_sigma,
+            refracted=np.nan_to_num(two_slope_sigma) > self.two_slope_sigma,
+            descriptors=at.descriptors[chosen],
+            layout_identity=views.layout_identity,
+        )
+
+
+def _ends(views: Views, reference: int) -> list[int]:
+    """The views at the ends of the reference view's row and column: the widest that move along s or t alone."""
+    t, s = divmod(reference, views.cols)
+    row = [t * views.cols + end for end in (0, views.cols - 1)]
+    column = [end * views.cols + s for end in (0, views.rows - 1)]
+    return [view for view in dict.fromkeys([*row, *column]) if view != reference]
+
+
+def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
+    """Whether views (views, v, u) show what is at pixels (views, n, 2) and around; not of NaN."""
+    _, height, width = inner.shape
+    near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
+    u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    view = np.arange(len(inner))[:, None]
+    return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
+
+
+def _one_of_each(
+    pixels: FloatArray, views: NDArray[np.int64], moved_px: FloatArray, most_px: float
+) -> NDArray[np.bool_]:
+    """Of keypoints (n, 2) at the very same place (tried with two slopes, or SIFT's with two orientations), one at most.
+
+    The one that most views see; none where the moves that their slopes tell (n,) differ by more than `most_px`.
+    """
+    chosen = np.zeros(len(pixels), dtype=bool)
+    if len(pixels) == 0:
+        return chosen
+    _, place = np.unique(pixels, axis=0, return_inverse=True)
+    order = np.lexsort((np.arange(len(pixels)), -views, place.ravel()))
+    starts = np.flatnonzero(np.diff(place.ravel()[order], prepend=-1))
+    spread = np.maximum.reduceat(moved_px[order], starts) - np.minimum.reduceat(moved_px[order], starts)
+    chosen[order[starts[spread <= most_px]]] = True
+    return chosen

@@ -1,0 +1,1 @@
+"""Light fields and frames as files and streams."""

@@ -1,0 +1,171 @@
+"""COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame without points.
+
+COLMAP puts the centre of the top-left pixel at (0.5, 0.5). It drops cameras whose principal point lies outside their
+picture, where views of mirrors often have it, so the pictures get margins, which the masks leave out.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.formats.views_file import VIEWS, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField, Views
+
+PICTURE = "0000.png"
+HALF_PIXEL = 0.5
+ROOM_PX = 1.0
+"""By how much principal points stay away from the edge."""
+
+
+def margins(views: Views) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom px to add to every view so that all principal points lie inside."""
+    centres = views.matrices[..., :2, 2].reshape(-1, 2)
+    size = np.array([views.width_px, views.height_px])
+    before = np.ceil(np.maximum(0.0, ROOM_PX - centres.min(axis=0))).astype(int)
+    after = np.ceil(np.maximum(0.0, centres.max(axis=0) + ROOM_PX - (size - 1))).astype(int)
+    return int(before[0]), int(before[1]), int(after[0]), int(after[1])
+
+
+def _pose(view_from_world: FloatArray, centre_mm: FloatArray) -> str:
+    """Quaternion w, x, y, z and translation in metres, as COLMAP writes them."""
+    quaternion = Rotation.from_matrix(view_from_world).as_quat(canonical=True, scalar_first=True)
+    return _numbers([*quaternion, *(-view_from_world @ centre_mm / 1000.0)])
+
+
+def _numbers(values: Any) -> str:
+    # Adding zero takes the sign from a zero.
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def _text(header: str, lines: list[str]) -> str:
+    return "".join(f"{line}\n" for line in [f"# {header}", *lines])
+
+
+def write_colmap(folder: Path, light_field: LightField) -> None:
+    """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
+
+    Numbers are those that COLMAP's database gives: of cameras and images from 1 in the order of names, of the joint rig
+    and frame the next. Of the model, `colmap point_triangulator` makes points.
+    """
+    views = light_field
+    left, top, right, bottom = margins(views)
+    width, height = views.width_px + left + right, views.height_px + top + bottom
+    centres, turn = centres_in_rig_mm(views), views.view_from_rig
+    reference = tuple(np.argwhere((views.positions_mm == 0).all(axis=2))[0])
+    joint = views.rows * views.cols + 1
+    cameras, images = [], []
+    sensors: list[str] = []
+    config: list[dict[str, Any]] = []
+    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols), start=1):
+        name, matrix = view_name(t, s), views.matrices[t, s]
+        cx, cy = matrix[0, 2] + left + HALF_PIXEL, matrix[1, 2] + top + HALF_PIXEL
+        parameters = [float(value) for value in (matrix[0, 0], matrix[1, 1], cx, cy)]
+        around = ((top, bottom), (left, right))
+        weights = np.pad(weight_bytes(views.weights[t, s]), around)
+        write_image(folder / "images" / name / PICTURE, np.pad(rgb(views.samples[t, s]), (*around, (0, 0))))
+        write_image(folder / "masks" / name / f"{PICTURE}.png", np.where(weights > 0, 255, 0).astype(np.uint8))
+        cameras.append(f"{number} PINHOLE {width} {height} {_numbers(parameters)}")
+        images.append(f"{number} {_pose(turn, centres[t, s])} {number} {name}/{PICTURE}\n")
+        offset = views.positions_mm[t, s]
+        if (t, s) == reference:
+            sensors.insert(0, f"{joint} {joint - 1} CAMERA {number}")
+            place: dict[str, Any] = {"ref_sensor": True}
+        else:
+            sensors.append(f"CAMERA {number} 1 {_pose(np.eye(3), offset)}")
+            place = {
+                "cam_from_rig_rotation": [1.0, 0.0, 0.0, 0.0],
+                "cam_from_rig_translation": (-offset / 1000.0 + 0.0).tolist(),
+            }
+        model = {"camera_model_name": "PINHOLE", "camera_params": parameters}
+        # COLMAP wants the reference first.
+        config.insert(0 if "ref_sensor" in place else len(config), {"image_prefix": f"{name}/", **place, **model})
+    data = " ".join(f"CAMERA {number} {number}" for number in range(1, joint))
+    frame = f"{joint} {joint} {_pose(turn, centres[reference])} {joint - 1} {data}"
+    rigs = "RIG_ID NUM_SENSORS REF_TYPE REF_ID (TYPE ID HAS_POSE QW QX QY QZ TX TY TZ)[]"
+    frames = "FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA (TYPE SENSOR_ID DATA_ID)[]"
+    sparse = {
+        "cameras.txt": _text("CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]", cameras),
+        "rigs.txt": _text(rigs, [" ".join(sensors)]),
+        "frames.txt": _text(frames, [frame]),
+        "images.txt": _text("IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points", images),
+        "points3D.txt": _text("POINT3D_ID X Y Z R G B ERROR TRACK[]", []),
+    }
+    write_text(folder / "rig_config.json", json.dumps([{"cameras": config}], indent=1, allow_nan=False) + "\n")
+    for name, text in sparse.items():
+        write_text(folder / "sparse" / name, text)
+    write_views(folder / VIEWS, views, channels=views.samples.shape[-1], margins=[left, top, right, bottom])
+
+
+def is_colmap(folder: Path) -> bool:
+    """Whether a folder has a sparse model as text, as `write_colmap` and `colmap model_converter` lay it out."""
+    return (folder / "sparse" / "cameras.txt").exists() and (folder / "sparse" / "images.txt").exists()
+
+
+def read_colmap(folder: Path) -> LightField:
+    """The light field of a model of parallel PINHOLE cameras, pictures named `..._ROW_COLUMN/NAME`.
+
+    Without `views.json` the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError in one line
+    for any other model.
+    """
+    where = folder / "sparse"
+    try:
+        cameras = {}
+        for words in _lines(where / "cameras.txt"):
+            if words[1] != "PINHOLE":
+                raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE")
+            cameras[words[0]] = [float(word) for word in words[2:8]]
+        found = {}
+        for words in _lines(where / "images.txt"):
+            # Lines of points are not of ten words that end in the name of a picture.
+            if len(words) == 10 and "/" in words[9]:
+                row, col = words[9].split("/")[0].split("_")[-2:]
+                found[int(row), int(col)] = (np.array(words[1:8], np.float64), cameras[words[8]], words[9])
+        rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
+        order = [found[index] for index in np.ndindex(rows, cols)]
+        poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
+        turns = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
+    except InputError:
+        raise
+    except (ValueError, IndexError, KeyError) as error:
+        raise InputError(f"{where}: not a model of a grid of views: {error!r}") from None
+    if np.abs(turns - turns[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
+        raise InputError(f"{where}: cameras are turned differently or of different sizes, expected parallel views")
+    size = int(numbers[0, 0]), int(numbers[0, 1])
+    own = read_views(folder / VIEWS)
+    left, top, right, bottom = own[1]["margins"] if own else (0, 0, 0, 0)
+    if own:
+        views = own[0]
+    else:
+        matrices = np.zeros((rows * cols, 3, 3))
+        matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 2], numbers[:, 3], 1.0
+        matrices[:, :2, 2] = numbers[:, 4:] - HALF_PIXEL
+        centres_mm = (-1000.0 * poses[:, 4:] @ turns[0]).reshape(rows, cols, 3)
+        views = views_of_pinholes(centres_mm, turns[0], matrices.reshape(rows, cols, 3, 3), size, str(where))
+    inner = (slice(top, size[1] - bottom), slice(left, size[0] - right))
+    shape = (rows, cols, views.height_px, views.width_px)
+    colours, opacity = np.empty((*shape, 3), np.uint8), np.full(shape, 255, np.uint8)
+    for index, (_, _, name) in zip(np.ndindex(rows, cols), order, strict=True):
+        picture = read_image(folder / "images" / name)
+        check_size(folder / "images" / name, picture, size)
+        colours[index] = picture[inner]
+        mask = folder / "masks" / f"{name}.png"
+        if mask.exists():
+            grey = read_image(mask, grey=True)
+            check_size(mask, grey, size)
+            opacity[index] = grey[inner]
+    return light_field_of(views, colours, opacity, own[1]["channels"] if own else 3)
+
+
+def _lines(path: Path) -> list[list[str]]:
+    """The words of the lines that are neither empty nor comments."""
+    lines = read_bytes(path).decode("utf-8").splitlines()
+    return [line.split() for line in lines if line.strip() and not line.startswith("#")]

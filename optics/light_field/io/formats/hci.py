@@ -1,0 +1,237 @@
+"""The folders of the 4D Light Field Benchmark (HCI Heidelberg and University of Konstanz; Honauer et al., ACCV 2016).
+
+`input_Cam000.png` and on, row by row from the top left view; `parameters.cfg`; `gt_disp_lowres.pfm`, px per view step
+and positive nearer than the focus distance; `gt_depth_lowres.pfm`, metres from the cameras. Views are pinholes with
+shifted sensors on an even grid, the principal point in the middle: disparity is zero at the focus distance, as in
+`Views`.
+
+A light field of ours is on a grid that is nearly even, seen by views whose principal point lies anywhere. Others read
+its mean step and ignore the section `mirrorcam` of `parameters.cfg`, from which `read_hci` has all that is exact.
+"""
+
+from __future__ import annotations
+
+import json
+from configparser import ConfigParser, Error
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.pfm import read_pfm, write_pfm
+from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
+
+Float32 = NDArray[np.float32]
+
+PARAMETERS = "parameters.cfg"
+DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
+OURS = "mirrorcam"
+SENSOR_SIZE_MM = 35.0
+"""What is written for the longer side of the sensor; only its ratio to the focal length means something."""
+_KEYS = {
+    "intrinsics": ("image_resolution_x_px", "image_resolution_y_px", "focal_length_mm", "sensor_size_mm"),
+    "extrinsics": ("num_cams_x", "num_cams_y", "baseline_mm", "focus_distance_m"),
+}
+_COUNTS = ("image_resolution_x_px", "image_resolution_y_px", "num_cams_x", "num_cams_y")
+
+
+@dataclass(frozen=True, eq=False)
+class HciScene:
+    """A scene of the benchmark: its light field and, where the folder has it, the truth of the central view.
+
+    Attributes:
+        disparity_px: (v, u) float32, px per view step, positive nearer than the reference plane, or None.
+        disparity_range_px: least and largest disparity of the scene, as its parameters state them, or None.
+    """
+
+    light_field: LightField
+    disparity_px: Float32 | None
+    disparity_range_px: tuple[float, float] | None
+
+    @property
+    def depth_range_mm(self) -> tuple[float, float] | None:
+        """Nearest and farthest depth that the parameters state, or None; what is beyond infinity is at infinity."""
+        if self.disparity_range_px is None:
+            return None
+        axis: Axis = "s" if self.light_field.cols > 1 else "t"
+        far, near = self.light_field.depth_mm_from_disparity(np.array(self.disparity_range_px), axis).tolist()
+        return near, np.inf if np.isnan(far) else far
+
+
+def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = None) -> None:
+    """Write a light field, and the depth (v, u) of its reference view from the pupil, as a scene of the benchmark.
+
+    Pictures have 8 bits. `mask_Cam000.png` and on tell where views have samples, unless they have them everywhere.
+    """
+    views, unseen = light_field, not light_field.valid.all()
+    samples: Any = light_field.samples
+    if samples.dtype == np.float32:
+        samples = np.rint(np.clip(samples, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
+    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
+        colours = np.broadcast_to(samples[t, s], (*samples.shape[2:4], 3))
+        write_image(folder / f"input_Cam{number:03d}.png", np.ascontiguousarray(colours))
+        if unseen:
+            mask = np.where(light_field.valid[t, s], 255, 0).astype(np.uint8)
+            write_image(folder / f"mask_Cam{number:03d}.png", mask)
+    if depth_mm is not None:
+        behind_mm = views.reference_depth_mm - views.reference_distance_mm
+        axis: Axis = "s" if views.cols > 1 else "t"
+        write_pfm(
+            folder / DISPARITY, views.disparity_px_from_depth(depth_mm.astype(np.float64), axis).astype(np.float32)
+        )
+        write_pfm(folder / DEPTH, ((depth_mm - np.float32(behind_mm)) / np.float32(1000.0)).astype(np.float32))
+    # Last: a folder without it is not a scene.
+    write_text(folder / PARAMETERS, _parameters(views, samples.shape[-1], depth_mm))
+
+
+def _parameters(views: Views, channels: int, depth_mm: Float32 | None) -> str:
+    step_mm = views.step_mm("s" if views.cols > 1 else "t")
+    distance_mm = views.reference_distance_mm
+    known = np.array([views.reference_depth_mm]) if depth_mm is None else depth_mm[np.isfinite(depth_mm)]
+    disparity = views.focal_px * step_mm * (1.0 / (known + distance_mm - views.reference_depth_mm) - 1.0 / distance_mm)
+    parser = ConfigParser()
+    parser.read_dict(
+        {
+            "intrinsics": {
+                "image_resolution_x_px": views.width_px,
+                "image_resolution_y_px": views.height_px,
+                "focal_length_mm": repr(views.focal_px * SENSOR_SIZE_MM / max(views.width_px, views.height_px)),
+                "sensor_size_mm": SENSOR_SIZE_MM,
+                "fstop": 100.0,
+            },
+            "extrinsics": {
+                "num_cams_x": views.cols,
+                "num_cams_y": views.rows,
+                "baseline_mm": repr(step_mm),
+                "focus_distance_m": repr(distance_mm / 1000.0),
+                **{f"center_cam_{name}_m": 0.0 for name in "xyz"},
+                **{f"center_cam_r{name}_rad": 0.0 for name in "xyz"},
+                "offset": repr(views.focal_px * step_mm / distance_mm),
+            },
+            "meta": {
+                "scene": "light field",
+                "category": "other",
+                "date": "",
+                "version": "v0",
+                "authors": "MirrorCam",
+                "contact": "",
+                "disp_min": repr(float(np.floor(10.0 * disparity.min()) / 10.0)),
+                "disp_max": repr(float(np.ceil(10.0 * disparity.max()) / 10.0)),
+                "frustum_disp_min": repr(float(disparity.min())),
+                "frustum_disp_max": repr(float(disparity.max())),
+                "depth_map_scale": 1.0,
+            },
+            OURS: {
+                "channels": channels,
+                "positions_mm": json.dumps(views.positions_mm.tolist()),
+                "focal_px": repr(views.focal_px),
+                "centre_px": json.dumps(views.centre_px.tolist()),
+                "reference_depth_mm": repr(views.reference_depth_mm),
+                "reference_view_in_rig_mm": json.dumps(views.reference_view_in_rig_mm.tolist()),
+                "view_from_rig": json.dumps(views.view_from_rig.tolist()),
+                "layout_identity": views.layout_identity,
+            },
+        }
+    )
+    text = StringIO()
+    parser.write(text)
+    return text.getvalue()
+
+
+def read_hci(folder: Path, *, every: int = 1) -> HciScene:
+    """The light field of a scene of the benchmark, and the true disparity of its central view where there is one.
+
+    Depths are from the central view, as nothing else is known. `every` takes every so-many-th view in both directions,
+    the central one among them; disparities are in px per step of the views that are taken.
+
+    Raises InputError in one line for a folder that lacks something, pictures of another size, or a grid that has no
+    central view.
+    """
+    path = folder / PARAMETERS
+    parser = ConfigParser(interpolation=None)
+    try:
+        parser.read_string(read_bytes(path).decode("utf-8"))
+        numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
+        extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
+    except (Error, ValueError) as error:
+        raise InputError(f"{path}: not the parameters of a light field: {' '.join(str(error).split())}") from None
+    wrong = next((key for key, value in numbers.items() if not 0 < value < 1e6), None)
+    if wrong is not None:
+        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a positive number")
+    width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
+    if every < 1 or (cols // 2) % every or (rows // 2) % every:
+        raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
+    views = _our_views(parser, path, (width, height)) if parser.has_section(OURS) else _even_views(numbers)
+    if (views.rows, views.cols) != (rows, cols):
+        raise InputError(f"{path}: {views.cols}x{views.rows} positions of {cols}x{rows} views")
+    taken = [(t, s) for t in range(0, rows, every) for s in range(0, cols, every)]
+    pictures = [_picture(folder / f"input_Cam{t * cols + s:03d}.png", (width, height)) for t, s in taken]
+    masks = [folder / f"mask_Cam{t * cols + s:03d}.png" for t, s in taken]
+    weights = np.ones((len(taken), height, width), np.float32)
+    for weight, mask in zip(weights, masks, strict=True):
+        if mask.exists():
+            weight[:] = _picture(mask, (width, height), grey=True) > 0
+    grid = (len(range(0, rows, every)), len(range(0, cols, every)))
+    channels = 1 if parser.get(OURS, "channels", fallback="3") == "1" else 3
+    samples = np.stack(pictures).reshape(*grid, height, width, 3)[..., :channels]
+    taken_views = replace(views, positions_mm=views.positions_mm[::every, ::every])
+    light_field = LightField.of(taken_views, np.ascontiguousarray(samples), weights.reshape(*grid, height, width))
+    known = (extremes[0], extremes[1]) if extremes[0] < extremes[1] else None
+    if not (folder / DISPARITY).exists():
+        return HciScene(light_field, None, known)
+    disparity = read_pfm(folder / DISPARITY)
+    if disparity.shape != (height, width):
+        raise InputError(f"{folder / DISPARITY}: {disparity.shape[1]}x{disparity.shape[0]}, expected {width}x{height}")
+    return HciScene(light_field, disparity * np.float32(every), known)
+
+
+def _picture(path: Path, size: tuple[int, int], *, grey: bool = False) -> NDArray[np.uint8]:
+    picture = read_image(path, grey=grey)
+    if picture.shape[1::-1] != size:
+        raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")
+    return picture
+
+
+def _even_views(numbers: dict[str, float]) -> Views:
+    """The views of a scene as the benchmark describes them."""
+    width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
+    step_mm, distance_mm = numbers["baseline_mm"], 1000.0 * numbers["focus_distance_m"]
+    offsets = np.stack(np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2), axis=-1) * step_mm
+    return Views(
+        positions_mm=np.concatenate([offsets, np.zeros((rows, cols, 1))], axis=-1),
+        focal_px=numbers["focal_length_mm"] / numbers["sensor_size_mm"] * max(width, height),
+        centre_px=np.array([(width - 1) / 2.0, (height - 1) / 2.0]),
+        width_px=width,
+        height_px=height,
+        reference_depth_mm=distance_mm,
+        reference_view_in_rig_mm=np.zeros(3),
+        view_from_rig=np.eye(3),
+        layout_identity="",
+    )
+
+
+def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views:
+    """The views that `write_hci` wrote."""
+
+    def array(key: str) -> FloatArray:
+        return np.array(json.loads(parser.get(OURS, key)), dtype=np.float64)
+
+    try:
+        return Views(
+            positions_mm=array("positions_mm"),
+            focal_px=parser.getfloat(OURS, "focal_px"),
+            centre_px=array("centre_px"),
+            width_px=size[0],
+            height_px=size[1],
+            reference_depth_mm=parser.getfloat(OURS, "reference_depth_mm"),
+            reference_view_in_rig_mm=array("reference_view_in_rig_mm"),
+            view_from_rig=array("view_from_rig"),
+            layout_identity=parser.get(OURS, "layout_identity"),
+        )
+    except (Error, ValueError, TypeError) as error:
+        raise InputError(f"{path}: section {OURS!r} does not describe views: {' '.join(str(error).split())}") from None

@@ -1,0 +1,189 @@
+"""The Light Field Toolbox for MATLAB (Dansereau): a .mat file with `LF` and its intrinsic matrix.
+
+`LF` is [t, s, v, u, c], t down and s right, its last channel the weight, as integers up to their largest value or as
+floats to 1. `RectOptions.RectCamIntrinsicsH` is the H of Dansereau et al. (CVPR 2013), in metres, of indices that count
+from 1: ray [s, t, u, v, 1] = H [i, j, k, l, 1], through (s, t, 0) towards (u, v, 1), where i goes with s.
+
+The toolbox's slope of LFFiltShiftSum is px per view times (N - 1) / N, for its shifts of N views span N steps; its sign
+is that of du/ds: negative for what is nearer than the plane of zero disparity.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.view_images import weight_bytes
+from mirrorcam.optics.light_field.io.formats.views_file import NOTHING, Assumed, even_views, parallel_views
+from mirrorcam.optics.light_field.light_field import LightField, Views
+
+OURS = "MirrorCam"
+LARGEST_BYTES = 2**31 - 1
+"""Of a variable in a .mat file before version 7.3, which is HDF5."""
+
+
+def intrinsics(views: Views) -> FloatArray:
+    """H (5, 5) of views moved to the even grid that lies nearest."""
+    even = views.on_regular_grid()
+    row, col = np.argwhere((views.positions_mm == 0).all(axis=2))[0]
+    distance_m = even.reference_distance_mm / 1000.0
+    h = np.eye(5)
+    for axis, (count, middle) in enumerate(((even.cols, col), (even.rows, row))):
+        step_m = even.step_mm("t" if axis else "s") / 1000.0 if count > 1 else 0.0
+        h[axis, axis], h[axis, 4] = step_m, -step_m * (middle + 1)
+        h[axis + 2, axis], h[axis + 2, axis + 2] = -step_m / distance_m, 1.0 / even.focal_px
+        # Pixel k = cx + 1 of the reference view looks straight ahead.
+        h[axis + 2, 4] = -(even.centre_px[axis] + 1.0) / even.focal_px - h[axis, 4] / distance_m
+    return h
+
+
+def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where: str) -> Views:
+    """The views (rows, cols) that H describes; those of a lenslet camera are where their rays meet.
+
+    Raises InputError for pixels that are not square, and for views without a common plane in front of them.
+    """
+    if h.shape != (5, 5) or not np.isfinite(h).all() or not (h[2, 2] > 0 and np.isclose(h[2, 2], h[3, 3], rtol=1e-3)):
+        raise InputError(f"{where}: H is not that of square pixels: {np.diag(h).tolist()}")
+    ahead_m = -np.array([h[0, 2] / h[2, 2], h[1, 3] / h[3, 3]])
+    steps = np.array([h[axis, axis] + ahead_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
+    counts = np.array([grid[1], grid[0]])
+    inverse = np.array([-h[axis + 2, axis] / steps[axis] for axis in (0, 1) if counts[axis] > 1])
+    if not inverse.size or not (inverse > 0).all() or np.ptp(inverse) > 0.02 * inverse.mean():
+        raise InputError(
+            f"{where}: H has no common plane of zero disparity in front: 1/distance {inverse.tolist()} 1/m"
+        )
+    middle = counts // 2
+    centre = [
+        -(h[axis + 2, axis] * (middle[axis] + 1) + h[axis + 2, 4]) / h[axis + 2, axis + 2] - 1.0 for axis in (0, 1)
+    ]
+    down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
+    places_mm = np.stack([across, down], axis=-1).astype(np.float64) * np.where(counts > 1, steps, 0.0) * 1000.0
+    return parallel_views(places_mm, size, 1.0 / float(h[2, 2]), 1000.0 / float(inverse.mean()), np.array(centre))
+
+
+def write_lftoolbox(path: Path, light_field: LightField) -> None:
+    """Write a light field as such a .mat file; its struct `MirrorCam` has the true positions.
+
+    Raises InputError for one of more than 2 GiB.
+    """
+    from scipy.io import savemat
+
+    samples = light_field.samples
+    weights: Any = weight_bytes(light_field.weights) if samples.dtype == np.uint8 else light_field.weights
+    lf = np.concatenate([samples, weights[..., None]], axis=-1)
+    if lf.nbytes > LARGEST_BYTES:
+        raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, a .mat file holds less than 2")
+    ours = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
+    said = {
+        "LF": lf,
+        "GeneratedByInfo": {"mfilename": "mirrorcam", "VersionStr": light_field.layout_identity},
+        "RectOptions": {"RectCamIntrinsicsH": intrinsics(light_field)},
+        OURS: ours,
+    }
+    with atomic(path) as temporary:
+        savemat(temporary, said, do_compression=True, oned_as="column")
+        # MATLAB's header has the time of day in its first line; the same light field is to give the same bytes.
+        with temporary.open("r+b") as file:
+            file.write(b"MATLAB 5.0 MAT-file, light field of mirrorcam".ljust(116))
+
+
+def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
+    """The light field of a .mat file of the toolbox, which saves with -v7.3, or of any other version, or of ours.
+
+    Geometry is that of `MirrorCam`, else of H, else assumed. Raises InputError in one line for a file that is not such
+    a one.
+    """
+    said = _hdf5(path) if b"MATLAB 7.3" in read_bytes(path)[:128] else _before_hdf5(path)
+    lf, h = said.get("LF"), said.get("H")
+    if not isinstance(lf, np.ndarray) or lf.ndim not in (4, 5):
+        raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
+    samples, weights = _samples_and_weights(lf if lf.ndim == 5 else lf[..., None], path)
+    rows, cols, height, width = weights.shape
+    if OURS in said:
+        views = _our_views(said[OURS], path)
+    elif h is not None:
+        views = views_of(np.asarray(h, np.float64), (rows, cols), (width, height), f"{path}: RectOptions")
+    else:
+        views = even_views(path, assumed, (rows, cols), (width, height))
+    try:
+        return LightField.of(views, samples, weights)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _before_hdf5(path: Path) -> dict[str, Any]:
+    """`LF`, `H` and `MirrorCam` of a file of MATLAB 5 to 7, as far as it has them."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        said: dict[str, Any] = loadmat(path)
+    except (ValueError, TypeError, OSError, EOFError, MatReadError, NotImplementedError) as error:
+        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
+    h = _field(said.get("RectOptions"), "RectCamIntrinsicsH")
+    return {**said, "H": h}
+
+
+def _hdf5(path: Path) -> dict[str, Any]:
+    """`LF` and `H` of a file of MATLAB 7.3, whose arrays HDF5 shows with their axes reversed."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    try:
+        with h5py.File(path, "r") as file:
+            for name, place in (("LF", "LF"), ("H", "RectOptions/RectCamIntrinsicsH")):
+                if isinstance(file.get(place), h5py.Dataset):
+                    found[name] = file[place][()].T
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
+    return found
+
+
+def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
+    """Samples and weights of LF [t, s, v, u, c], whose second or fourth channel is the weight."""
+    if lf.dtype.kind == "u" and lf.dtype.itemsize <= 2:
+        largest = float(np.iinfo(lf.dtype).max)
+        scaled = (lf.astype(np.float32) / np.float32(largest)) if lf.dtype != np.uint8 else lf
+    elif lf.dtype.kind == "f":
+        largest, scaled = 1.0, lf.astype(np.float32)
+    else:
+        raise InputError(f"{path}: LF is {lf.dtype}, expected uint8, uint16 or floating point")
+    channels = lf.shape[-1]
+    if channels not in (1, 2, 3, 4):
+        raise InputError(f"{path}: LF has {channels} channels, expected colours and perhaps a weight")
+    weights = np.ones(lf.shape[:4], np.float32)
+    if channels in (2, 4):
+        weights = np.ascontiguousarray(lf[..., -1] / np.float32(largest), np.float32)
+        scaled = scaled[..., :-1]
+    samples = np.ascontiguousarray(scaled)
+    samples[weights <= 0] = 0
+    return samples, weights
+
+
+def _field(struct: Any, name: str) -> Any:
+    """A field of a struct as scipy reads it, or None where there is no such struct or field."""
+    if not isinstance(struct, np.ndarray) or struct.size != 1 or name not in (struct.dtype.names or ()):
+        return None
+    return struct[name].item()
+
+
+def _our_views(ours: Any, path: Path) -> Views:
+    given = {name: np.asarray(_field(ours, name)) for name in Views.__dataclass_fields__}
+    try:
+        return Views(
+            positions_mm=given["positions_mm"].astype(np.float64),
+            focal_px=float(given["focal_px"].item()),
+            centre_px=given["centre_px"].astype(np.float64).ravel(),
+            width_px=int(given["width_px"].item()),
+            height_px=int(given["height_px"].item()),
+            reference_depth_mm=float(given["reference_depth_mm"].item()),
+            reference_view_in_rig_mm=given["reference_view_in_rig_mm"].astype(np.float64).ravel(),
+            view_from_rig=given["view_from_rig"].astype(np.float64),
+            layout_identity="".join(given["layout_identity"].ravel().tolist()),
+        )
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: its {OURS} does not describe views: {' '.join(str(error).split())}") from None

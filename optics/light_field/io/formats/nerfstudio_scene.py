@@ -1,0 +1,107 @@
+"""nerfstudio's `transforms.json` and pictures of the views, in metres.
+
+nerfstudio puts the centre of the top-left pixel at (0.5, 0.5), has cameras look along their -z with y up, and takes the
+world's z for up. The world is at the pupil: x right, y to the scene, z up.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_json
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.formats.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.formats.views_file import VIEWS, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField
+
+TRANSFORMS = "transforms.json"
+HALF_PIXEL = 0.5
+FLIP = np.diag([1.0, -1.0, -1.0])
+"""Axes of OpenCV's cameras from those of OpenGL's, and back."""
+WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def write_nerfstudio(folder: Path, light_field: LightField) -> None:
+    """Write a light field as a dataset of nerfstudio; masks are 255 where there are samples."""
+    views, frames = light_field, []
+    centres_m = centres_in_rig_mm(views) @ views.view_from_rig.T @ WORLD_FROM_VIEW.T / 1000.0
+    for t, s in np.ndindex(views.rows, views.cols):
+        name = f"{view_name(t, s)}.png"
+        write_image(folder / "images" / name, rgb(views.samples[t, s]))
+        write_image(folder / "masks" / name, weight_bytes(views.weights[t, s]))
+        world_from_camera = np.eye(4)
+        world_from_camera[:3, :3] = WORLD_FROM_VIEW @ FLIP
+        world_from_camera[:3, 3] = centres_m[t, s]
+        matrix = views.matrices[t, s]
+        frames.append(
+            {
+                "file_path": f"images/{name}",
+                "mask_path": f"masks/{name}",
+                "w": views.width_px,
+                "h": views.height_px,
+                "fl_x": matrix[0, 0],
+                "fl_y": matrix[1, 1],
+                "cx": matrix[0, 2] + HALF_PIXEL,
+                "cy": matrix[1, 2] + HALF_PIXEL,
+                **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
+                "transform_matrix": world_from_camera.tolist(),
+            }
+        )
+    write_views(folder / VIEWS, views, channels=views.samples.shape[-1])
+    write_json(folder / TRANSFORMS, {"camera_model": "OPENCV", "frames": frames})
+
+
+def read_nerfstudio(folder: Path) -> LightField:
+    """The light field of such a dataset: of parallel, undistorted views named `..._ROW_COLUMN.png`.
+
+    Without `views.json` the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
+    """
+    path = folder / TRANSFORMS
+    try:
+        said = json.loads(read_bytes(path))
+        frames = {_index(each["file_path"]): {**said, **each} for each in said["frames"]}
+        rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
+        order = [frames[index] for index in np.ndindex(rows, cols)]
+        transforms = np.array([each["transform_matrix"] for each in order], np.float64)
+        numbers = np.array([[float(each[key]) for key in ("fl_x", "fl_y", "cx", "cy")] for each in order])
+        bent = max(abs(float(each.get(key, 0.0))) for each in order for key in ("k1", "k2", "k3", "p1", "p2"))
+        size = int(order[0]["w"]), int(order[0]["h"])
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"{path}: not a dataset of a grid of views: {error!r}") from None
+    if transforms.shape != (rows * cols, 4, 4) or np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
+        raise InputError(f"{path}: cameras are turned differently, expected parallel views")
+    if bent > 0.0:
+        raise InputError(f"{path}: cameras have distortion, expected undistorted views")
+    matrices = np.zeros((rows * cols, 3, 3))
+    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 0], numbers[:, 1], 1.0
+    matrices[:, :2, 2] = numbers[:, 2:] - HALF_PIXEL
+    own = read_views(folder / VIEWS)
+    views: Any = own[0] if own else None
+    if views is None:
+        centres_mm = 1000.0 * transforms[:, :3, 3].reshape(rows, cols, 3)
+        view_from_world = (transforms[0, :3, :3] @ FLIP).T
+        views = views_of_pinholes(centres_mm, view_from_world, matrices.reshape(rows, cols, 3, 3), size, str(path))
+    pictures, masks = [], []
+    for each in order:
+        picture = read_image(folder / each["file_path"])
+        check_size(folder / each["file_path"], picture, size)
+        mask = np.full((size[1], size[0]), 255, np.uint8)
+        if "mask_path" in each:
+            mask = read_image(folder / each["mask_path"], grey=True)
+            check_size(folder / each["mask_path"], mask, size)
+        pictures.append(picture)
+        masks.append(mask)
+    shape = (rows, cols, size[1], size[0])
+    channels = own[1]["channels"] if own else 3
+    return light_field_of(views, np.stack(pictures).reshape(*shape, 3), np.stack(masks).reshape(shape), channels)
+
+
+def _index(file: str) -> tuple[int, int]:
+    """Row and column of a view by the name of its picture."""
+    row, col = Path(file).stem.split("_")[-2:]
+    return int(row), int(col)

@@ -1,0 +1,56 @@
+"""Views as pinholes with one orientation, and back: what structure-from-motion tools know."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.light_field import Views
+
+WITHIN_PX = 0.01
+"""By how much principal points and focal lengths may differ from those of views that share a plane."""
+
+
+def view_name(t: int, s: int) -> str:
+    """The name of a view in files; sorted, names are row by row."""
+    return f"view_{t:02d}_{s:02d}"
+
+
+def centres_in_rig_mm(views: Views) -> FloatArray:
+    """Where the views are (t, s, 3) in rig."""
+    return views.positions_mm @ views.view_from_rig + views.reference_view_in_rig_mm
+
+
+def views_of_pinholes(
+    centres_mm: FloatArray, view_from_world: FloatArray, matrices: FloatArray, size: tuple[int, int], where: str
+) -> Views:
+    """Views of pinholes at places (t, s, 3) in a world, with intrinsic matrices (t, s, 3, 3); world becomes rig.
+
+    The middle view is the reference. The plane of zero disparity follows from the principal points, which move by
+    f x / Z0, and the focal lengths, f (1 - z / Z0). Raises InputError where they do not.
+    """
+    rows, cols = centres_mm.shape[:2]
+    middle = (rows // 2, cols // 2)
+    positions = (centres_mm - centres_mm[middle]) @ view_from_world.T
+    positions[middle] = 0.0
+    focal_px, centre = float(matrices[middle][0, 0]), matrices[middle][:2, 2]
+    told = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
+    moves = focal_px * positions * [1.0, 1.0, -1.0]
+    inverse = float((told * moves).sum() / max(np.square(moves).sum(), np.finfo(float).tiny))
+    wrong_px = float(np.abs(told - inverse * moves).max())
+    skewed_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
+    if inverse <= 0 or max(wrong_px, skewed_px) > WITHIN_PX:
+        reason = f"off by {max(wrong_px, skewed_px):.3g} px" if inverse > 0 else "none in front of them"
+        raise InputError(f"{where}: views do not share a plane of zero disparity, {reason}")
+    reference = centres_mm[middle]
+    return Views(
+        positions_mm=positions,
+        focal_px=focal_px,
+        centre_px=centre,
+        width_px=size[0],
+        height_px=size[1],
+        reference_depth_mm=1.0 / inverse + float(view_from_world[2] @ reference),
+        reference_view_in_rig_mm=reference,
+        view_from_rig=view_from_world,
+        layout_identity="",
+    )

@@ -1,0 +1,60 @@
+"""Coloured point clouds as binary PLY, in mm in the rig frame: what MeshLab, CloudCompare, Blender and Open3D open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_bytes, write_bytes
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.view_images import rgb
+from mirrorcam.optics.light_field.light_field import LightField
+
+_POINT = np.dtype([("place", "<f4", 3), ("colour", "u1", 3)])
+_HEADER = (
+    "ply\nformat binary_little_endian 1.0\ncomment mm, rig frame: x right, y down, z along the optical axis\n"
+    "element vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+    "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+)
+
+
+def point_cloud(light_field: LightField, depth_mm: NDArray[np.floating]) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Points (n, 3) in rig and colours (n, 3) of the reference view, whose depth (v, u) from the pupil is given.
+
+    Pixels without sample or without a finite depth in front of the view give no point.
+    """
+    view = tuple(np.argwhere((light_field.positions_mm == 0).all(axis=2))[0])
+    if depth_mm.shape != light_field.weights.shape[2:]:
+        height, width = light_field.weights.shape[2:]
+        raise InputError(
+            f"depth is {depth_mm.shape[-1]}x{depth_mm.shape[0]} px, expected {width}x{height} of the views"
+        )
+    ahead = depth_mm - light_field.reference_depth_mm + light_field.reference_distance_mm
+    known = light_field.valid[view] & np.isfinite(depth_mm) & (ahead > 0)
+    pixels = light_field.pixel_grid()[known]
+    scale = ahead[known].astype(np.float64)[:, None] / light_field.focal_px
+    in_view = np.concatenate([(pixels - light_field.centre_px) * scale, scale * light_field.focal_px], axis=1)
+    points = in_view @ light_field.view_from_rig + light_field.reference_view_in_rig_mm
+    return points, rgb(light_field.samples[view])[known]
+
+
+def write_ply(path: Path, points: FloatArray, colours: NDArray[np.uint8]) -> None:
+    """Write points (n, 3) with colours (n, 3), as float32."""
+    cloud = np.empty(len(points), _POINT)
+    cloud["place"], cloud["colour"] = points, colours
+    write_bytes(path, _HEADER.format(len(points)).encode() + cloud.tobytes())
+
+
+def read_ply(path: Path) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """The points and colours of a file that `write_ply` wrote; InputError in one line for any other."""
+    raw = read_bytes(path)
+    head, found, body = raw.partition(b"end_header\n")
+    count = next((line.split()[-1] for line in head.splitlines() if line.startswith(b"element vertex ")), b"")
+    if not found or not count.isdigit() or (head + found).decode("latin-1") != _HEADER.format(int(count)):
+        raise InputError(f"{path}: not a point cloud of mirrorcam, expected its PLY header")
+    if len(body) != int(count) * _POINT.itemsize:
+        raise InputError(f"{path}: {len(body)} bytes of points, expected {int(count) * _POINT.itemsize}")
+    cloud = np.frombuffer(body, _POINT)
+    return cloud["place"].astype(np.float64), cloud["colour"].copy()

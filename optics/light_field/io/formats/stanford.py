@@ -1,0 +1,108 @@
+"""The folders of the Stanford Light Field Archive's gantry: `out_ROW_COLUMN_Y_X_.png`, a picture per view.
+
+Rows and columns count from the top left view, with two digits, so that sorted names are row by row. Y and X are the
+camera's place, y down and x right, in the gantry's unit in the archive and in mm here. Pictures are rectified to a
+plane of zero disparity. `masks/` has the weights where a view has not all samples.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.formats.views_file import (
+    NOTHING,
+    VIEWS,
+    Assumed,
+    parallel_views,
+    read_views,
+    write_views,
+)
+from mirrorcam.optics.light_field.light_field import LightField
+
+NAME = re.compile(r"out_(\d+)_(\d+)_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)_?\.png")
+MASKS = "masks"
+
+
+def write_stanford(folder: Path, light_field: LightField) -> None:
+    """Write a light field as such a folder; pictures have 8 bits."""
+    if max(light_field.rows, light_field.cols) > 100:
+        raise InputError(f"{light_field.cols}x{light_field.rows} views, expected at most 100 down and across")
+    for t, s in np.ndindex(light_field.rows, light_field.cols):
+        # Adding zero takes the sign from a zero.
+        x, y = light_field.positions_mm[t, s, :2].round(6) + 0.0
+        name = f"out_{t:02d}_{s:02d}_{y:.6f}_{x:.6f}_.png"
+        write_image(folder / name, rgb(light_field.samples[t, s]))
+        if light_field.weights.min() < 1.0:
+            write_image(folder / MASKS / name, weight_bytes(light_field.weights[t, s]))
+    write_views(folder / VIEWS, light_field, channels=light_field.samples.shape[-1])
+
+
+def is_stanford(folder: Path) -> bool:
+    """Whether a folder has pictures named so."""
+    return folder.is_dir() and any(NAME.fullmatch(file.name) for file in folder.iterdir())
+
+
+def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
+    """The light field of such a folder.
+
+    Without `views.json`, places are those of the names in mm, or, with a step, scaled so that columns (of one column,
+    rows) have it: the archive's own unit is unknown. Focal length and reference depth must be assumed.
+
+    Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
+    """
+    found = {}
+    for file in sorted(folder.iterdir()):
+        match = NAME.fullmatch(file.name)
+        if match is not None:
+            found[int(match[1]), int(match[2])] = (file, float(match[4]), float(match[3]))
+    rows, cols = (1 + max((index[axis] for index in found), default=-1) for axis in (0, 1))
+    missing = [index for index in np.ndindex(rows, cols) if index not in found]
+    if missing or not found:
+        at = f"view {missing[0]}" if missing else "any view"
+        raise InputError(f"{folder}: lacks {at}, expected out_ROW_COLUMN_Y_X_.png of all {rows}x{cols}")
+    order = [found[index] for index in np.ndindex(rows, cols)]
+    pictures = [read_image(file) for file, _, _ in order]
+    said = read_views(folder / VIEWS)
+    size = (pictures[0].shape[1], pictures[0].shape[0]) if said is None else (said[0].width_px, said[0].height_px)
+    for (file, _, _), picture in zip(order, pictures, strict=True):
+        check_size(file, picture, size)
+    if said is not None:
+        views, channels = said[0], said[1]["channels"]
+        if (views.rows, views.cols) != (rows, cols):
+            raise InputError(
+                f"{folder / VIEWS}: {views.cols}x{views.rows} views, but there are pictures of {cols}x{rows}"
+            )
+    else:
+        channels = 3
+        places = np.array([[x, y] for _, x, y in order]).reshape(rows, cols, 2)
+        if assumed.step_mm is not None:
+            places *= assumed.step_mm / _mean_step(folder, places)
+        focal_px, distance_mm = (assumed.need(name, folder) for name in ("focal_px", "reference_depth_mm"))
+        views = parallel_views(places, size, focal_px, distance_mm)
+    opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)
+    for index, (file, _, _) in zip(np.ndindex(rows, cols), order, strict=True):
+        mask = folder / MASKS / file.name
+        if mask.exists():
+            grey = read_image(mask, grey=True)
+            check_size(mask, grey, size)
+            opacity[index] = grey
+    samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)
+    return light_field_of(views, samples, opacity, channels)
+
+
+def _mean_step(folder: Path, places: FloatArray) -> float:
+    """Mean step of places (t, s, 2): of x along columns, of one column of y along rows."""
+    rows, cols = places.shape[:2]
+    if rows * cols == 1:
+        raise InputError(f"{folder}: one view, expected at least two for a step")
+    ends = places[:, [0, -1], 0] if cols > 1 else places[[0, -1], :, 1].T
+    step = float(np.diff(ends).mean()) / (max(cols, 2) - 1 if cols > 1 else rows - 1)
+    if step == 0.0:
+        raise InputError(f"{folder}: the names give all views one place, expected different ones")
+    return step

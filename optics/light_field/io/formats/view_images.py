@@ -1,0 +1,72 @@
+"""Views as pictures with 8 bits: colours, and weights as opacity or as a picture of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_image, write_bytes
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
+
+Bytes = NDArray[np.uint8]
+
+
+def as_bytes(samples: Samples) -> Bytes:
+    """Samples of either type with 8 bits."""
+    if samples.dtype == np.uint8:
+        return np.asarray(samples, np.uint8)
+    scaled: Any = np.clip(samples, 0.0, 1.0)
+    return np.asarray(np.rint(scaled * np.float32(255.0)), np.uint8)
+
+
+def weight_bytes(weights: NDArray[np.float32]) -> Bytes:
+    """Weights of 0 to 1 as 0 to 255; none that is positive becomes zero."""
+    return np.where(weights > 0, np.clip(np.rint(weights * 255.0), 1, 255), 0).astype(np.uint8)
+
+
+def weights_of(opacity: Bytes) -> NDArray[np.float32]:
+    """The weights that `weight_bytes` wrote."""
+    return opacity.astype(np.float32) / np.float32(255.0)
+
+
+def rgb(samples: Samples) -> Bytes:
+    """Samples (..., 1) or (..., 3) as RGB (..., 3) with 8 bits."""
+    colours = as_bytes(samples)
+    return np.ascontiguousarray(np.broadcast_to(colours, (*colours.shape[:-1], 3)))
+
+
+def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
+    """Write a picture (h, w, 3) in RGB, with an opacity (h, w) where there is one, as PNG."""
+    swapped = colours[..., ::-1]
+    picture = swapped if opacity is None else np.concatenate([swapped, opacity[..., None]], axis=-1)
+    encoded, buffer = cv2.imencode(".png", np.ascontiguousarray(picture))
+    if not encoded:
+        raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px cannot be written as PNG")
+    write_bytes(path, buffer.tobytes())
+
+
+def read_rgba(path: Path) -> tuple[Bytes, Bytes]:
+    """Colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 throughout where it has none."""
+    colours = read_image(path)
+    raw = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    if raw is None or raw.ndim < 3 or raw.shape[2] < 4 or raw.dtype != np.uint8:
+        return colours, np.full(colours.shape[:2], 255, np.uint8)
+    return np.ascontiguousarray(raw[..., 2::-1]), np.ascontiguousarray(raw[..., 3])
+
+
+def light_field_of(views: Views, colours: Bytes, opacity: Bytes, channels: int = 3) -> LightField:
+    """The light field of pictures (t, s, v, u, 3) and opacities (t, s, v, u); samples without weight are zero."""
+    samples: Any = np.ascontiguousarray(colours[..., :channels])
+    samples[opacity == 0] = 0
+    return LightField.of(views, samples, weights_of(opacity))
+
+
+def check_size(path: Path, picture: NDArray[Any], size: tuple[int, int]) -> None:
+    """Raise InputError for a picture (h, w, ...) of another width and height."""
+    if (picture.shape[1], picture.shape[0]) != size:
+        raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")

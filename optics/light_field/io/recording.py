@@ -1,0 +1,214 @@
+"""Light fields of a stream on disk: written frame by frame, whole under its own name or a beginning to go on from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+import numpy as np
+
+from mirrorcam.optics.base.files import read_bytes, write_json, write_text
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.light_field import LightField, Views
+
+SCHEMA = "mirrorcam.light_field/1"
+JOURNAL = "journal.jsonl"
+INDEX = "frames.json"
+
+
+def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
+    """What a recording says of itself, as JSON: its views and source, and the settings it was decoded with."""
+    geometry = {each.name: getattr(views, each.name) for each in fields(Views)}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in geometry.items()}
+    return {"schema": SCHEMA, "source": source, **settings, "views": plain}
+
+
+@dataclass
+class Entries:
+    """The frames that a recording holds, in order: numbers in the source, times in s; and those lost, with reasons."""
+
+    numbers: list[int] = field(default_factory=list)
+    times_s: list[float] = field(default_factory=list)
+    lost: dict[int, str] = field(default_factory=dict)
+
+    def note(self, line: dict[str, Any]) -> None:
+        """Take in a line of the journal."""
+        if "lost" in line:
+            self.lost[line["number"]] = line["lost"]
+        else:
+            self.numbers.append(line["number"])
+            self.times_s.append(line["time_s"])
+
+    @property
+    def last(self) -> int:
+        """The highest number of a frame, kept or lost; -1 before the first."""
+        return max((*self.numbers[-1:], *self.lost), default=-1)
+
+
+class Sink(Protocol):
+    """How light fields are laid out in a folder. The same calls must leave the same bytes."""
+
+    def open(self, folder: Path, about: dict[str, Any]) -> None:
+        """Begin in a folder, or go on in one; what lies there at the index of the next `write` may be half written."""
+
+    def write(self, index: int, number: int, light_field: LightField) -> None:
+        """Add the light field at an index that counts up without gaps, frame `number` of the source."""
+
+    def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
+        """Write what is known only at the end."""
+
+    def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
+        """What `close` wrote: what the recording says of itself, and its frames."""
+
+
+class Recording:
+    """Light fields being written to `path`.
+
+    Until `finish`, they lie in `path` + ".partial", beside a journal with a line for every frame that is whole there.
+    Opened again with the same `about`, writing goes on after them, and ends in the same bytes as if it had never
+    stopped.
+
+    Attributes:
+        entries: what has been written.
+        complete: whether `path` was there already, written with the same `about`; there is nothing left to do then.
+
+    Raises InputError where `path` or its beginning is of something else, and where nothing can be written.
+    """
+
+    def __init__(self, path: Path, about: dict[str, Any], sink: Sink) -> None:
+        self.path, self._sink = path, sink
+        self._about = json.loads(json.dumps(about, allow_nan=False))
+        self._folder = path.with_name(path.name + ".partial")
+        self._journal: TextIO | None = None
+        self.entries = Entries()
+        self.complete = path.exists()
+        if self.complete:
+            # There still where a run was cut off between its last two steps.
+            (path / JOURNAL).unlink(missing_ok=True)
+            said, self.entries = sink.read(path)
+            if said != self._about:
+                raise InputError(f"{path}: exists and holds something else, expected a new name or the same job again")
+            return
+        journal = self._folder / JOURNAL
+        lines = _whole_lines(journal)
+        if lines and lines[0] != self._about:
+            raise InputError(f"{self._folder}: begins something else, expected the same job again, or no such folder")
+        if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:
+            raise InputError(f"{self._folder}: exists, expected the beginning of {path.name} or nothing")
+        for line in lines[1:]:
+            self.entries.note(line)
+        with self._writing():
+            self._folder.mkdir(parents=True, exist_ok=True)
+            write_text(journal, "".join(json.dumps(line) + "\n" for line in lines or [self._about]))
+            self._journal = journal.open("a", encoding="utf-8")
+            sink.open(self._folder, self._about)
+
+    def add(self, frame: Frame, light_field: LightField) -> None:
+        """Write the light field of a frame; it counts once its line is in the journal."""
+        with self._writing():
+            self._sink.write(len(self.entries.numbers), frame.number, light_field)
+            self._note({"number": frame.number, "time_s": frame.time_s})
+
+    def lose(self, lost: Lost) -> None:
+        """Note a frame that cannot be used."""
+        with self._writing():
+            self._note({"number": lost.number, "lost": lost.reason})
+
+    def finish(self) -> None:
+        """Give the recording its own name, or, where it has no frame, remove its beginning and raise InputError."""
+        self.close()
+        if not self.entries.numbers:
+            shutil.rmtree(self._folder)
+            raise InputError(f"{self.path.name}: not one frame could be decoded, expected at least one")
+        with self._writing():
+            self._sink.close(self._folder, self._about, self.entries)
+            self._folder.rename(self.path)
+            (self.path / JOURNAL).unlink()
+
+    def close(self) -> None:
+        """Let go of the journal; what is written stays to go on from."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _note(self, line: dict[str, Any]) -> None:
+        assert self._journal is not None
+        self._journal.write(json.dumps(line) + "\n")
+        self._journal.flush()
+        self.entries.note(line)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        kept = "before are whole, and the same command goes on after them"
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{error}; {len(self.entries.numbers)} frames {kept}") from None
+        except OSError as error:
+            reason = error.strerror or error
+            raise InputError(
+                f"{self.path}: cannot be written: {reason}; {len(self.entries.numbers)} frames {kept}"
+            ) from None
+
+
+def _whole_lines(journal: Path) -> list[dict[str, Any]]:
+    """The journal's lines up to the first that was not written to its end; none where there is no journal."""
+    if not journal.exists():
+        return []
+    whole = []
+    for line in read_bytes(journal).split(b"\n")[:-1]:
+        try:
+            whole.append(json.loads(line))
+        except ValueError:
+            break
+    return whole
+
+
+class Folders:
+    """A sink of one folder per frame, named by its number in the source, and `frames.json`.
+
+    Args:
+        write_one: writes a light field into an empty folder.
+    """
+
+    def __init__(self, write_one: Callable[[Path, LightField], None]) -> None:
+        self._write_one = write_one
+
+    def open(self, folder: Path, about: dict[str, Any]) -> None:
+        self._folder = folder
+
+    def write(self, index: int, number: int, light_field: LightField) -> None:
+        """Write the frame's folder, anew where a run that was cut off has left one."""
+        whole, beginning = self._folder / f"{number:06d}", self._folder / f"{number:06d}.partial"
+        for left in (whole, beginning):
+            if left.exists():
+                shutil.rmtree(left)
+        beginning.mkdir()
+        self._write_one(beginning, light_field)
+        beginning.rename(whole)
+
+    def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
+        """Write `frames.json`: what the recording says of itself, and its frames."""
+        for left in folder.glob("*.partial"):
+            shutil.rmtree(left)
+        frames = [
+            {"number": number, "time_s": time_s, "folder": f"{number:06d}"}
+            for number, time_s in zip(entries.numbers, entries.times_s, strict=True)
+        ]
+        lost = [{"number": number, "lost": reason} for number, reason in sorted(entries.lost.items())]
+        write_json(folder / INDEX, {**about, "frames": frames, "lost": lost})
+
+    def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
+        """What `frames.json` says."""
+        if not path.is_dir() or not (path / INDEX).exists():
+            raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
+        said = json.loads(read_bytes(path / INDEX))
+        entries = Entries()
+        for line in (*said.pop("frames"), *said.pop("lost")):
+            entries.note(line)
+        return said, entries

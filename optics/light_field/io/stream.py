@@ -1,0 +1,56 @@
+"""From a stream of frames to light fields on disk: reading, decoding and writing at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import Protocol
+
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.frames import Frame, Lost, read_ahead
+from mirrorcam.optics.light_field.io.recording import Recording
+from mirrorcam.optics.light_field.light_field import LightField
+
+Decoded = tuple[Frame, LightField] | Lost
+
+
+class Source(Protocol):
+    """Where frames come from: `Video`, `Device`."""
+
+    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+        """The frames after a number, in order."""
+
+
+def light_fields(decoder: Decoder, source: Source, after: int = -1) -> Iterator[Decoded]:
+    """The light fields of a source's frames after a number, and its lost frames, in order.
+
+    Frames are read in a thread of their own, a few ahead.
+    """
+    for item in read_ahead(source.frames(after)):
+        yield item if isinstance(item, Lost) else (item, decoder.decode(item.pixels))
+
+
+def record(
+    decoder: Decoder,
+    source: Source,
+    recording: Recording,
+    *,
+    on_frame: Callable[[int, LightField | None], None] | None = None,
+    limit: int | None = None,
+) -> None:
+    """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
+
+    `on_frame` hears how many are done, and gets the light field of the last unless it was lost. Decoding is in a thread
+    of its own too: OpenCV, the video's decoder and the writing of files leave Python to others while they work. The
+    recording is neither finished nor closed here.
+    """
+    done = len(recording.entries.numbers) + len(recording.entries.lost)
+    more = None if limit is None else max(0, limit - done)
+    for item in islice(read_ahead(light_fields(decoder, source, recording.entries.last), count=2), more):
+        if isinstance(item, Lost):
+            recording.lose(item)
+        else:
+            recording.add(*item)
+        done += 1
+        if on_frame is not None:
+            on_frame(done, None if isinstance(item, Lost) else item[1])

@@ -1,0 +1,1 @@
+"""Pictures made of light fields: refocused, from other places, epipolar-plane images."""

@@ -1,0 +1,82 @@
+"""Epipolar-plane images: one line of the picture, view beside view, where depth is slope (Bolles et al., IJCV 1987)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
+from mirrorcam.optics.light_field.render.refocusing import Float32, FocalPlane, homography, premultiplied
+
+
+@dataclass(frozen=True, eq=False)
+class Epi:
+    """An epipolar-plane image of a row of views (along s), or of a column (along t).
+
+    Attributes:
+        samples: (n, length, c) float32, 0 to 1, a line of each of n views; along s left to right, t top to bottom.
+        weights: (n, length) float32, 0 where there is no sample.
+        positions_mm: (n,) of the views along the axis, as they are: not evenly spaced.
+        axis: of the views; lines run along u for s, along v for t.
+        line: row (for s) or column (for t) of the reference view.
+        plane_depth_mm: what lies at this depth stays in place from view to view.
+    """
+
+    samples: Float32
+    weights: Float32
+    positions_mm: FloatArray
+    axis: Axis
+    line: int
+    plane_depth_mm: float
+
+    def slope_px_per_mm(self, views: Views, depth_mm: float) -> float:
+        """By how much a point at a depth moves along the line per mm of view position, in px: the EPI's slope."""
+        return float(views.slope_from_depth(depth_mm) - views.slope_from_depth(self.plane_depth_mm))
+
+
+def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | None = None) -> Epi:
+    """The epipolar-plane image of the reference view's row (`axis` s) or column (t) of views.
+
+    Args:
+        line: row, or column, of the reference view's picture.
+        depth_mm: depth at which all views' lines show the same places, so that it stands upright: by default that of
+            the reference plane. Where views are not quite in one row, lines elsewhere are a little off across.
+
+    Raises InputError for a line outside the picture, fewer than two views along the axis, or a depth within the views.
+    """
+    lines, count = (
+        (light_field.height_px, light_field.cols) if axis == "s" else (light_field.width_px, light_field.rows)
+    )
+    if not 0 <= line < lines:
+        raise InputError(f"line {line} along {axis}, expected 0 to {lines - 1}")
+    if count < 2:
+        raise InputError(f"one view along {axis}, expected two or more for an epipolar-plane image")
+    depth_mm = light_field.reference_depth_mm if depth_mm is None else float(depth_mm)
+    plane = FocalPlane.at_depth(light_field, depth_mm)
+    t, s = reference_index(light_field)
+    indices = [(t, column) for column in range(count)] if axis == "s" else [(row, s) for row in range(count)]
+    cut = np.eye(3)
+    if axis == "s":
+        cut[1, 2] = line
+        size = light_field.width_px, 1
+    else:
+        cut[0, 2] = line
+        size = 1, light_field.height_px
+    parts = []
+    for index in indices:
+        matrix = homography(light_field, index, plane) @ cut
+        part = cv2.warpPerspective(
+            premultiplied(light_field, index), matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+        parts.append(np.asarray(part, dtype=np.float32).reshape(max(size), -1))
+    total = np.stack(parts)
+    weights = total[..., -1]
+    samples = np.divide(
+        total[..., :-1], weights[..., None], out=np.zeros_like(total[..., :-1]), where=weights[..., None] > 0
+    )
+    along = [light_field.positions_mm[index][0 if axis == "s" else 1] for index in indices]
+    return Epi(samples, weights, np.array(along), axis, line, depth_mm)

@@ -1,0 +1,254 @@
+"""Refocusing after the shot: all views, warped to a plane as the reference view sees it, become one picture.
+
+A plane a X + b Y + c Z = 1 of the view frame, seen by two pinholes, is a homography (Hartley and Zisserman, Multiple
+View Geometry, 13.1): a reference pixel of direction r shows the point r / (p . r) of it, which the view at c_i with
+matrix K_i shows at K_i (I - c_i p^T) r. So true positions cost nothing more than even ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.light_field import LightField, Views
+
+Float32 = NDArray[np.float32]
+Combine = Literal["mean", "median"]
+
+SEEN = 1e-3
+"""Weight below which a pixel has no sample."""
+SUPER_STEPS = 3
+"""Of back-projection: more sharpen noise rather than pictures."""
+LARGEST_SCALE = 8
+STEEPEST_DEG = 85.0
+ROWS_AT_ONCE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What was made of several views, in the frame of the reference view.
+
+    Attributes:
+        image: (h, w, c) float32, 0 to 1, zero where `weights` is zero.
+        weights: (h, w) float32, how many samples (in full weights) each pixel is made of.
+    """
+
+    image: Float32
+    weights: Float32
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where the picture shows anything (h, w)."""
+        return self.weights > 0
+
+
+@dataclass(frozen=True)
+class FocalPlane:
+    """The plane of all (X, Y, Z) in the view frame, mm, with normal . (X, Y, Z) = 1; (0, 0, 0) is at infinity."""
+
+    normal_per_mm: tuple[float, float, float]
+
+    @classmethod
+    def at_depth(cls, views: Views, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> FocalPlane:
+        """The plane that the middle of the reference view's picture shows at a depth from the pupil; infinity is one.
+
+        `tilt_deg` turns it about that point: the first angle moves its right side away, the second its lower side.
+
+        Raises InputError for a plane not in front of all views, or so steep that the reference view sees its back.
+        """
+        if not all(abs(angle) <= STEEPEST_DEG for angle in tilt_deg):
+            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {STEEPEST_DEG:g} at most")
+        behind = views.reference_depth_mm - views.reference_distance_mm
+        least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
+        if not depth_mm > least:
+            raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, more than {least:.0f} mm")
+        slope = np.tan(np.radians(tilt_deg))
+        size = np.array([views.width_px, views.height_px])
+        middle = ((size - 1.0) / 2.0 - views.centre_px) / views.focal_px
+        front = 1.0 - float(slope @ middle)
+        if front <= 0:
+            raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees shows the plane from behind")
+        nearness = 1.0 / ((depth_mm - behind) * front)
+        return cls((float(-slope[0] * nearness), float(-slope[1] * nearness), float(nearness)))
+
+    @classmethod
+    def through(cls, views: Views, pixels: FloatArray, depths_mm: FloatArray) -> FocalPlane:
+        """The plane through what three or more reference pixels (n, 2) show at depths (n,), by least squares of 1 / Z.
+
+        Raises InputError where the pixels lie on a line.
+        """
+        behind = views.reference_depth_mm - views.reference_distance_mm
+        across = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
+        ways = np.concatenate([across, np.ones((len(across), 1))], axis=1)
+        normal, _, rank, _ = np.linalg.lstsq(ways, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - behind), rcond=None)
+        if rank < 3:
+            raise InputError(f"{len(ways)} pixels on a line, expected three or more that span a plane")
+        return cls((float(normal[0]), float(normal[1]), float(normal[2])))
+
+    def nearness(self, views: Views) -> FloatArray:
+        """1 / Z (v, u) of what the reference view sees of the plane, 1/mm; negative where it never meets it."""
+        across = (views.pixel_grid() - views.centre_px) / views.focal_px
+        return across @ np.array(self.normal_per_mm[:2]) + self.normal_per_mm[2]
+
+
+def homography(views: Views, index: tuple[int, int], plane: FocalPlane) -> FloatArray:
+    """The matrix (3, 3) from reference pixels (u, v, 1) of a plane to w (u', v', 1) of view (t, s); w > 0 ahead."""
+    reference = views.matrices[reference_index(views)]
+    moved = np.eye(3) - np.outer(views.positions_mm[index], plane.normal_per_mm)
+    return np.asarray(views.matrices[index] @ moved @ np.linalg.inv(reference))
+
+
+def aperture(views: Views, sigma_mm: float | None = None) -> Float32:
+    """Weights (t, s) of the views that fall off from the reference view as a Gaussian: soft blur without ghosts' edges.
+
+    By default sigma is the root mean square distance of the other views from the reference view.
+    """
+    away = np.square(views.positions_mm[..., :2]).sum(axis=-1)
+    others = away[away > 0]
+    if sigma_mm is None:
+        sigma_mm = float(np.sqrt(others.mean())) if len(others) else 1.0
+    return np.exp(-away / (2.0 * sigma_mm**2)).astype(np.float32)
+
+
+def refocus(
+    light_field: LightField,
+    plane: FocalPlane,
+    *,
+    combine: Combine = "mean",
+    view_weights: Float32 | None = None,
+    scale: int = 1,
+) -> Picture:
+    """The picture in focus on a plane, in the frame of the reference view.
+
+    Args:
+        combine: `mean` blurs what lies elsewhere; `median` leaves out what few views show.
+        view_weights: (t, s), of the mean: how much each view counts.
+        scale: pixels of the picture along one of a view. From two on, what the picture would show in each view is
+            compared with what it shows, and the difference is put back (Irani and Peleg, CVGIP 1991; by the median,
+            Zomet et al., CVPR 2001): views that sample in between each other's pixels resolve more than one does.
+    """
+    if view_weights is not None and combine != "mean":
+        raise ValueError(f"{combine=} with weights of views, expected the mean")
+    if not 1 <= scale <= LARGEST_SCALE:
+        raise InputError(f"scale of {scale}, expected 1 to {LARGEST_SCALE}")
+    size = light_field.width_px * scale, light_field.height_px * scale
+    # Pixel centres: the first of `scale` lies (1 - scale) / (2 scale) from that of the view's pixel.
+    coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])
+    coarse_from_fine[:2, 2] = (1.0 - scale) / (2.0 * scale)
+    seen = _seen(light_field, plane, coarse_from_fine, size)
+    indices = list(np.ndindex(light_field.rows, light_field.cols))
+    matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
+    views = [premultiplied(light_field, index) for index in indices]
+
+    def gathered(parts: Sequence[Float32]) -> Picture:
+        def warped(part: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
+            shown = _warped(part, matrix, size)
+            if view_weights is not None:
+                shown *= view_weights[index]
+            return shown
+
+        shown = pool.map(warped, parts, matrices, indices)
+        total = median_of(list(shown)) if combine == "median" else _sum(shown)
+        if seen is not None:
+            total *= seen[..., None]
+        return picture_of(total)
+
+    with ThreadPoolExecutor(max(1, cv2.getNumThreads())) as pool:
+        picture = gathered(views)
+        for _ in range(SUPER_STEPS if scale > 1 else 0):
+            # A pixel of a view integrates over `scale` pixels, whose variance a Gaussian takes here.
+            flat = np.concatenate([picture.image, picture.valid[..., None]], axis=-1, dtype=np.float32)
+            soft = cv2.GaussianBlur(flat, (0, 0), scale / np.sqrt(12.0))
+            missing = list(pool.map(_missing, views, [soft] * len(views), matrices))
+            picture = Picture(picture.image + gathered(missing).image, picture.weights)
+    return picture
+
+
+def _missing(view: Float32, picture: Any, matrix: FloatArray) -> Float32:
+    """What a view (v, u, c + 1), weighted as it is, shows more than a picture (h, w, c + 1) would show in it."""
+    height, width = view.shape[:2]
+    weight = view[..., -1:]
+    there = _warped(picture, np.linalg.inv(matrix), (width, height))
+    share = there[..., -1:]
+    expected = np.divide(there[..., :-1], share, out=np.zeros_like(there[..., :-1]), where=share > 0.5)
+    difference = np.where(share > 0.5, view[..., :-1] - expected * weight, np.float32(0.0))
+    return np.concatenate([difference, weight], axis=-1, dtype=np.float32)
+
+
+def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
+    """Samples of a view, 0 to 1, times their weights, and the weights: (v, u, c + 1) float32."""
+    samples: Any = light_field.samples[index]
+    weights = light_field.weights[index][..., None]
+    whole = np.float32(1.0 / 255.0) if samples.dtype == np.uint8 else np.float32(1.0)
+    return np.concatenate([samples * (weights * whole), weights], axis=-1, dtype=np.float32)
+
+
+def picture_of(total: Float32) -> Picture:
+    """The picture of sums (h, w, c + 1) of weighted samples and weights."""
+    weights = total[..., -1]
+    part = np.where(weights > SEEN, 1.0 / np.maximum(weights, np.float32(SEEN)), np.float32(0.0))
+    return Picture(total[..., :-1] * part[..., None].astype(np.float32), np.where(weights > SEEN, weights, 0.0))
+
+
+def median_of(parts: list[Float32]) -> Float32:
+    """The median (h, w, c + 1) of weighted samples, each channel for itself, times how many there are, and that.
+
+    Of an even number of samples the mean of the middle two. A sample counts with half a weight or more.
+    """
+    height, width, channels = parts[0].shape
+    total = np.zeros((height, width, channels), np.float32)
+    for start in range(0, height, ROWS_AT_ONCE):
+        block = np.stack([part[start : start + ROWS_AT_ONCE] for part in parts])
+        there = block[..., -1:] >= 0.5
+        values = np.divide(block[..., :-1], block[..., -1:], out=np.full_like(block[..., :-1], np.inf), where=there)
+        values.sort(axis=0)
+        count = np.count_nonzero(there, axis=0)
+        low, high = np.maximum(count - 1, 0)[None] // 2, np.minimum(count, len(parts) - 1)[None] // 2
+        shape = (1, *values.shape[1:])
+        lower = np.take_along_axis(values, np.broadcast_to(low, shape), axis=0)[0]
+        upper = np.take_along_axis(values, np.broadcast_to(np.where(count > 0, high, 0), shape), axis=0)[0]
+        middle = np.where(count > 0, np.float32(0.5) * (lower + upper), np.float32(0.0))
+        total[start : start + ROWS_AT_ONCE] = np.concatenate([middle * count, count], axis=-1)
+    return total
+
+
+def _sum(parts: Iterator[Float32]) -> Float32:
+    total = next(parts)
+    for part in parts:
+        total += part
+    return total
+
+
+def _warped(flat: Float32, matrix: NDArray[np.floating], size: tuple[int, int]) -> Float32:
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    if np.abs(matrix[2, :2]).max() < 1e-12 * abs(matrix[2, 2]):
+        return np.asarray(cv2.warpAffine(flat, matrix[:2] / matrix[2, 2], size, flags=flags), dtype=np.float32)
+    return np.asarray(cv2.warpPerspective(flat, matrix, size, flags=flags), dtype=np.float32)
+
+
+def _seen(views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: tuple[int, int]) -> Float32 | None:
+    """1 where the plane lies ahead of all views (h, w), else 0; None where it does everywhere."""
+    reference = np.linalg.inv(views.matrices[reference_index(views)])
+    rows = [np.array(plane.normal_per_mm) @ reference]
+    ahead = [homography(views, index, plane)[2] for index in np.ndindex(views.rows, views.cols)]
+    corners = np.array([[0, 0, 1], [size[0] - 1, 0, 1], [0, size[1] - 1, 1], [size[0] - 1, size[1] - 1, 1.0]])
+    corners = corners @ coarse_from_fine.T
+    if (corners @ rows[0] >= 0).all() and (corners @ np.array(ahead).T > 0).all():
+        return None
+    columns, lines = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    fine = np.stack([columns, lines, np.ones_like(columns)], axis=-1) @ coarse_from_fine.T
+    return np.asarray((fine @ rows[0] >= 0) & (fine @ np.array(ahead).T > 0).all(axis=-1), dtype=np.float32)
+
+
+def to_bytes(picture: Picture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:
+    """A picture as 8-bit RGB (h, w, 3), dark grey where it shows nothing."""
+    image = np.rint(np.clip(picture.image, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
+    return np.where(picture.valid[..., None], image, np.array(missing, dtype=np.uint8))

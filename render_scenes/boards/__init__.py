@@ -1,0 +1,1 @@
+"""Calibration boards as they are printed, and how they move."""

@@ -1,0 +1,217 @@
+"""A board seen by way of mirrors, by formula, one square of the sensor after the other: for large sets.
+
+Of every square that shows a mirror it is known once for all where its light seems to come from
+(`render_scenes.fast.lanes`). A frame takes, for each mirror, a projective map to the print that is made in float64, and
+for each square the mean of the print over its footprint: a box along the axes of the print, as wide as the footprint is
+in the mean square, exact for the two by two texels that it meets. No light bounces twice, and nothing but mirrors
+stands in its way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
+from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, Compiled, Plain
+from mirrorcam.render_scenes.fast.pixel_footprints import Lanes, View, lanes_of, views_of
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, even
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+SAMPLED = 64  # lanes of a view at which footprints are looked at
+
+
+@dataclass(frozen=True)
+class Level:
+    """One scale of the print: `columns` x `rows` texels, with a rim of nothing, from `begin` on in `Pyramid.texels`."""
+
+    begin: int
+    columns: int
+    rows: int
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """The print at scales of 1, 1/2, 1/4 ..., one after the other: on one, a footprint is at most a texel wide."""
+
+    texels: NDArray[np.float32]
+    levels: tuple[Level, ...]
+
+
+@dataclass(frozen=True)
+class Map:
+    """Light along r = (x, y, 1) of a view, its centre slid by s, left the print at (print - s slide) r / (depth r).
+
+    `print` (2, 3) and `slide` (2, 3) are in texels, `depth` (3,) is positive along light that left the printed side.
+    """
+
+    print: FloatArray
+    depth: FloatArray
+    slide: FloatArray
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Lanes as arrays to compute with, and the normalized coordinates (m, 2) of some of them."""
+
+    view: int
+    steps: FloatArray
+    some: FloatArray
+    square: Any
+    x: Any
+    y: Any
+    slide_mm: Any
+    weight: Any
+
+
+def pyramid_of(radiance: FloatArray) -> Pyramid:
+    """The scales of a print (rows, columns); a texel is the mean of four of the scale before."""
+    images = [radiance]
+    while min(images[-1].shape) >= 4:
+        rows, columns = images[-1].shape
+        even = np.pad(images[-1], ((0, rows % 2), (0, columns % 2)))
+        images.append(even.reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2).mean(axis=(1, 3)))
+    rimmed = [np.pad(image, 1) for image in images]
+    begins = np.cumsum([0, *(image.size for image in rimmed)]).tolist()
+    levels = tuple(Level(begin, *image.shape[::-1]) for begin, image in zip(begins, rimmed, strict=False))
+    return Pyramid(np.concatenate([image.ravel() for image in rimmed]).astype(np.float32), levels)
+
+
+class FastScene:
+    """A board that can be moved, seen by a camera by way of flat mirrors (or, without any, directly).
+
+    Of `finishes` only how bright the mirrors are is shown; without them, all alike.
+
+    Moving the board costs no compilation. Where neither a GPU nor an LLVM compiles, NumPy computes the same.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        mirrors: tuple[Mirror, ...],
+        target: Checkerboard | Charuco,
+        settings: RenderSettings,
+        *,
+        finishes: Sequence[MirrorFinish] = (),
+        variant: str | None = None,
+    ) -> None:
+        self.variant = use_variant(variant)
+        self._xp: Arithmetic = Plain() if self.variant == SCALAR else Compiled()
+        self._shape = camera.height_px * settings.subpixels, camera.width_px * settings.subpixels
+        self._pyramid = pyramid_of(printed_radiance(target, settings))
+        self._texels = self._xp.held(self._pyramid.texels)
+        self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
+        self._views = views_of(mirrors)
+        reflectances = np.array([finish.luminance for finish in finishes or even(settings, len(mirrors))])
+        layers = lanes_of(camera, mirrors, settings.subpixels, reflectances)
+        self._layers = [[self._held(lanes) for lanes in layer] for layer in layers]
+        self.place_board(np.eye(4))
+
+    def place_board(self, *poses: FloatArray) -> None:
+        """Move the board to a rigid 4x4 pose in mm; or to those it has at the first row, halfway, and at the last row.
+
+        Three poses are a rolling shutter's: in between, the map to the print follows a parabola through theirs.
+        """
+        self._maps = [
+            tuple(map_to_print(view, pose, self._texels_from_board) for pose in poses) for view in self._views
+        ]
+
+    def render(self) -> NDArray[np.float32]:
+        """Radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing of it is random."""
+        canvases = [self._xp.canvas(self._shape[0] * self._shape[1]) for _ in self._layers]
+        for canvas, layer in zip(canvases, self._layers, strict=True):
+            for lane in layer:
+                maps = self._maps[lane.view]
+                index = self._level(maps[len(maps) // 2], lane)
+                numbers = [self._xp.numbers(_scaled(to_print, lane, 0.5**index)) for to_print in maps]
+                self._xp.put(canvas, lane.square, self._radiance(lane, self._pyramid.levels[index], numbers))
+        # One layer, and no copy of it, unless mirrors are sheets or hide each other.
+        light = self._xp.finished(canvases[0])
+        for canvas in canvases[1:]:
+            light = light + self._xp.finished(canvas)
+        return light.reshape(self._shape)
+
+    def _held(self, lanes: Lanes) -> _Held:
+        some = slice(None, None, max(len(lanes.square) // SAMPLED, 1))
+        arrays = (self._xp.held(values) for values in (lanes.square, lanes.x, lanes.y, lanes.slide_mm, lanes.weight))
+        return _Held(lanes.view, lanes.steps, np.column_stack([lanes.x, lanes.y])[some].astype(np.float64), *arrays)
+
+    def _level(self, to_print: Map, lane: _Held) -> int:
+        """The finest scale whose texels are as wide as the view's footprints."""
+        rays = np.column_stack([lane.some, np.ones(len(lane.some))])
+        rays = rays[rays @ to_print.depth > 0.0]
+        depth = (rays @ to_print.depth)[:, None]
+        at = rays @ to_print.print.T / depth
+        moves = to_print.print[:, :2] @ lane.steps - at[:, :, None] * (to_print.depth[:2] @ lane.steps)
+        widest = (np.linalg.norm(moves, axis=-1) / depth).max(initial=1.0)
+        return int(min(np.ceil(np.log2(widest)), len(self._pyramid.levels) - 1))
+
+    def _radiance(self, lane: _Held, level: Level, numbers: list[list[Any]]) -> Any:
+        """Mean radiance of the print over the footprints of lanes, times what of it arrives."""
+        xp, x, y, slide = self._xp, lane.x, lane.y, lane.slide_mm
+        n = numbers[0]
+        if len(numbers) == 3:
+            time = xp.real(lane.square // self._shape[1]) * (1.0 / (self._shape[0] - 1))
+            n = [
+                a + time * (4.0 * b - 3.0 * a - c + time * (2.0 * (a + c) - 4.0 * b))
+                for a, b, c in zip(*numbers, strict=True)
+            ]
+        columns = xp.index(level.columns)
+        per_depth = 1.0 / (n[6] * x + n[7] * y + n[8])
+        u = (n[0] * x + n[1] * y + n[2] - slide * (n[9] * x + n[10] * y + n[11])) * per_depth
+        v = (n[3] * x + n[4] * y + n[5] - slide * (n[12] * x + n[13] * y + n[14])) * per_depth
+        # A box with the variance of the footprint, which is a parallelogram.
+        wide = xp.sqrt((n[15] - u * n[19]) ** 2 + (n[16] - u * n[20]) ** 2) * per_depth
+        high = xp.sqrt((n[17] - v * n[19]) ** 2 + (n[18] - v * n[20]) ** 2) * per_depth
+        column, left = _overlap(xp, u, wide, columns)
+        row, upper = _overlap(xp, v, high, xp.index(level.rows))
+        at = row * columns + column + xp.index(level.begin)
+        above = _mixed(xp.take(self._texels, at), xp.take(self._texels, at + 1), left)
+        below = _mixed(xp.take(self._texels, at + columns), xp.take(self._texels, at + columns + 1), left)
+        return xp.where(per_depth > 0.0, lane.weight * _mixed(above, below, upper), 0.0)
+
+
+def map_to_print(view: View, rig_from_board: FloatArray, texels_from_board: FloatArray) -> Map:
+    """Where light along (x, y, 1) of a view left the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose."""
+    board_from_rig = rig_from_board[:3, :3].T
+    centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
+    turn, normal = board_from_rig @ view.turn, board_from_rig @ view.normal_in_rig
+
+    def meets_board(start: FloatArray) -> FloatArray:
+        """Rows (2, 3): the ray from a start meets z = 0 at these rows over `turn[2]`."""
+        return np.outer(start[:2], turn[2]) - start[2] * turn[:2]
+
+    # Seen from the unprinted side, or looking away: a depth that is never positive.
+    depth = turn[2] if centre[2] < 0.0 else np.array([0.0, 0.0, -1.0])
+    flat = texels_from_board[:2, :2]
+    return Map(
+        flat @ meets_board(centre) + np.outer(texels_from_board[:2, 2], turn[2]), depth, flat @ meets_board(normal)
+    )
+
+
+def _scaled(to_print: Map, lane: _Held, scale: float) -> list[float]:
+    """The 21 numbers of a map to a scale of the print, whose texels are counted from the corner of the rim."""
+    at = scale * to_print.print + to_print.depth
+    parts = (at, to_print.depth, scale * to_print.slide, at[:, :2] @ lane.steps, to_print.depth[:2] @ lane.steps)
+    return [float(number) for part in parts for number in part.ravel()]
+
+
+def _overlap(xp: Arithmetic, middle: Any, width: Any, count: Any) -> tuple[Any, Any]:
+    """Of boxes at most one texel wide: the first of the two texels that they meet, and the part of the box in it."""
+    width = xp.minimum(width, 1.0)
+    start = xp.maximum(xp.minimum(middle, xp.real(count) - 0.5), 0.5) - 0.5 * width
+    first = xp.minimum(xp.truncated(start), count - 2)
+    return first, xp.minimum((xp.real(first) + 1.0 - start) / width, 1.0)
+
+
+def _mixed(first: Any, second: Any, part: Any) -> Any:
+    return second + part * (first - second)

@@ -1,0 +1,104 @@
+"""What mirrors are like beyond their layout: as bright, smooth and flat as cheap ones are, each a little its own."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.render_scenes.settings import Bend, Finish, RenderSettings
+
+
+class MirrorFinish(Value):
+    """One mirror: linear reflectance in red, green and blue, roughness, and how far it bends away from its plane.
+
+    Directions are those along which it bends, anticlockwise from the x axis of the mirror's own frame.
+    """
+
+    reflectance: tuple[float, float, float]
+    roughness: float = Field(default=0.0, ge=0, description="alpha of Beckmann's distribution: rms slope, times root 2")
+    bend: Bend = "sphere"
+    sag_mm: float = Field(default=0.0, description="how far its middle lies behind its rim")
+    sag_direction_deg: float = 0.0
+    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of waves in it")
+    ripple_wavelength_mm: float = Field(default=20.0, gt=0)
+    ripple_direction_deg: float = 0.0
+    ripple_phase_deg: float = 0.0
+
+    @property
+    def flat(self) -> bool:
+        """Whether it is a plane."""
+        return self.sag_mm == 0.0 and self.ripple_mm == 0.0
+
+    @cached_property
+    def luminance(self) -> float:
+        """Reflectance of white light (ITU-R BT.709), as a monochrome camera sees it."""
+        if len(set(self.reflectance)) == 1:
+            return self.reflectance[0]
+        return float(np.dot([0.212671, 0.715160, 0.072169], self.reflectance))
+
+    def shape(self, radius_mm: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Height (...), mm, towards the pupil over the plane, and its slopes (..., 2), at points (..., 2) of the plane.
+
+        A sag is half above the plane, at `radius_mm` from the middle, and half below, in the middle.
+        """
+        along, across = _direction(self.sag_direction_deg)
+        curve = self.sag_mm / radius_mm**2
+        u, v = points @ along, points @ across
+        round_ = 1.0 if self.bend == "sphere" else 0.0
+        height = curve * (u**2 + round_ * v**2) - 0.5 * self.sag_mm
+        slopes = 2.0 * curve * (u[..., None] * along + round_ * v[..., None] * across)
+        way, _ = _direction(self.ripple_direction_deg)
+        number = 2.0 * np.pi / self.ripple_wavelength_mm
+        phase = number * (points @ way) + np.deg2rad(self.ripple_phase_deg)
+        return height + self.ripple_mm * np.sin(phase), slopes + (self.ripple_mm * number * np.cos(phase))[
+            ..., None
+        ] * way
+
+
+def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors (2,) along and across a direction."""
+    angle = np.deg2rad(angle_deg)
+    return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+
+
+def radius_mm(mirror: Mirror) -> float:
+    """Distance of the farthest corner of a mirror from its middle."""
+    return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
+
+
+def even(settings: RenderSettings, count: int) -> tuple[MirrorFinish, ...]:
+    """Mirrors that are all as bright as the settings say, smooth and flat."""
+    return (MirrorFinish(reflectance=(settings.mirror_reflectance,) * 3),) * count
+
+
+def draw_finishes(settings: RenderSettings, count: int, random: np.random.Generator) -> tuple[MirrorFinish, ...]:
+    """Draw the finish of each mirror; none where all are alike.
+
+    The same generator and settings of other sizes: the same, scaled.
+    """
+    asked = settings.finish
+    if asked == Finish():
+        return ()
+    found = []
+    for brightness, sag in random.standard_normal((count, 2)):
+        sag_direction, ripple_direction, phase = random.uniform(0.0, [180.0, 180.0, 360.0])
+        bright = settings.mirror_reflectance * (1.0 + asked.reflectance_percent / 100.0 * brightness)
+        red, green, blue = (float(np.clip(bright * tint, 0.0, 1.0)) for tint in asked.tint)
+        found.append(
+            MirrorFinish(
+                reflectance=(red, green, blue),
+                roughness=asked.roughness,
+                bend=asked.bend,
+                sag_mm=asked.sag_mm * float(sag),
+                sag_direction_deg=float(sag_direction),
+                ripple_mm=asked.ripple_mm,
+                ripple_wavelength_mm=asked.ripple_wavelength_mm,
+                ripple_direction_deg=float(ripple_direction),
+                ripple_phase_deg=float(phase),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,113 @@
+"""A calibration board before a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
+
+The board shines by itself, so that no lamp adds noise; mirrors are exactly as the layout cuts them; all else is black.
+Where the parts of a device stand around them, those hide what is behind and scatter the light of the board and of the
+surroundings, which are of one radiance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.render_scenes.boards.printed_board import printed_radiance, world_from_sheet
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, even
+from mirrorcam.render_scenes.reference.bodies import Body, body_shapes, near_mm
+from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.reference.integrator import SHEET_BRANCHES, Light, integrator, render
+from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.variant import use_variant
+
+
+class BoardScene:
+    """A board that can be moved, seen by a camera by way of mirrors (or, without any, directly).
+
+    `finishes` are those of the mirrors, without them even, smooth and flat; `bodies` stand around. Moving the board
+    costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        mirrors: tuple[Mirror, ...],
+        target: Checkerboard | Charuco,
+        settings: RenderSettings,
+        *,
+        finishes: Sequence[MirrorFinish] = (),
+        bodies: Sequence[Body] = (),
+        variant: str | None = None,
+    ) -> None:
+        self.variant = use_variant(variant)
+        import mitsuba as mi
+
+        self.camera, self.target = camera, target
+        finishes = finishes or even(settings, len(mirrors))
+        # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
+        radiance = printed_radiance(target, settings)[::-1]
+        self.scene = mi.load_dict(
+            {
+                "type": "scene",
+                "board": {
+                    "type": "rectangle",
+                    "to_world": mi.ScalarTransform4f(world_from_sheet(target, np.eye(4)).astype(np.float32)),
+                    "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
+                    "emitter": {
+                        "type": "area",
+                        "radiance": {
+                            "type": "bitmap",
+                            "bitmap": mi.Bitmap(radiance.astype(np.float32)),
+                            "raw": True,
+                            "filter_type": "nearest",
+                            "wrap_mode": "clamp",
+                        },
+                    },
+                },
+                **{
+                    f"mirror_{index}_{face}": shape
+                    for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
+                    for face, shape in mirror_shapes(mirror, finish, edges=bool(bodies)).items()
+                },
+                **body_shapes(bodies),
+                **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
+            }
+        )
+        self.sensor = sensor(camera, near_mm=near_mm(bodies))
+        # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
+        rough = any(finish.roughness > 0.0 for finish in finishes)
+        sheets = any(mirror.surface == "second" for mirror in mirrors)
+        self.integrator = integrator(
+            Light(
+                mirrors_only=bool(mirrors) and not bodies,
+                branches=SHEET_BRANCHES if sheets else 1,
+                lit=bool(bodies) or rough,
+                max_bounces=16 if sheets else 8,
+            )
+        )
+        self._parameters = mi.traverse(self.scene)
+
+    def place_board(self, rig_from_board: FloatArray) -> None:
+        """Move the board to a rigid 4x4 pose in mm."""
+        import mitsuba as mi
+
+        self._parameters["board.to_world"] = mi.Transform4f(
+            world_from_sheet(self.target, rig_from_board).astype(np.float32)
+        )
+        self._parameters.update()
+
+    def render(
+        self, *, spp: int, seed: int, subpixels: int = 1, crop: tuple[int, int, int, int] | None = None
+    ) -> NDArray[np.float32]:
+        """Radiance, float32, of the whole sensor or of a window x, y, width, height.
+
+        Shape (h * subpixels, w * subpixels): each pixel is cut into squares, each of `spp` samples.
+        """
+        use_variant(self.variant)
+        window = (0, 0, self.camera.width_px, self.camera.height_px) if crop is None else crop
+        return render(self.scene, self.sensor, self.integrator, crop=window, subpixels=subpixels, spp=spp, seed=seed)

@@ -1,0 +1,244 @@
+"""The printed parts and what else a real device is made of, as bodies in a scene. Frame rig as designed, mm."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.mesh_shapes import read_mesh
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.mirror_shapes import mesh
+
+ASSEMBLY = "assembly.glb"
+ROOT = "device"
+COUPON = "fit_coupon"  # among the parts to print, but no piece of the device
+SAME_MM = 0.05  # between a corner of a mirror in a file and in a layout
+# Printed plastic, dark and matte, as it comes where no file says its colour.
+PLASTIC_RGB = (0.03, 0.03, 0.03)
+_COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One thing: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear red, green and blue.
+
+    `kind` is what `mirrorcam cad` calls it: part, mirror, camera, screw, insert, nut or pin.
+    """
+
+    name: str
+    kind: str
+    points: FloatArray
+    faces: NDArray[np.int64]
+    normals: FloatArray | None
+    rgb: tuple[float, float, float]
+
+
+class Parts(Value):
+    """What of a device stands around its mirrors: files by the checksum of all, and how the camera sits among them.
+
+    `holder_from_rig` is rigid, from the frame of the camera to that of the parts, mm.
+    """
+
+    folder: str
+    checksum: str
+    holder_from_rig: Matrix4
+
+
+def parts_of(folder: Path, nominal: Layout, built: Layout) -> Parts:
+    """The parts in a folder around a device built of a layout.
+
+    Raises InputError for a folder without any, or for one of a device with other mirrors.
+    """
+    if (folder / ASSEMBLY).is_file():
+        check_mirrors(folder, nominal)
+    return Parts(
+        folder=str(folder.resolve()),
+        checksum=checksum(folder),
+        holder_from_rig=holder_from_rig(nominal, built),
+    )
+
+
+def check_mirrors(folder: Path, nominal: Layout) -> None:
+    """Raise InputError unless the mirrors of an assembly, if it has any, are those of a layout."""
+    sheets = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
+    if not sheets:
+        return
+    corners = cKDTree(np.concatenate([body.points for body in sheets]))
+    off_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
+    if len(sheets) != len(nominal.mirrors) or off_mm > SAME_MM:
+        raise InputError(f"{folder}: parts of another layout, expected what `mirrorcam cad` wrote of this one")
+
+
+def bodies_around(parts: Parts) -> tuple[Body, ...]:
+    """The bodies of a device in the frame of its camera, rig. Raises InputError where files are not those meant."""
+    folder = Path(parts.folder)
+    if checksum(folder) != parts.checksum:
+        raise InputError(f"{folder}: other parts than when the set was begun, expected the same files")
+    return tuple(body if body.kind == "camera" else moved(body, parts.holder_from_rig) for body in read_bodies(folder))
+
+
+def checksum(folder: Path) -> str:
+    """SHA-256 of the names and bytes of the files that `read_bodies` reads, in hexadecimal."""
+    digest = hashlib.sha256()
+    for path in parts_files(folder):
+        digest.update(f"{path.name} {hashlib.sha256(read_bytes(path)).hexdigest()} ".encode())
+    return digest.hexdigest()
+
+
+def parts_files(folder: Path) -> tuple[Path, ...]:
+    """What `read_bodies` reads of a folder: its assembly or, without one, its STL files by name.
+
+    Raises InputError where there is neither.
+    """
+    if (folder / ASSEMBLY).is_file():
+        return (folder / ASSEMBLY,)
+    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem != COUPON)
+    if not found:
+        raise InputError(f"{folder}: no {ASSEMBLY} and no .stl files, expected a folder that `mirrorcam cad` wrote")
+    return found
+
+
+def read_bodies(folder: Path) -> tuple[Body, ...]:
+    """All that stands in a device but its mirrors: of the assembly of `mirrorcam cad`, or of STL files in rig, mm."""
+    files = parts_files(folder)
+    if files[0].name == ASSEMBLY:
+        return tuple(body for body in read_assembly(files[0]) if body.kind != "mirror")
+    bodies = []
+    for path in files:
+        found = read_mesh(path)
+        bodies.append(Body(path.stem, "part", found.points, found.faces.astype(np.int64), None, PLASTIC_RGB))
+    return tuple(bodies)
+
+
+def read_assembly(path: Path) -> tuple[Body, ...]:
+    """The pieces of an `assembly.glb`: of binary glTF 2.0, the nodes below `device`. Raises InputError in one line."""
+    raw = read_bytes(path)
+    try:
+        length = int.from_bytes(raw[12:16], "little")
+        if raw[:4] != b"glTF" or raw[16:20] != b"JSON":
+            raise ValueError("no binary glTF")
+        tree, data = json.loads(raw[20 : 20 + length]), memoryview(raw)[28 + length :]
+        root = next(node for node in tree["nodes"] if node["name"] == ROOT)
+        return tuple(_body(tree, data, tree["nodes"][child]) for child in root["children"])
+    except (KeyError, IndexError, TypeError, ValueError, StopIteration) as error:
+        what = f"{type(error).__name__} {error}".strip()
+        raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {what}") from None
+
+
+def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Body:
+    (primitive,) = tree["meshes"][node["mesh"]]["primitives"]
+
+    def read(number: int) -> NDArray[Any]:
+        accessor = tree["accessors"][number]
+        width, kind = _WIDTHS[accessor["type"]], np.dtype(_COMPONENTS[accessor["componentType"]])
+        view = tree["bufferViews"][accessor["bufferView"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        return np.frombuffer(data, kind, accessor["count"] * width, start).reshape(-1, width)
+
+    material = tree["materials"][primitive["material"]]["pbrMetallicRoughness"]
+    red, green, blue = material["baseColorFactor"][:3]
+    points, faces = read(primitive["attributes"]["POSITION"]), read(primitive["indices"]).reshape(-1, 3)
+    if not np.isfinite(points).all() or faces.max() >= len(points):
+        raise ValueError(f"{node['name']} is no mesh")
+    normals = read(primitive["attributes"]["NORMAL"]).astype(np.float64)
+    return Body(
+        node["name"],
+        node["extras"]["kind"],
+        points.astype(np.float64),
+        faces.astype(np.int64),
+        normals,
+        (red, green, blue),
+    )
+
+
+def moved(body: Body, holder_from_rig: FloatArray) -> Body:
+    """A body of the holder in the frame of the camera, by a rigid 4x4."""
+    turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
+    normals = None if body.normals is None else body.normals @ turn
+    return replace(body, points=(body.points - origin) @ turn, normals=normals)
+
+
+def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
+    """The rigid 4x4 from the frame of a built device, its camera's, to that of its holder, the rig as designed.
+
+    Mirrors stray from their seats
+    along their normals alone (and turn about their middles), so what is across them tells where the pupil is.
+    """
+    turn = nominal.view_from_rig.T @ built.view_from_rig
+    rows, values = [], []
+    for mirror, found in zip(nominal.mirrors, built.mirrors, strict=True):
+        across = np.eye(3) - np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
+        rows.append(across)
+        values.append(across @ (mirror.outline_in_rig_mm.mean(axis=0) - turn @ found.outline_in_rig_mm.mean(axis=0)))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
+    return matrix
+
+
+def near_mm(bodies: Sequence[Body]) -> float:
+    """The z at which the camera's own body ends, in which the pupil lies; 0 without one."""
+    return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
+
+
+class Obstacles:
+    """Bodies as what stops light, in the frame of the camera; the variant of Mitsuba must have been set."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        import mitsuba as mi
+
+        self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
+        self._near_mm = near_mm(bodies)
+
+    def free_mm(self, start: FloatArray, way: FloatArray) -> FloatArray:
+        """How far (...) rays from points (..., 3) along unit vectors (..., 3) go; infinite, and NaN of NaN."""
+        import drjit as dr
+        import mitsuba as mi
+
+        shape = np.shape(way)[:-1]
+        known = (np.isfinite(start) & np.isfinite(way)).all(axis=-1).ravel()
+        flat = [
+            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32) for values in (start, way)
+        ]
+        if dr.is_jit_v(mi.Float):
+            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
+            found = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+        else:
+            pairs = zip(*(values.tolist() for values in flat), strict=True)
+            found = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
+        free = np.full(known.shape, np.nan)
+        free[known] = found
+        return free.reshape(shape)
+
+    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+        """The same (...) of unit rays (..., 3) from the pupil; the camera's own body stops none of them."""
+        before = (self._near_mm / rays[..., 2])[..., None] * rays
+        return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))
+
+
+def body_shapes(bodies: Sequence[Body]) -> dict[str, Any]:
+    """Bodies as matte shapes of the current variant, by name."""
+    return {
+        f"body_{body.name}": mesh(
+            body.name,
+            body.points,
+            body.faces,
+            {
+                "type": "twosided",
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(body.rgb)}},
+            },
+            body.normals,
+        )
+        for body in bodies
+    }

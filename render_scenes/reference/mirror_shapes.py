@@ -1,0 +1,135 @@
+"""Mirrors as Mitsuba shapes: silvered on the front, or sheets that are coated behind. World = rig frame, mm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
+
+# Cells of a bent mirror: in a wave, and over the radius of a sag. Between, normals are mixed: good to 1e-3 of a slope.
+CELLS_A_WAVE, CELLS_A_RADIUS = 40, 12
+
+
+def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) -> dict[str, Any]:
+    """A mirror exactly as its layout cuts it, by names of its faces.
+
+    A first-surface mirror is a reflecting face, black behind; with `edges`, those of its sheet, as black, behind it. A
+    second-surface one is a sheet: a front that light passes by Fresnel's formulas, cut like the coating behind it,
+    which is black from behind, and black edges. Both faces of a bent sheet have one shape.
+    """
+    if mirror.surface == "first":
+        coating = {"coating": _face(mirror, finish, 0.0, _coating(finish))}
+        return coating | ({"edges": _edges(mirror, -mirror.thickness_mm)} if edges else {})
+    glass = {"type": "dielectric", "int_ior": mirror.refractive_index, "ext_ior": 1.0}
+    return {
+        "coating": _face(mirror, finish, 0.0, _coating(finish)),
+        "front": _face(mirror, finish, mirror.thickness_mm, glass),
+        "edges": _edges(mirror, mirror.thickness_mm),
+    }
+
+
+def _coating(finish: MirrorFinish) -> dict[str, Any]:
+    even = len(set(finish.reflectance)) == 1
+    reflectance = (
+        {"type": "uniform", "value": finish.reflectance[0]}
+        if even
+        else {"type": "rgb", "value": list(finish.reflectance)}
+    )
+    bsdf = {"type": "conductor", "material": "none", "specular_reflectance": reflectance}
+    if finish.roughness == 0.0:
+        return bsdf
+    return bsdf | {"type": "roughconductor", "distribution": "beckmann", "alpha": finish.roughness}
+
+
+def _fan(mirror: Mirror) -> NDArray[np.int64]:
+    """Triangles (n - 2, 3) of the outline's corners, anticlockwise as seen from the reflecting side."""
+    count = len(mirror.outline_in_plane_mm)
+    return np.array([[0, k, k + 1] if _anticlockwise(mirror) else [0, k + 1, k] for k in range(1, count - 1)])
+
+
+def _anticlockwise(mirror: Mirror) -> bool:
+    outline = mirror.outline_in_plane_mm
+    edges = np.roll(outline, -1, axis=0) - outline
+    return bool((outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]).sum() > 0)
+
+
+def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, Any]) -> Any:
+    """The outline, lifted towards the pupil, with the exact normal at every corner.
+
+    The normals of the triangles themselves would carry the rounding of their corners.
+    """
+    if finish.flat:
+        corners = mirror.outline_in_rig_mm + lift_mm * mirror.normal_in_rig
+        return mesh("face", corners, _fan(mirror), bsdf, np.tile(mirror.normal_in_rig, (len(corners), 1)))
+    points, faces = _cells(mirror, finish)
+    height, slopes = finish.shape(radius_mm(mirror), points)
+    frame = mirror.rig_from_plane
+    corners = points @ frame[:3, :2].T + (height + lift_mm)[:, None] * mirror.normal_in_rig + frame[:3, 3]
+    normals = mirror.normal_in_rig - slopes @ frame[:3, :2].T
+    return mesh("face", corners, faces, bsdf, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Points (n, 2) of the plane and triangles (m, 3): those from the middle to each edge, each cut into small ones."""
+    outline = mirror.outline_in_plane_mm if _anticlockwise(mirror) else mirror.outline_in_plane_mm[::-1]
+    size = radius_mm(mirror) / CELLS_A_RADIUS
+    if finish.ripple_mm > 0.0:
+        size = min(size, finish.ripple_wavelength_mm / CELLS_A_WAVE)
+    sides = np.linalg.norm(np.concatenate([outline, np.roll(outline, -1, axis=0) - outline]), axis=1)
+    count = int(np.ceil(sides.max() / size))
+    # Row r of a triangle, counted from the middle, has r + 1 points.
+    rows = np.repeat(np.arange(count + 1), np.arange(1, count + 2))
+    columns = np.arange(len(rows)) - rows * (rows + 1) // 2
+    parts = np.stack([rows - columns, columns], axis=1) / count
+    inner = rows < count
+    here = np.flatnonzero(inner)
+    below = here + rows[inner] + 1
+    up = np.column_stack([here, below, below + 1])
+    beside = inner & (columns < rows)
+    here = np.flatnonzero(beside)
+    below = here + rows[beside] + 1
+    small = np.concatenate([up, np.column_stack([here, below + 1, here + 1])])
+    corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
+    points = (parts @ corners).reshape(-1, 2)
+    faces = (small + np.arange(len(outline))[:, None, None] * len(rows)).reshape(-1, 3)
+    return points, faces
+
+
+def _edges(mirror: Mirror, height_mm: float) -> Any:
+    """The cut edges of a sheet from its coating on, towards the pupil: what meets them is lost."""
+    outline = mirror.outline_in_rig_mm
+    count = len(outline)
+    corners = np.concatenate([outline, outline + height_mm * mirror.normal_in_rig])
+    here = np.arange(count)
+    after = (here + 1) % count
+    faces = np.concatenate([np.stack([here, after, after + count]), np.stack([here, after + count, here + count])], 1)
+    black = {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}}
+    return mesh("edges", corners, faces.T, black)
+
+
+def mesh(
+    name: str,
+    vertices_in_rig: FloatArray,
+    faces: NDArray[np.int64],
+    bsdf: dict[str, Any],
+    normals_in_rig: FloatArray | None = None,
+) -> Any:
+    """Triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones, as a shape of the current variant."""
+    import mitsuba as mi
+
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    smooth = normals_in_rig is not None
+    shape = mi.Mesh(name, len(vertices_in_rig), len(faces), props=properties, has_vertex_normals=smooth)
+    buffers = mi.traverse(shape)
+    buffers["vertex_positions"] = np.float32(vertices_in_rig).ravel()
+    if normals_in_rig is not None:
+        buffers["vertex_normals"] = np.float32(normals_in_rig).ravel()
+    buffers["faces"] = np.uint32(faces).ravel()
+    buffers.update()
+    return shape

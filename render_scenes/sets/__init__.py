@@ -1,0 +1,1 @@
+"""Calibration sets: poses, frames, sensor, files."""

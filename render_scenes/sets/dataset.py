@@ -1,0 +1,99 @@
+"""What a rendered set says about itself: `dataset.json`, without any truth. Needs no renderer."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field
+
+from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.settings import RenderSettings
+
+MANIFEST = "dataset.json"
+
+
+class Reach(Value):
+    """The depths of the boards that a mirror shows, and how much they are tilted against its view; 0 without any."""
+
+    nearest_mm: int
+    farthest_mm: int
+    tilt_deg: int
+
+
+class Dataset(Value):
+    """The manifest of a rendered set: what a real user would know of it, and a checksum for each file written so far.
+
+    `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
+    """
+
+    schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
+    layout_identity: str
+    target: Target
+    frames: int = Field(ge=0)
+    base_frames: int = Field(ge=0)
+    width_px: int
+    height_px: int
+    tolerances: Tolerances
+    settings: RenderSettings
+    rate_hz: float | None = Field(default=None, description="frames in a second of one motion; none: each by itself")
+    parts: str | None = Field(default=None, description="checksum of the parts that stand around the mirrors; or none")
+    renderer: str = Field(description="program, version and variant")
+    coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
+    reaches: tuple[Reach, ...] = Field(description="how near, far and tilted each mirror sees the planned boards")
+    base_coverage: float = Field(description="the same of the whole sensor in the base frames")
+    request: str
+    files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames by way of the mirrors, in order."""
+        return tuple(f"frames/{index:04d}{self.settings.suffix}" for index in range(self.frames))
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Names of the frames of the camera alone, in order."""
+        return tuple(f"base/{index:04d}{self.settings.suffix}" for index in range(self.base_frames))
+
+    @property
+    def video_name(self) -> str | None:
+        """The name of the video; None where there is none."""
+        return None if self.settings.video is None else f"video.{self.settings.video}"
+
+    def map_of(self, name: str) -> str | None:
+        """The name of the maps that tell what every pixel of a picture shows; None where there are none."""
+        return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame has been written, and the video of them."""
+        return not self.missing
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Pictures, and the video of them, that have not been written."""
+        wanted = (*self.frame_names, *self.base_names, self.video_name)
+        return tuple(name for name in wanted if name is not None and name not in self.files)
+
+    def intact(self, folder: Path, name: str) -> bool:
+        """Whether a file of the set is there and is what was written."""
+        path = folder / name
+        return name in self.files and path.is_file() and sha256(path) == self.files[name]
+
+    def save(self, folder: Path) -> None:
+        """Write `dataset.json` atomically."""
+        write_text(folder / MANIFEST, self.model_dump_json(indent=1, by_alias=True) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read the `dataset.json` of a set, or raise InputError in one line."""
+        return read_model(cls, folder / MANIFEST)
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file, in hexadecimal."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

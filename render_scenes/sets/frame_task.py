@@ -1,0 +1,196 @@
+"""One frame of a set as a worker makes it: a task goes in as text, the files to write come out as bytes."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, lru_cache, partial
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mirrorcam.optics.base.files import encoded_image
+from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.reference.board_scene import BoardScene
+from mirrorcam.render_scenes.reference.bodies import Obstacles, Parts, bodies_around
+from mirrorcam.render_scenes.sets.sensor_model import photograph
+from mirrorcam.render_scenes.sets.video import as_key_frame
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.truth.pixel_maps import (
+    CHANNELS,
+    PixelRays,
+    board_maps,
+    exr_bytes,
+    path_lengths,
+    pixel_rays,
+)
+from mirrorcam.render_scenes.variant import use_variant
+
+# Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.
+COARSE = 16
+# Rows that the reference takes at one moment of a rolling shutter: .2 ms of a webcam's.
+STRIP_PX = 8
+
+
+class Stage(Value):
+    """What the frames of a set share: the device as built (or, without mirrors, its camera), board and settings."""
+
+    built: Layout
+    mirrors: bool
+    target: Target
+    settings: RenderSettings
+    finishes: tuple[MirrorFinish, ...] = Field(default=(), description="of the mirrors; none: all alike")
+    parts: Parts | None = Field(default=None, description="that stand around the mirrors")
+    variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
+
+
+class FrameTask(Value):
+    """One frame: where the board is, rig_from_board (1 or 3, 4, 4) in mm, and what its samples and noise follow from.
+
+    Three poses are those at the first row of a rolling shutter, halfway, and at the last.
+    """
+
+    stage: Stage
+    name: str
+    map_name: str | None
+    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
+    key: tuple[int, ...] = Field(min_length=1)
+
+
+class _Set:
+    """A stage that is built: its renderer, and how the rays of its pixels go."""
+
+    def __init__(self, stage: Stage) -> None:
+        built, settings = stage.built, stage.settings
+        mirrors = built.mirrors if stage.mirrors else ()
+        bodies = () if stage.parts is None else bodies_around(stage.parts)
+        self.scene: FastScene | BoardScene
+        if settings.renderer == "fast":
+            self.scene = FastScene(
+                built.camera, mirrors, stage.target, settings, finishes=stage.finishes, variant=stage.variant
+            )
+        else:
+            self.scene = BoardScene(
+                built.camera,
+                mirrors,
+                stage.target,
+                settings,
+                finishes=stage.finishes,
+                bodies=bodies,
+                variant=stage.variant,
+            )
+        self.settings = settings
+        obstacles = Obstacles(bodies) if bodies else None
+        follow = partial(pixel_rays, built, mirrors=stage.mirrors, finishes=stage.finishes, obstacles=obstacles)
+        self.rays = follow() if settings.maps else None
+        self.coarse = follow(step=COARSE)
+
+    def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
+        """Of a frame in which the board goes along poses (1 or 3, 4, 4); shape (h * subpixels, w * subpixels)."""
+        if isinstance(self.scene, FastScene):
+            self.scene.place_board(*poses)
+            return self.scene.render()
+        cut = self.settings.subpixels
+        spp = self.settings.spp // cut**2
+        if len(poses) == 1:
+            self.scene.place_board(poses[0])
+            return self.scene.render(spp=spp, subpixels=cut, seed=seed)
+        camera = self.scene.camera
+        strips = []
+        rows = np.arange(0, camera.height_px, STRIP_PX)
+        heights = np.minimum(STRIP_PX, camera.height_px - rows)
+        meanwhile = poses_at(poses, (rows + (heights - 1) / 2.0) / (camera.height_px - 1))
+        for row, height, pose in zip(rows.tolist(), heights.tolist(), meanwhile, strict=True):
+            self.scene.place_board(pose)
+            window = (0, row, camera.width_px, height)
+            strips.append(self.scene.render(spp=spp, subpixels=cut, seed=seed, crop=window))
+        return np.concatenate(strips)
+
+
+@lru_cache(maxsize=2)
+def _set(stage_json: str) -> _Set:
+    # One for the frames and one for those of the camera alone.
+    return _Set(Stage.model_validate_json(stage_json))
+
+
+def render_frame(task_json: str) -> dict[str, bytes]:
+    """The files of one frame, by their names in the set: the same for the same task, whoever renders it."""
+    task = FrameTask.model_validate_json(task_json)
+    stage, settings = task.stage, task.stage.settings
+    made = _set(stage.model_dump_json())
+    key = np.random.SeedSequence(task.key)
+    radiance = made.radiance(task.poses, seed=int(key.generate_state(1)[0]))
+    halfway = task.poses[len(task.poses) // 2]
+    picture = photograph(
+        radiance,
+        settings.subpixels,
+        stage.built.camera,
+        settings.sensor,
+        np.random.default_rng(key.spawn(1)[0]),
+        _full_size(path_lengths(made.coarse, halfway), radiance, settings.subpixels),
+    )
+    files = {task.name: _compressed(picture, settings)}
+    if task.map_name is not None and made.rays is not None:
+        maps = _maps(made.rays, stage.target, task.poses)
+        header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": stage.built.identity, "units": "mm"}
+        header |= {"target": stage.target.model_dump_json(), "settings": settings.model_dump_json()}
+        files[task.map_name] = exr_bytes(maps, header)
+    return files
+
+
+def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, FloatArray]:
+    """What pixels show of a board along poses (1 or 3, 4, 4): each row when it is read."""
+    if len(poses) == 1:
+        return board_maps(rays, target, poses[0])
+    fields = (rays.mirror, rays.start, rays.way, rays.before_mm, rays.free_mm)
+    count = len(rays.mirror)
+    meanwhile = poses_at(poses, np.arange(count) / (count - 1))
+    rows = [
+        board_maps(PixelRays(*(field[row : row + 1] for field in fields)), target, pose)
+        for row, pose in enumerate(meanwhile)
+    ]
+    return {name: np.concatenate([row[name] for row in rows]) for name in CHANNELS}
+
+
+def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
+    """`render_frame` for one of as many processes as there are cores."""
+    use_variant(FrameTask.model_validate_json(task_json).stage.variant)
+    import drjit
+
+    drjit.set_thread_count(1)
+    cv2.setNumThreads(1)
+    return render_frame(task_json)
+
+
+def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
+    """`render_frame` for a process of several threads that ask at once: a scene shows one pose at a time."""
+    return _turn().submit(render_frame, task_json).result()
+
+
+@cache
+def _turn() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1)
+
+
+def _compressed(picture: NDArray[np.uint8], settings: RenderSettings) -> bytes:
+    """The file of a picture, with what the sensor's compression loses."""
+    sensor = settings.sensor
+    if sensor.jpeg_quality is not None:
+        return encoded_image(picture, settings.suffix, sensor.jpeg_quality)
+    # What comes as a video is compressed there, each frame with the help of those before.
+    if sensor.h264_crf is not None and settings.video is None:
+        picture = as_key_frame(picture, sensor.h264_crf)
+    return encoded_image(picture, settings.suffix)
+
+
+def _full_size(coarse: FloatArray, radiance: NDArray[np.float32], subpixels: int) -> FloatArray:
+    height, width = (length // subpixels for length in radiance.shape[:2])
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST))

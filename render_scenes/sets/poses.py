@@ -1,0 +1,274 @@
+"""Where to hold the board: poses that show it to every mirror, over all of its sub-image, near and far, tilted.
+
+The plan knows the design alone, like the person who holds the board.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.render_scenes.sets.dataset import Reach
+from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
+
+MOST_TILT_DEG = 38.0
+MOST_ROLL_DEG = 25.0
+CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, which cover all there is by their number
+MOST_TRIED = 800
+FEWEST_CANDIDATES = 2
+CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
+FEWEST_CORNERS = 6  # that a view must show to tell where the board is
+SMALLEST_SQUARE_PX = 8.0
+ROOM_MM = 20.0  # between mirrors and board
+_ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Board poses, rig_from_board (n, 4, 4) in mm, and what they show to views: the mirrors, or the bare camera.
+
+    `coverage` (views,) is the part of each view's picture where some pose shows a corner, `corners` (n, views) how many
+    corners each pose shows.
+    """
+
+    poses: FloatArray
+    coverage: FloatArray
+    corners: NDArray[np.int64]
+
+
+def reaches(plan: Plan, target: Checkerboard | Charuco, forward: FloatArray) -> tuple[Reach, ...]:
+    """How near, far and tilted each view of a plan shows `FEWEST_CORNERS` or more.
+
+    Depth is that of the board's middle along a unit vector (3,) in rig, tilt that of its normal against it. In whole
+    mm and degrees, as one who held the board would know them.
+    """
+    middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
+    depths = (plan.poses @ middle)[:, :3] @ forward
+    tilts = np.degrees(np.arccos(np.clip(plan.poses[:, :3, 2] @ forward, -1.0, 1.0)))
+    found = []
+    for corners in plan.corners.T:
+        shown = corners >= FEWEST_CORNERS
+        if not shown.any():
+            found.append(Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0))
+            continue
+        near, far, tilt = (round(float(v)) for v in (depths[shown].min(), depths[shown].max(), tilts[shown].max()))
+        found.append(Reach(nearest_mm=near, farthest_mm=far, tilt_deg=tilt))
+    return tuple(found)
+
+
+def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
+    """What each mirror shows of the plane at a depth, in view x and y, mm."""
+    found = []
+    for mirror in layout.mirrors:
+        centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm
+        rays = mirror.outline_in_rig_mm @ layout.view_from_rig.T - centre
+        found.append(shapely.Polygon((centre + rays * ((depth_mm - centre[2]) / rays[:, 2])[:, None])[:, :2]))
+    return found
+
+
+def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
+    """Bounds [[low x, low y], [high x, high y]] of what all mirrors show at a depth, in view x and y, mm.
+
+    Where there is no such part: of what the middling ones show.
+    """
+    shown = fields(layout, depth_mm)
+    common = shapely.intersection_all(shown)
+    bounds = np.median([field.bounds for field in shown], axis=0) if common.is_empty else np.array(common.bounds)
+    return bounds.reshape(2, 2)
+
+
+def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+    """Poses before the mirrors, at and around the depths of the spec, printed side toward them.
+
+    Raises InputError when the board is too small or too large to be seen.
+    """
+    depths = _depths(layout)
+    nearest = max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
+    oracle = Oracle(layout, target)
+    half = np.array(target.size_mm) / 2.0
+
+    def pose(numbers: FloatArray) -> FloatArray | None:
+        # Equal steps of 1 / depth are equal steps in the size of the picture.
+        depth = 1.0 / np.interp(numbers[0], [0.0, 1.0], [1.0 / depths[0], 1.0 / depths[1]])
+        field = common_bounds(layout, depth)
+        room = np.maximum(np.abs(np.diff(field, axis=0)[0] / 2.0 - half), 0.25 * half)
+        centre = np.array([*(field.mean(axis=0) + room * (2.0 * numbers[1:3] - 1.0)), depth])
+        found = _rig_from_board(layout.view_from_rig, target, centre, numbers[3:])
+        outline = np.array([[x, y, 0.0, 1.0] for x in (0.0, 2 * half[0]) for y in (0.0, 2 * half[1])])
+        return found if (outline @ found[:3].T @ layout.view_from_rig[2]).min() > nearest else None
+
+    views = [layout.outline_px(index) for index in range(len(layout.mirrors))]
+    plan = _choose(pose, oracle.by_mirrors, views, count, random)
+    _check_visible(target, plan, oracle.by_mirrors, views, "mirror")
+    return plan
+
+
+def plan_of(layout: Layout, target: Checkerboard | Charuco, poses: FloatArray) -> Plan:
+    """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
+    oracle = Oracle(layout, target)
+    cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
+    covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
+    corners = np.zeros((len(poses), len(cells)), dtype=np.int64)
+    for number, pose in enumerate(poses):
+        px, visible = oracle.by_mirrors(pose)
+        corners[number] = visible.sum(axis=1)
+        covered |= [cell.hit(px[index][visible[index]]) for index, cell in enumerate(cells)]
+    if not covered.any():
+        raise InputError(f"none of {len(poses)} poses shows a corner of the board to a mirror")
+    return Plan(poses, _shares(cells, covered), corners)
+
+
+def plan_base_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+    """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
+
+    Raises InputError when the board is too small or too large to be seen.
+    """
+    camera = layout.camera
+    oracle = Oracle(layout, target)
+    size = np.array([camera.width_px, camera.height_px])
+    focal = np.array([camera.fx_px, camera.fy_px])
+    fills = float(np.max(np.array(target.size_mm) * focal / size))  # distance at which the board fills the picture
+
+    def pose(numbers: FloatArray) -> FloatArray | None:
+        distance = fills / (0.45 + 0.5 * numbers[0])
+        shift = size / focal * distance / 2.0 - 0.35 * np.array(target.size_mm)
+        centre = np.array([*(np.maximum(shift, 0.0) * (2.0 * numbers[1:3] - 1.0)), distance])
+        return _rig_from_board(np.eye(3), target, centre, numbers[3:])
+
+    def seen(rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        px, visible = oracle.direct(rig_from_board)
+        return px[None], visible[None]
+
+    far_x, far_y = size - 1.0
+    views = [np.array([[0.0, 0.0], [far_x, 0.0], [far_x, far_y], [0.0, far_y]])]
+    plan = _choose(pose, seen, views, count, random)
+    _check_visible(target, plan, seen, views, "camera")
+    return plan
+
+
+def _depths(layout: Layout) -> tuple[float, float]:
+    """Nearest and farthest depth of the board's middle: those of the spec and a little beyond."""
+    if layout.spec is not None:
+        return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
+    scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)
+    return 3.5 * scale, 7.0 * scale
+
+
+def _rig_from_board(
+    view_from_rig: FloatArray, target: Checkerboard | Charuco, centre_in_view: FloatArray, numbers: FloatArray
+) -> FloatArray:
+    """A board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
+    tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
+    view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
+    rig_from_board = np.eye(4)
+    rig_from_board[:3, :3] = view_from_rig.T @ view_from_board
+    middle = np.array([*target.size_mm, 0.0]) / 2.0
+    rig_from_board[:3, 3] = view_from_rig.T @ centre_in_view - rig_from_board[:3, :3] @ middle
+    return rig_from_board
+
+
+class _Cells:
+    """The cells of a view's picture: a grid over its bounds, of which those with their middle inside count."""
+
+    def __init__(self, outline_px: FloatArray) -> None:
+        self.low, high = outline_px.min(axis=0), outline_px.max(axis=0)
+        self.step = (high - self.low) / CELLS
+        y, x = np.mgrid[:CELLS, :CELLS]
+        middles = self.low + (np.stack([x, y], axis=-1) + 0.5) * self.step
+        self.inside: BoolArray = shapely.contains_xy(shapely.Polygon(outline_px), middles[..., 0], middles[..., 1])
+
+    def hit(self, px: FloatArray) -> BoolArray:
+        """Which cells (CELLS, CELLS) hold one of the pixels (n, 2)."""
+        at = np.floor((px - self.low) / self.step).astype(int)
+        at = at[((at >= 0) & (at < CELLS)).all(axis=1)]
+        found = np.zeros((CELLS, CELLS), dtype=np.bool_)
+        found[at[:, 1], at[:, 0]] = True
+        return found & self.inside
+
+
+def _choose(
+    pose: Callable[[FloatArray], FloatArray | None],
+    seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
+    outlines_px: list[FloatArray],
+    count: int,
+    random: np.random.Generator,
+) -> Plan:
+    """Of several spread candidates for each frame, the one that shows corners where the frames before showed none.
+
+    A pose has six numbers in [0, 1]: depth, place (2), tilt (2), roll. The depths of the frames are spread evenly.
+    """
+    cells = [_Cells(outline) for outline in outlines_px]
+    covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
+    # A shifted additive recurrence (Roberts): six numbers that fill the cube evenly however many there are.
+    steps = _ROOT ** -np.arange(1.0, 7.0)
+    candidates = int(np.clip(MOST_TRIED // max(count, 1), FEWEST_CANDIDATES, CANDIDATES))
+    numbers = (random.random(6) + np.arange(candidates * count)[:, None] * steps) % 1.0
+    numbers = numbers.reshape(candidates, count, 6)
+    numbers[..., 0] = (random.permutation(count) + numbers[..., 0]) / max(count, 1)
+    poses: list[FloatArray] = []
+    corners = np.zeros((count, len(cells)), dtype=np.int64)
+    for frame in range(count):
+        best, best_gain = None, (-1, -1.0)
+        for candidate in numbers[:, frame]:
+            rig_from_board = pose(candidate)
+            if rig_from_board is None:
+                continue
+            px, visible = seen(rig_from_board)
+            hits = np.array([cell.hit(px[i][visible[i]]) for i, cell in enumerate(cells)])
+            # First that no view goes without, then what is new.
+            poorest = int(np.minimum(visible.sum(axis=1), FEWEST_CORNERS).sum())
+            gain = (poorest, float((hits & ~covered).sum() + 0.05 * hits.sum()))
+            if gain > best_gain:
+                best, best_gain, best_hits = rig_from_board, gain, hits
+                corners[frame] = visible.sum(axis=1)
+        if best is None:
+            raise InputError("board: too large to be held before the mirrors without touching them")
+        poses.append(best)
+        covered |= best_hits
+    return Plan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered), corners)
+
+
+def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
+    """Part (views,) of the cells of each view's picture that is covered."""
+    return np.array([float(hits[cell.inside].mean()) for hits, cell in zip(covered, cells, strict=True)])
+
+
+def _check_visible(
+    target: Checkerboard | Charuco,
+    plan: Plan,
+    seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
+    outlines_px: list[FloatArray],
+    what: str,
+) -> None:
+    """Refuse a board whose squares cannot be resolved, or of which nearly all frames show a view too few corners."""
+    if not len(plan.poses):
+        return
+    enough: list[NDArray[np.bool_]] = []
+    squares_px = []
+    for pose in plan.poses:
+        px, visible = seen(pose)
+        enough.append(visible.sum(axis=1) >= min(FEWEST_CORNERS, px.shape[1]))
+        across = px.reshape(len(px), target.rows - 1, target.cols - 1, 2)
+        sides = np.linalg.norm(np.diff(across, axis=2), axis=-1).reshape(len(px), -1)
+        squares_px.append(np.nanmedian(np.where(np.isfinite(sides), sides, np.nan)))
+    square_px = float(np.median(squares_px))
+    board = f"board of {target.cols} x {target.rows} squares of {target.square_mm:g} mm"
+    if square_px < SMALLEST_SQUARE_PX:
+        raise InputError(
+            f"{board}: too small to be seen, a square spans {square_px:.1f} px, expected {SMALLEST_SQUARE_PX:g} or more"
+        )
+    poorest = int(np.argmin(np.mean(enough, axis=0)))
+    if np.mean(enough, axis=0)[poorest] < 0.25:
+        span = np.ptp(outlines_px[poorest], axis=0).min()
+        size = "large" if square_px > span / 4.0 else "small"
+        raise InputError(
+            f"{board}: too {size} to be seen, {what} {poorest} shows {FEWEST_CORNERS} corners in too few frames"
+        )

@@ -1,0 +1,291 @@
+"""A synthetic calibration set: what a real user would photograph, with the truth in a folder of its own.
+
+A set follows from its request: the same request, the same bytes, whoever renders the frames. Every file is written
+whole or not at all, so an interrupted set is continued where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.optics.base.files import atomic, write_bytes, write_json
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.perturbations import draw_as_built
+from mirrorcam.optics.geometry.targets import Target, save_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.boards.motion import along
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
+from mirrorcam.render_scenes.reference.bodies import Obstacles, bodies_around, parts_of
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, sha256
+from mirrorcam.render_scenes.sets.frame_task import FrameTask, Stage, render_frame
+from mirrorcam.render_scenes.sets.poses import Plan, plan_base_frames, plan_frames, plan_of, reaches
+from mirrorcam.render_scenes.sets.video import write_h264, write_mjpeg
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.variant import use_variant
+
+# Streams of random numbers; each is independent of how much the others draw.
+_AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE, _FINISH = range(6)
+
+Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
+
+
+class SetRequest(Value):
+    """All that a set follows from.
+
+    `poses` (n, 4, 4), rig_from_board in mm, are those of the frames, in place of planned ones. With `rate_hz`
+    frames are moments of one motion, a smooth way through the poses, of which `poses_hz` are passed in a second.
+    `parts` is a folder of what stands around the mirrors (`render_scenes.reference.device.read_bodies`).
+    """
+
+    layout: Layout
+    target: Target
+    frames: int = Field(default=20, ge=1)
+    base_frames: int = Field(default=10, ge=0)
+    seed: int = Field(default=0, ge=0)
+    tolerances: Tolerances = Tolerances()
+    settings: RenderSettings = RenderSettings()
+    poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    poses_hz: float = Field(default=1.0, gt=0)
+    rate_hz: float | None = Field(default=None, ge=0.01, le=500)
+    parts: Path | None = None
+
+
+def render_set(
+    request: SetRequest, out: Path, *, run: Run | None = None, on_frame: Callable[[int, int], None] | None = None
+) -> Dataset:
+    """Render frames through an as-built copy of a layout and frames of its bare camera into `out`.
+
+    Finished frames of an interrupted run with the same request are kept. `run` makes frames of their tasks and yields
+    their numbers and files in any order; without it, this process does. `on_frame(done, total)` is called once at the
+    start and after each frame; those of a video are counted once more. Raises InputError where Mitsuba is missing, the
+    board cannot be seen, the tolerances cannot be built, the frames make no such video, or `out` holds another set.
+    """
+    _check_video(request)
+    if request.parts is not None and request.settings.renderer == "fast":
+        raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
+    variant = use_variant()
+    layout, settings = request.layout, request.settings
+    built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    parts = None if request.parts is None else parts_of(request.parts, layout, built)
+    plan, moments = _frames(request)
+    base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
+    dataset = Dataset(
+        layout_identity=layout.identity,
+        target=request.target,
+        frames=len(plan.poses),
+        base_frames=request.base_frames,
+        width_px=layout.camera.width_px,
+        height_px=layout.camera.height_px,
+        tolerances=request.tolerances,
+        settings=settings,
+        rate_hz=request.rate_hz,
+        parts=None if parts is None else parts.checksum,
+        renderer=f"{settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
+        coverage=tuple(plan.coverage),
+        reaches=reaches(plan, request.target, layout.view_from_rig[2]),
+        base_coverage=float(base_plan.coverage[0]),
+        request="",
+    )
+    dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
+    dataset = _continue(out, dataset)
+    dataset = _write_known(out, dataset, layout)
+    finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
+    obstacles = None if parts is None else Obstacles(bodies_around(parts))
+    oracle = Oracle(built, dataset.target, finishes, obstacles)
+    dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
+    tasks = [
+        FrameTask(
+            stage=Stage(
+                built=built,
+                mirrors=mirrors,
+                target=request.target,
+                settings=settings,
+                finishes=finishes if mirrors else (),
+                parts=parts if mirrors else None,
+                variant=variant,
+            ),
+            name=name,
+            map_name=dataset.map_of(name),
+            poses=poses,
+            key=(request.seed, stream, index),
+        )
+        for stream, mirrors, names, moments_of in (
+            (_FRAMES, True, dataset.frame_names, moments),
+            (_BASE, False, dataset.base_names, base_plan.poses[:, None]),
+        )
+        for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
+    ]
+    missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
+    report = on_frame or (lambda done, total: None)
+    in_video = 0 if dataset.video_name is None else dataset.frames
+    total = len(tasks) + in_video
+    done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
+    report(done, total)
+    for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
+        # The picture last, so that there is none without its maps.
+        for name, content in sorted(files.items(), reverse=True):
+            write_bytes(out / name, content)
+        dataset = _recorded(out, dataset, *files)
+        done += 1
+        report(done, total)
+    if dataset.video_name is not None and dataset.video_name not in dataset.files:
+        _write_video(out, dataset, lambda frames: report(done + frames, total))
+        dataset = _recorded(out, dataset, dataset.video_name)
+    return dataset
+
+
+def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
+    """Frames of their tasks, one after the other, with all cores at work on each."""
+    yield from enumerate(map(render_frame, tasks))
+
+
+def _check_video(request: SetRequest) -> None:
+    """Raise InputError where the frames cannot be put into the video that is asked for."""
+    video, sensor, camera = request.settings.video, request.settings.sensor, request.layout.camera
+    if video is not None and request.rate_hz is None:
+        raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")
+    if video == "avi" and sensor.jpeg_quality is None:
+        raise InputError("video avi: holds the JPEG files of a sensor, expected one with jpeg_quality")
+    if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
+        size = f"{camera.width_px} x {camera.height_px}"
+        raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")
+
+
+def _write_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
+    assert dataset.rate_hz is not None
+    path, pictures = out / f"{dataset.video_name}", [out / name for name in dataset.frame_names]
+    settings = dataset.settings
+    if settings.video == "avi":
+        write_mjpeg(path, pictures, dataset.rate_hz, on_picture)
+    else:
+        crf = settings.video_crf if settings.sensor.h264_crf is None else settings.sensor.h264_crf
+        write_h264(path, pictures, dataset.rate_hz, crf, on_picture)
+
+
+def _random(*key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(key))
+
+
+def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
+    """Where the board is in each frame, and the poses (frames, 1 or 3, 4, 4) it goes through while it is read out."""
+    layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
+    keys = np.array(request.poses)
+    if request.rate_hz is not None and (len(keys) or request.frames) == 1:
+        raise InputError("rate_hz: one pose is no motion, expected two frames or more")
+    if request.rate_hz is None:
+        plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
+        return plan, plan.poses[:, None]
+    if len(keys):
+        count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
+    else:
+        count = request.frames
+        seconds = (count - 1) / request.rate_hz
+        keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
+    half_s = request.settings.sensor.readout_ms / 2000.0
+    around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
+    times = np.arange(count)[:, None] / request.rate_hz + around
+    moments = along(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
+    return plan_of(layout, target, moments[:, len(around) // 2]), moments
+
+
+def _digest(dataset: Dataset, built: Layout, plan: Plan, base_plan: Plan, seed: int) -> str:
+    """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
+    asked = dataset.model_dump(mode="json", exclude={"request", "files"})
+    drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
+    return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _continue(out: Path, dataset: Dataset) -> Dataset:
+    """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file, expected a folder for the set")
+    if not (out / MANIFEST).exists():
+        strangers = sorted(name for name in ("frames", "base", "truth") if (out / name).exists())
+        if strangers:
+            raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
+        _tidy(out, ".dataset-*.json")
+        dataset.save(out)
+        return dataset
+    before = Dataset.load(out)
+    if before.request != dataset.request:
+        asked = set(Dataset.model_fields) - {"schema_id", "request", "files", "coverage", "reaches", "base_coverage"}
+        other = sorted(name for name in asked if getattr(before, name) != getattr(dataset, name))
+        differs = " and ".join(other) or "seed (or of another version of this program)"
+        raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
+    _tidy(
+        out,
+        ".dataset-*.json",
+        ".layout-*.json",
+        ".board-*.toml",
+        ".video-*.*",
+        "frames/.*-*",
+        "base/.*-*",
+        "truth/**/.*-*",
+    )
+    return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
+
+
+def _tidy(out: Path, *patterns: str) -> None:
+    """Remove what a killed run could not: its temporary files (`optics.files.atomic`)."""
+    for leftover in [path for pattern in patterns for path in out.glob(pattern)]:
+        leftover.unlink(missing_ok=True)
+
+
+def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:
+    """The manifest with the checksums of files just written, saved."""
+    written = dataset.files | {name: sha256(out / name) for name in names}
+    # In the order of their names, not of the workers that made them.
+    dataset = dataset.replaced(files=dict(sorted(written.items())))
+    dataset.save(out)
+    return dataset
+
+
+def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
+    """What the user knows besides the pictures."""
+    layout.save(out / "layout.json")
+    save_board(out / "board.toml", dataset.target)
+    return _recorded(out, dataset, "layout.json", "board.toml")
+
+
+def _write_truth(
+    out: Path,
+    dataset: Dataset,
+    oracle: Oracle,
+    finishes: tuple[MirrorFinish, ...],
+    moments: FloatArray,
+    base_plan: Plan,
+    seed: int,
+) -> Dataset:
+    """What only a validation may read."""
+    names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
+    halfway = moments[:, moments.shape[1] // 2]
+    truth = out / "truth"
+    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
+    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
+    oracle.layout.save(truth / "layout.json")
+    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
+    if moments.shape[1] == 3:
+        write_json(truth / "readout.json", {"poses": moments.tolist()})
+        names.append("readout.json")
+    if finishes:
+        write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
+        names.append("finish.json")
+    write_json(truth / "seed.json", {"seed": seed})
+    with atomic(truth / "corners.npz") as temporary:
+        np.savez_compressed(
+            temporary,
+            frames_px=frames_px,
+            frames_visible=frames_visible,
+            base_px=base_px,
+            base_visible=base_visible,
+        )
+    return _recorded(out, dataset, *(f"truth/{name}" for name in names))

@@ -1,0 +1,109 @@
+"""A set's frames as a video, and what H.264 makes of a picture. Same pictures, same bytes, whoever encodes them.
+
+One thread, no date, and the settings of a camera's encoder (`zerolatency`: no frame waits for later ones). With frames
+that lean on later ones, x264 looks at memory that it has not written, and its output differs from run to run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import atomic, read_bytes, read_image
+
+_X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
+_FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures
+
+
+def write_mjpeg(path: Path, pictures: Iterable[Path], rate_hz: float, on_picture: Callable[[int], None]) -> None:
+    """Write an AVI of JPEG files as they are, atomically; `on_picture` hears how many are in it."""
+    with atomic(path) as temporary, _open(temporary) as container:
+        stream = None
+        for number, picture in enumerate(pictures):
+            if stream is None:
+                stream = container.add_stream("mjpeg", rate=_rate(rate_hz))
+                stream.height, stream.width = read_image(picture).shape[:2]
+                stream.pix_fmt = "yuvj420p"
+            packet = _av().Packet(read_bytes(picture))
+            packet.stream, packet.time_base = stream, 1 / _rate(rate_hz)
+            packet.pts = packet.dts = number
+            packet.is_keyframe = True
+            container.mux(packet)
+            on_picture(number + 1)
+
+
+def write_h264(
+    path: Path, pictures: Iterable[Path], rate_hz: float, crf: int, on_picture: Callable[[int], None]
+) -> None:
+    """Write an MP4 of pictures with even sides, atomically; `crf` is x264's quality, 0 (all of it) to 51 (hardly any).
+
+    `on_picture` hears how many are in it.
+    """
+    with atomic(path) as temporary, _open(temporary) as container:
+        stream = None
+        for number, picture in enumerate(pictures):
+            image = read_image(picture)
+            if stream is None:
+                stream = container.add_stream("libx264", rate=_rate(rate_hz), options=_X264 | {"crf": str(crf)})
+                _prepare(stream.codec_context, image)
+            container.mux(stream.encode(_frame(image, number, _rate(rate_hz))))
+            on_picture(number + 1)
+        if stream is not None:
+            container.mux(stream.encode(None))
+
+
+def as_key_frame(picture: NDArray[np.uint8], crf: int) -> NDArray[np.uint8]:
+    """What H.264 leaves of a grey picture (h, w) with even sides that does not lean on others."""
+    encoder, decoder = (_av().CodecContext.create(*codec) for codec in (("libx264", "w"), ("h264", "r")))
+    encoder.options = _X264 | {"crf": str(crf)}
+    encoder.framerate = Fraction(30)
+    encoder.time_base = Fraction(1, 30)
+    _prepare(encoder, picture)
+    decoder.thread_count = 1
+    packets = [*encoder.encode(_frame(picture, 0, Fraction(30))), *encoder.encode(None)]
+    (frame,) = [frame for packet in (*packets, None) for frame in decoder.decode(packet)]
+    luma = frame.planes[0]
+    rows = np.frombuffer(luma, np.uint8).reshape(luma.height, luma.line_size)
+    return np.array(rows[:, : luma.width])
+
+
+def _av() -> Any:
+    import av
+
+    return av
+
+
+def _open(path: Path) -> Any:
+    return _av().open(str(path), "w", options={"fflags": "+bitexact"})
+
+
+def _rate(rate_hz: float) -> Fraction:
+    """Rates such as 29.97 as the fractions that videos count in."""
+    return Fraction(rate_hz).limit_denominator(1001)
+
+
+def _prepare(encoder: Any, image: NDArray[np.uint8]) -> None:
+    encoder.height, encoder.width = image.shape[:2]
+    encoder.pix_fmt = "yuv420p"
+    encoder.color_range = _FULL_RANGE
+    encoder.thread_count = 1
+
+
+def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
+    """A picture, grey (h, w) or RGB (h, w, 3), as an encoder takes it."""
+    grey = image if image.ndim == 2 else image[..., 0]
+    if image.ndim == 2 or (image == grey[..., None]).all():
+        # Exactly its brightness, and no colour.
+        colour = np.full((grey.shape[0] // 2, grey.shape[1]), 128, dtype=np.uint8)
+        frame = _av().VideoFrame.from_ndarray(np.concatenate([grey, colour]), format="yuv420p")
+    else:
+        whole = _av().VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+        frame = whole.reformat(format="yuv420p", dst_color_range=_FULL_RANGE)
+    frame.color_range = _FULL_RANGE
+    frame.pts, frame.time_base = number, 1 / rate
+    return frame

@@ -1,0 +1,127 @@
+"""Light in a room with lamps: paths that end in the light, by way of mirrors, glass and matte surfaces, in colour.
+
+Little of it is left to chance, so that few samples do. Every matte surface that a path meets is lit by a point of each
+lamp; a path that leaves it goes on by the cosine, so that a constant sky lights without noise whatever nothing hides
+from it. The first such surface takes its random numbers, and the pixel its places, from one sequence that spreads over
+all of them; only what bounces further is lit by independent numbers.
+
+Left out: light of a lamp by way of mirror or glass onto something matte (caustics: its noise would need thousands of
+samples), so that glass casts a shadow; and light that more than `MATTE_BOUNCES` matte surfaces have scattered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+
+MATTE_BOUNCES = 3
+SEGMENTS = 12  # of a path, those through glass and between mirrors included
+# Of a pixel: x and y; of the first matte surface: which lobe, where to (2), which point of the lamp (2).
+_NUMBERS = 7
+_ROOT = 1.0969815577985598  # the positive root of x^8 = x + 1: seven numbers that fill the cube evenly (Roberts)
+_STEPS = [round(_ROOT**-number * 2.0**32) for number in range(1, _NUMBERS + 1)]
+
+
+def render_lit(
+    scene: Any,
+    ray_through: Callable[[Any, Any], Any],
+    *,
+    size: tuple[int, int],
+    subpixels: int,
+    spp: int,
+    seed: int,
+    by_mirrors: bool,
+) -> NDArray[np.float32]:
+    """Radiance (height * subpixels, width * subpixels, 3), float32, of a sensor of `size` = width, height pixels.
+
+    `ray_through(x, y)` gives the ray of a place on the sensor in Mitsuba's pixels. Each pixel is cut into squares of
+    `spp` samples each. With `by_mirrors` whatever the camera sees without a mirror is black. Needs a variant that
+    compiles, in colour; same arguments, same bits.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    width, height = (length * subpixels for length in size)
+    # Opaque, so that other numbers do not compile other kernels.
+    opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(by_mirrors))]
+    columns, samples, key, first = opaque
+    side = mi.Float(1.0 / subpixels)
+    dr.make_opaque(opaque, side)
+    lane: Any = dr.arange(mi.UInt32, width * height)
+    left, top = mi.Float(lane % columns), mi.Float(lane // columns)
+    shifts = [bits for pair in range(4) for bits in mi.sample_tea_32(lane, key + (pair << 24))][:_NUMBERS]
+
+    def take(total: Any, taken: Any) -> tuple[Any, ...]:
+        numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, _STEPS, strict=True)]
+        ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side)
+        found = _radiance(scene, mi.Ray3f(ray), numbers[2:], first, (lane, key ^ (taken * mi.UInt32(0x9E3779B9))))
+        return total + found, taken + 1
+
+    start: Any = mi.Color3f(0.0), mi.UInt32(0)
+    total: Any = dr.while_loop(start, lambda *state: state[1] < samples, take)[0]
+    pixels: Any = dr.ravel(total / mi.Float(samples))
+    return np.asarray(pixels.numpy(), dtype=np.float32).reshape(height, width, 3)
+
+
+def _unit(bits: Any) -> Any:
+    """Numbers in [0, 1) of 32 random bits."""
+    import mitsuba as mi
+
+    return mi.Float(bits >> 8) * 2.0**-24
+
+
+def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any]) -> Any:
+    """Colour along rays; `numbers` are the five of the first surface that takes some, `key` what those of further ones
+    follow from.
+
+    What is met before segment `first` only reflects.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    context, through = mi.BSDFContext(), mi.BSDFFlags.DeltaTransmission
+    lamps = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
+
+    def bounce(
+        ray: Any, colour: Any, throughput: Any, active: Any, straight: Any, fresh: Any, scattered: Any, segment: Any
+    ) -> tuple[Any, ...]:
+        hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
+        shown = active & (segment >= first)
+        # A lamp that is met by chance has been counted where the path left the matte surface before.
+        seen = shown & (straight | ~hit.is_valid())
+        colour += dr.select(seen, throughput * hit.emitter(scene).eval(hit, seen), 0.0)
+        active &= hit.is_valid()
+        bsdf = hit.bsdf(ray)
+        later = [_unit(bits) for turn in range(3) for bits in mi.sample_tea_32(key[0], key[1] + segment * 4 + turn)]
+        lobe, to_x, to_y, lamp_x, lamp_y = (
+            dr.select(fresh, number, other) for number, other in zip(numbers, later, strict=False)
+        )
+        # A mirror takes no numbers.
+        fresh &= ~(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | mi.has_flag(bsdf.flags(), through))
+        matte = shown & active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        for lamp in lamps:
+            direction, weight = lamp.sample_direction(hit, mi.Point2f(lamp_x, lamp_y), matte)
+            start = hit.p + CLEARANCE_MM * direction.d
+            way = mi.Ray3f(mi.Ray3f(start, direction.d), direction.dist - 2.0 * CLEARANCE_MM)
+            value = bsdf.eval(context, hit, hit.to_local(direction.d), matte)
+            lit = matte & (direction.pdf > 0.0) & dr.any(value > 0.0)
+            lit &= ~scene.ray_test(way, lit)
+            colour += dr.select(lit, throughput * value * weight, 0.0)
+        sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(to_x, to_y), active)
+        throughput *= weight
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        scattered = dr.select(delta, scattered, scattered + 1)
+        active &= (delta | (segment >= first)) & (scattered < MATTE_BOUNCES) & (segment + 1 < SEGMENTS)
+        active &= dr.any(throughput > 0.0)
+        direction_on = hit.to_world(sample.wo)
+        ray = mi.Ray3f(hit.p + CLEARANCE_MM * direction_on, direction_on)
+        return ray, colour, throughput, active, straight & delta, fresh, scattered, segment + 1
+
+    none = mi.UInt32(0)
+    start = (ray, mi.Color3f(0.0), mi.Color3f(1.0), mi.Bool(True), mi.Bool(True), mi.Bool(True), none, none)
+    return dr.while_loop(start, lambda *state: state[3], bounce)[1]

@@ -1,0 +1,134 @@
+"""Things as shapes of Mitsuba: what they are made of, where they are, and the light that falls on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.optics.base.values import FloatArray, Matrix4, Value, Vector3
+from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
+from mirrorcam.render_scenes.reference.mirror_shapes import mesh
+from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
+
+Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
+Material = Literal["matte", "glossy", "glass"]
+
+GLASS_INDEX = 1.5
+MOST_TEXELS = 4096
+SKY = (0.62, 0.65, 0.70)
+LAMP = (105.0, 98.0, 87.0)
+
+
+class Thing(Value):
+    """Something on the desk: a surface around the origin of its own frame, a rigid motion away from the view axes.
+
+    Of `size_mm`, a sphere uses x; a cylinder x and, along its z, z; a rectangle (in its x and y) x and y. The base of a
+    mesh is at its origin. Without a texture, of so many texels a mm, it has the plain `colour`.
+    """
+
+    name: str
+    kind: Kind
+    material: Material
+    view_from_thing: Matrix4
+    size_mm: Vector3
+    texture: TextureName | None = None
+    texels_per_mm: float = 1.0
+    colour: Vector3 = Field(default=(0.6, 0.6, 0.6), validate_default=True)
+    seed: int = 0
+    file: Path | None = None
+
+
+def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
+    """A thing as shapes of Mitsuba in rig, mm."""
+    import mitsuba as mi
+
+    rig_from_thing = np.eye(4)
+    rig_from_thing[:3] = view_from_rig.T @ thing.view_from_thing[:3]
+    width, depth, height = thing.size_mm
+    bsdf = _bsdf(thing)
+
+    def load(kind: str, thing_from_shape: FloatArray) -> Any:
+        to_world = (rig_from_thing @ thing_from_shape).astype(np.float32)
+        return mi.load_dict({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
+
+    if thing.kind == "sphere":
+        return [load("sphere", np.diag([width / 2, width / 2, width / 2, 1.0]))]
+    if thing.kind == "rectangle":
+        return [load("rectangle", np.diag([width / 2, depth / 2, 1.0, 1.0]))]
+    if thing.kind == "box":
+        return [load("cube", np.diag([width / 2, depth / 2, height / 2, 1.0]))]
+    if thing.kind == "cylinder":
+        ends = [rig_from_thing[:3] @ [0.0, 0.0, z, 1.0] for z in (-height / 2, height / 2)]
+        side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
+        lid = np.diag([width / 2, width / 2, 1.0, 1.0])
+        lid[2, 3] = height / 2
+        return [mi.load_dict(side), load("disk", lid)]
+    surface = leaves(float(width), thing.seed) if thing.kind == "leaves" else based(thing)
+    points = surface.points @ rig_from_thing[:3, :3].T + rig_from_thing[:3, 3]
+    shape = mesh(thing.kind, points, surface.faces.astype(np.int64), bsdf)
+    if surface.colours is not None:
+        shape.add_attribute("vertex_color", 3, np.float32(surface.colours).ravel())
+    return [shape]
+
+
+def based(thing: Thing) -> Triangles:
+    """The mesh of a file, moved so that the middle of its base is the origin; InputError where it cannot be read."""
+    assert thing.file is not None
+    surface = read_mesh(thing.file)
+    low, high = surface.points.min(axis=0), surface.points.max(axis=0)
+    return Triangles(surface.points - [*(low[:2] + high[:2]) / 2.0, low[2]], surface.faces)
+
+
+def _bsdf(thing: Thing) -> dict[str, Any]:
+    if thing.material == "glass":
+        return {"type": "dielectric", "int_ior": GLASS_INDEX, "ext_ior": 1.0}
+    colour = _reflectance(thing)
+    if thing.material == "glossy":
+        return {"type": "plastic", "int_ior": GLASS_INDEX, "ext_ior": 1.0, "diffuse_reflectance": colour}
+    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}}
+
+
+def _reflectance(thing: Thing) -> dict[str, Any]:
+    import mitsuba as mi
+
+    if thing.kind == "leaves":
+        return {"type": "mesh_attribute", "name": "vertex_color"}
+    if thing.texture is None:
+        return {"type": "rgb", "value": thing.colour.tolist()}
+    width, depth, height = thing.size_mm
+    around = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
+    flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
+    size_px = tuple(int(np.clip(thing.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[thing.kind])
+    picture = texture(thing.texture, (size_px[0], size_px[1]), thing.seed)
+    if thing.kind == "cylinder":
+        # Its second coordinate grows towards its top.
+        picture = picture[::-1].copy()
+    return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
+
+
+def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
+    """A lamp above, left of and before a point (3,) in view axes, and a sky equally bright all around, in rig.
+
+    The lamp grows with its distance, both in proportion to `reach_mm`, so that it is as bright at any scale.
+    """
+    import mitsuba as mi
+
+    origin = target_in_view + reach_mm * np.array([-1.2, -2.4, -1.3])
+    side = 0.22 * reach_mm
+    look = mi.ScalarTransform4f().look_at(
+        origin=(view_from_rig.T @ origin).tolist(),
+        target=(view_from_rig.T @ target_in_view).tolist(),
+        up=(view_from_rig.T @ [0.0, 0.0, 1.0]).tolist(),
+    )
+    return {
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": list(SKY)}},
+        "lamp": {
+            "type": "rectangle",
+            "to_world": look @ mi.ScalarTransform4f().scale([side, side, 1.0]),
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(LAMP)}},
+        },
+    }

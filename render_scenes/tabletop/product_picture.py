@@ -1,0 +1,202 @@
+"""A picture of the device as one would photograph it: from the front, where the lens is seen in every mirror, and from
+the side, on a sweep of paper between two soft boxes. World = rig frame, mm; its z is up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.reference.bodies import ASSEMBLY, Body, check_mirrors, read_assembly
+from mirrorcam.render_scenes.reference.integrator import Light, integrator, render
+from mirrorcam.render_scenes.reference.mirror_shapes import mesh
+from mirrorcam.render_scenes.sets.poses import common_bounds
+from mirrorcam.render_scenes.variant import use_variant
+
+SIZE_PX = (1920, 1080)  # of both views side by side
+GAP_PX = 8
+ROOM = 1.08  # of the picture's sides, over what the device takes
+PAPER_MM = 4000.0
+BEND_MM = 350.0
+LARGEST_LENS_MM = 10.0  # radius, where a camera's front is all one plane
+# Outer radius over the lens ring's, red, green and blue: what looks like a lens from afar.
+LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 0.03, 0.09)), (0.24, (0.0, 0.0, 0.0)))
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole at `eye_in_rig_mm` (3,) that looks at a point, upright, so that a pixel there is `mm_per_px` wide."""
+
+    eye_in_rig_mm: FloatArray
+    middle_in_rig_mm: FloatArray
+    mm_per_px: float
+    size_px: tuple[int, int]
+
+    @property
+    def axes(self) -> FloatArray:
+        """Right, down and forward as rows (3, 3)."""
+        forward = self.middle_in_rig_mm - self.eye_in_rig_mm
+        forward = forward / np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(forward, right), forward])
+
+    def ray_through(self, x: Any, y: Any) -> Any:
+        """The ray of a place on the picture (Dr.Jit), in pixels from its top left corner."""
+        import drjit as dr
+        import mitsuba as mi
+
+        width, height = self.size_px
+        away = float(np.linalg.norm(self.middle_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
+        right, down, forward = (mi.Vector3f(*axis.tolist()) for axis in self.axes)
+        way = (x - 0.5 * width) * right + (y - 0.5 * height) * down + away * forward
+        return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(way))
+
+
+def views_of(layout: Layout, bodies: Sequence[Body]) -> tuple[View, View]:
+    """From the front, out of the middle of what all mirrors show, and from the front, the side and above.
+
+    Whoever stands where every mirror shows the scene is what the camera sees in every mirror, and sees its lens there.
+    """
+    points = np.concatenate([body.points for body in bodies])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2.0
+    depth_mm = 500.0 if layout.spec is None else max(layout.spec.depths_mm)
+    eye = np.array([*common_bounds(layout, depth_mm).mean(axis=0), depth_mm]) @ layout.view_from_rig
+    width, height = (SIZE_PX[0] - GAP_PX) // 2, SIZE_PX[1]
+    aside = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27])
+    views = []
+    for at in (eye, aside):
+        view = View(np.asarray(at), middle, 1.0, (width, height))
+        # As wide as the farthest point from the middle, seen from the eye.
+        seen = (points - at) @ view.axes.T
+        away = np.linalg.norm(middle - at)
+        flat = np.abs(seen[:, :2] / seen[:, 2:] * away).max(axis=0)
+        views.append(replace(view, mm_per_px=float(ROOM * 2.0 * (flat / (width, height)).max())))
+    return views[0], views[1]
+
+
+def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.0) -> NDArray[np.uint8]:
+    """The picture (1080, 1920, 3), red first, or a `scale` of it, of a layout's device from what `mirrorcam cad` wrote.
+
+    Raises InputError where the folder holds no assembly, or that of another layout.
+    """
+    if not (folder / ASSEMBLY).is_file():
+        raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
+    check_mirrors(folder, layout)
+    bodies = read_assembly(folder / ASSEMBLY)
+    use_variant(colour=True)
+    import mitsuba as mi
+
+    scene = mi.load_dict({"type": "scene", **_studio(bodies), **_shapes(bodies)})
+    paths = integrator(Light(lit=True, colour=True, max_bounces=5))
+    pictures = []
+    for view in views_of(layout, bodies):
+        width, height = (round(length * scale) for length in view.size_px)
+        small = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
+        light = render(scene, small, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)
+        pictures += [_developed(light), np.full((height, round(GAP_PX * scale), 3), 255, dtype=np.uint8)]
+    return np.concatenate(pictures[:-1], axis=1)
+
+
+def _developed(light: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """sRGB of radiance whose highlights are rolled off: x below .6, above it towards 1."""
+    knee = 0.6
+    over = np.maximum(light - knee, 0.0) / (1.0 - knee)
+    rolled = np.where(light > knee, knee + (1.0 - knee) * over / (1.0 + over), light)
+    srgb = np.where(rolled <= 0.0031308, 12.92 * rolled, 1.055 * np.maximum(rolled, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255.0 * srgb.clip(0.0, 1.0)), dtype=np.uint8)
+
+
+def _shapes(bodies: Sequence[Body]) -> dict[str, Any]:
+    shapes = {
+        f"body_{body.name}": mesh(body.name, body.points, body.faces, _material(body), body.normals) for body in bodies
+    }
+    for body in bodies:
+        if body.kind == "camera":
+            shapes |= _lens(body)
+    return shapes
+
+
+def _material(body: Body) -> dict[str, Any]:
+    colour = {"type": "rgb", "value": list(body.rgb)}
+    if body.kind == "mirror":
+        bright = {"type": "rgb", "value": [0.90, 0.92, 0.93]}
+        return {"type": "twosided", "bsdf": {"type": "conductor", "material": "none", "specular_reflectance": bright}}
+    if body.kind in ("part", "camera"):
+        return {"type": "roughplastic", "diffuse_reflectance": colour, "alpha": 0.3 if body.kind == "part" else 0.15}
+    return {"type": "roughconductor", "material": "none", "alpha": 0.25, "specular_reflectance": colour}
+
+
+def _lens(camera: Body) -> dict[str, Any]:
+    """Rings around the optical axis on the front of the camera."""
+    points = camera.points
+    front = points[:, 2].max()
+    top = points[points[:, 2] > front - 0.01]
+    radius = min(float(np.hypot(top[:, 0], top[:, 1]).max()), LARGEST_LENS_MM)
+    around = np.linspace(0.0, 2.0 * np.pi, 97)[:-1]
+    circle = np.column_stack([np.cos(around), np.sin(around), np.zeros(96)])
+    here = np.arange(96)
+    disc = np.column_stack([np.full(96, 96), here, np.roll(here, -1)])
+    shapes = {}
+    for number, (part, rgb) in enumerate(LENS):
+        rim = circle * radius * part + [0.0, 0.0, front + 0.05 * (number + 1)]
+        corners = np.concatenate([rim, [rim.mean(axis=0)]])
+        colour = {"type": "rgb", "value": list(rgb)}
+        glass = {"type": "roughplastic", "diffuse_reflectance": colour, "alpha": 0.05}
+        shapes[f"lens_{number}"] = mesh("lens", corners, disc, glass, np.tile([0.0, 0.0, 1.0], (97, 1)))
+    return shapes
+
+
+def _studio(bodies: Sequence[Body]) -> dict[str, Any]:
+    """Paper under and behind the device, two soft boxes, and a room that is not quite dark."""
+    import mitsuba as mi
+
+    points = np.concatenate([body.points for body in bodies])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = (low + high) / 2.0, float((high - low).max())
+    back = low[1] - 1.2 * size
+    turn = np.linspace(0.0, np.pi / 2.0, 33)
+    # From before the device along the floor, around a bend, and up.
+    profile = np.array(
+        [(middle[1] + PAPER_MM, 0.0)]
+        + [(back - BEND_MM * np.sin(angle), BEND_MM * (1.0 - np.cos(angle))) for angle in turn]
+        + [(back - BEND_MM, PAPER_MM)]
+    )
+    normals = np.array([(0.0, 1.0), *((np.sin(angle), np.cos(angle)) for angle in turn), (1.0, 0.0)])
+    sides = (middle[0] + PAPER_MM, middle[0] - PAPER_MM)
+    corners = np.array([[x, y, z + low[2]] for x in sides for y, z in profile])
+    count = len(profile)
+    here = np.arange(count - 1)
+    faces = np.concatenate(
+        [
+            np.column_stack([here, here + 1, here + count + 1]),
+            np.column_stack([here, here + count + 1, here + count]),
+        ]
+    )
+    upright = np.array([[0.0, y, z] for _ in sides for y, z in normals])
+    matte = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.78, 0.79, 0.80]}}
+
+    def box(towards: tuple[float, float, float], wide: float, radiance: tuple[float, float, float]) -> dict[str, Any]:
+        place = middle + size * np.array(towards)
+        frame = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=middle.tolist(), up=[0, 0, 1])
+        return {
+            "type": "rectangle",
+            "to_world": frame @ mi.ScalarTransform4f().scale([wide * size, wide * size, 1.0]),
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}},
+        }
+
+    return {
+        "paper": mesh("paper", corners, faces, {"type": "twosided", "bsdf": matte}, upright),
+        "key": box((2.4, 2.0, 3.0), 0.9, (12.5, 12.2, 11.7)),
+        "fill": box((-3.4, 2.4, 1.0), 1.2, (2.2, 2.3, 2.5)),
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.30, 0.31, 0.33]}},
+    }

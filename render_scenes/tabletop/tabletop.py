@@ -1,0 +1,184 @@
+"""A desk before the camera: things of all kinds at given depths, where all views see them.
+
+Things are placed in view axes (x right, y down, z forward, origin at the pupil, mm), in proportion to what all mirrors
+show at their depth; so the same desk suits a camera of any size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Value, Vector3
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.sets.poses import ROOM_MM, common_bounds
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, Thing, based
+from mirrorcam.render_scenes.tabletop.textures import TextureName
+
+WALL_DEPTHS = 1.2  # how deep the wall is, in depths of the farthest things
+WALL_FIELDS = 3.2  # how wide and high, in fields at that depth
+TEXELS_PER_PX = 1.25  # of a texture, where it stands, in the central view
+# Axes of what stands on the desk: x right, y away from the camera, z up. Of pictures: x right, y down, z away.
+_STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a thing stands: `rank` 0 is the nearest depth, 1 the farthest; x is in halves of the field that all see.
+
+    `size` and `up` (from the desk) are in widths of that field. A texture has `detail` times as many texels as usual.
+    """
+
+    name: str
+    kind: Kind
+    material: Material
+    rank: float
+    x: float
+    size: tuple[float, float, float]
+    up: float = 0.0
+    turn_deg: float = 0.0
+    lean_deg: float = 0.0
+    texture: TextureName | None = None
+    detail: float = 1.0
+
+
+# fmt: off
+_PLACES = (
+    _Place("twigs", "leaves", "matte", 0.0, -0.9, (0.34, 0.34, 0.34), up=0.2),
+    _Place("glass ball", "sphere", "glass", 0.0, 0.04, (0.16, 0.16, 0.16)),
+    _Place("glossy ball", "sphere", "glossy", 0.3, -0.32, (0.17, 0.17, 0.17)),
+    _Place("page", "rectangle", "matte", 0.5, 0.72, (0.3, 0.4, 0.0), turn_deg=-18.0, lean_deg=12.0,
+           texture="page", detail=3.0),
+    _Place("tin", "cylinder", "matte", 0.6, -0.62, (0.17, 0.17, 0.3), texture="label", detail=2.0),
+    _Place("box", "box", "matte", 1.0, -0.04, (0.22, 0.1, 0.3), turn_deg=28.0, texture="cover"),
+    _Place("globe", "sphere", "matte", 1.0, 0.34, (0.2, 0.2, 0.2), turn_deg=90.0, texture="globe"),
+)
+# fmt: on
+
+
+class NamedMesh(Value):
+    """A mesh that a user names: its file, in mm with z up, and where in view axes the middle of its base stands."""
+
+    file: Path
+    place_in_view_mm: Vector3 | None = None
+
+
+def nearest_mm(layout: Layout) -> float:
+    """Depth from which on nothing of the camera is in the way."""
+    return max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
+
+
+@dataclass(frozen=True)
+class Desk:
+    """What stands where, and what the lamp shines on (3,), in view axes; `reach_mm` says how large it all is."""
+
+    things: tuple[Thing, ...]
+    lit_in_view: FloatArray
+    reach_mm: float
+
+
+def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[NamedMesh, ...] = ()) -> Desk:
+    """What stands on the desk, the desk and the wall behind it; all but colours, textures and small shifts is the same.
+
+    Things stand at the given depths. Raises InputError for depths that do not grow or lie within the camera.
+    """
+    depths = np.array(depths_mm)
+    if len(depths) < 1 or (np.diff(depths) <= 0).any():
+        raise InputError(f"depths {', '.join(f'{d:g}' for d in depths)} mm: expected some that grow")
+    if depths[0] < nearest_mm(layout) + 0.25 * depths[0]:
+        least = nearest_mm(layout) / 0.75
+        raise InputError(f"depth {depths[0]:g} mm: a thing there would touch the camera, expected {least:.0f} or more")
+    random = np.random.default_rng(seed)
+    centre_mm = layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2]
+    px_mm = TEXELS_PER_PX * layout.camera.fx_px
+    near, middle, far = (float(depths[index]) for index in (0, len(depths) // 2, -1))
+    fields = {float(depth): common_bounds(layout, depth) for depth in depths}
+    wall, front = WALL_DEPTHS * far, 0.5 * (near + nearest_mm(layout))
+    wide, high = WALL_FIELDS * np.ptp(fields[far], axis=0)
+    x, top = fields[far][:, 0].mean(), fields[near][1, 1] - 0.06 * np.ptp(fields[near], axis=0)[1]
+    seeds = random.integers(2**31, size=2)
+    things = [
+        Thing(
+            name="wall",
+            kind="rectangle",
+            material="matte",
+            view_from_thing=_moved(np.eye(3), [x, top - high / 2.0, wall]),
+            size_mm=(wide, high, 0.0),
+            texture="poster",
+            texels_per_mm=px_mm / (wall - centre_mm),
+            seed=int(seeds[0]),
+        ),
+        Thing(
+            name="desk",
+            kind="rectangle",
+            material="matte",
+            view_from_thing=_moved(_STANDING, [x, top, (front + wall) / 2.0]),
+            size_mm=(wide, wall - front, 0.0),
+            texture="wood",
+            texels_per_mm=px_mm / (near - centre_mm),
+            seed=int(seeds[1]),
+        ),
+    ]
+    for place in _PLACES:
+        depth = float(depths[round(place.rank * (len(depths) - 1))])
+        things.append(_stood(place, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
+    for number, named in enumerate(meshes):
+        at = [fields[middle][:, 0].mean(), top, middle] if named.place_in_view_mm is None else named.place_in_view_mm
+        things.append(
+            Thing(
+                name=f"mesh {number}",
+                kind="mesh",
+                material="matte",
+                view_from_thing=_moved(_STANDING, at),
+                size_mm=(0.0, 0.0, 0.0),
+                colour=random.uniform(0.15, 0.75, 3),
+                file=named.file,
+            )
+        )
+    return Desk(tuple(things), np.array([x, top, 0.75 * wall]), wide / WALL_FIELDS)
+
+
+def _stood(
+    place: _Place, depth: float, field_mm: FloatArray, top_mm: float, texels_per_mm: float, random: np.random.Generator
+) -> Thing:
+    """A thing on a desk whose top is at y = `top_mm`, in the field (2,) that all views see from left to right."""
+    left, right = field_mm
+    size_mm = np.array(place.size) * (right - left)
+    high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(place.lean_deg))}
+    at = [
+        (left + right) / 2.0 + (right - left) / 2.0 * (place.x + random.uniform(-0.04, 0.04)),
+        top_mm - high.get(place.kind, size_mm[2]) / 2.0 - place.up * (right - left),
+        depth,
+    ]
+    upright = np.eye(3) if place.kind == "rectangle" else _STANDING
+    turned = Rotation.from_euler("YX", [place.turn_deg, -place.lean_deg], degrees=True).as_matrix() @ upright
+    return Thing(
+        name=place.name,
+        kind=place.kind,
+        material=place.material,
+        view_from_thing=_moved(turned, at),
+        size_mm=size_mm,
+        texture=place.texture,
+        texels_per_mm=place.detail * texels_per_mm,
+        seed=int(random.integers(2**31)),
+        colour=random.uniform(0.15, 0.75, 3),
+    )
+
+
+def _moved(turned: FloatArray, at: FloatArray | list[float]) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned, at
+    return matrix
+
+
+def check_meshes(layout: Layout, things: tuple[Thing, ...]) -> None:
+    """Raise InputError for a mesh that cannot be read or reaches into the camera."""
+    for thing in things:
+        if thing.kind == "mesh":
+            depths = based(thing).points @ thing.view_from_thing[2, :3] + thing.view_from_thing[2, 3]
+            if depths.min() < nearest_mm(layout):
+                reach = f"reaches to a depth of {depths.min():.0f} mm"
+                raise InputError(f"{thing.file}: {reach}, expected no less than {nearest_mm(layout):.0f}")

@@ -1,0 +1,137 @@
+"""A desk, its light and the mirrors as one Mitsuba scene, seen by way of the mirrors or by pinholes. In rig, mm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.light_field import Views
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
+from mirrorcam.render_scenes.tabletop.lit_integrator import render_lit
+from mirrorcam.render_scenes.tabletop.objects import lights, shapes_of
+from mirrorcam.render_scenes.tabletop.tabletop import Desk
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+NOTHING = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What rays (...) meet first: where (..., 3) in rig, mm, after how many mm, and the index of the thing.
+
+    Not finite, and `NOTHING`, where they meet none.
+    """
+
+    points: FloatArray
+    way_mm: FloatArray
+    thing: NDArray[np.int64]
+
+
+class Room:
+    """Things in their light before a layout's mirrors; `variant` is Mitsuba's, by default the fastest one in colour.
+
+    Mirrors stand in the room: they hide light and are seen in what is glossy. Raises InputError where nothing compiles.
+    """
+
+    def __init__(self, layout: Layout, desk: Desk, mirror_reflectance: float, variant: str | None = None):
+        self.variant = use_variant(variant, colour=True)
+        if self.variant == SCALAR:
+            raise InputError("a scene in colour needs a GPU or an LLVM that compiles: pip install karellen-llvm-core")
+        import mitsuba as mi
+
+        self.layout = layout
+        turn = layout.view_from_rig
+        shapes = {f"thing_{i}_{k}": s for i, t in enumerate(desk.things) for k, s in enumerate(shapes_of(t, turn))}
+        self._scene = mi.load_dict(
+            {
+                "type": "scene",
+                **lights(desk.lit_in_view, desk.reach_mm, turn),
+                **{
+                    f"mirror_{index}_{face}": shape
+                    for index, mirror in enumerate(layout.mirrors)
+                    for face, shape in mirror_shapes(
+                        mirror, MirrorFinish(reflectance=(mirror_reflectance,) * 3)
+                    ).items()
+                },
+                **shapes,
+            }
+        )
+        self._owners = [(shape, int(name.split("_")[1])) for name, shape in shapes.items()]
+
+    def photograph(self, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
+        """Radiance (h * subpixels, w * subpixels, 3) of the sensor by way of the mirrors; all else is black."""
+        camera = self.layout.camera
+        size = camera.width_px, camera.height_px
+        return self._render(sensor(camera).ray_through, size, spp=spp, subpixels=subpixels, seed=seed, by_mirrors=True)
+
+    def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
+        """Radiance (v, u, 3) that a pinhole at a view's position sees, of what lies beyond a depth."""
+        through = _pinhole(views, t, s, start_depth_mm)
+        return self._render(
+            through, (views.width_px, views.height_px), spp=spp, subpixels=1, seed=seed, by_mirrors=False
+        )
+
+    def hits(self, start: FloatArray, way: FloatArray) -> Hits:
+        """What rays from points (..., 3) along unit vectors (..., 3) in rig, mm, meet; NaN meets nothing."""
+        use_variant(self.variant)
+        import drjit as dr
+        import mitsuba as mi
+
+        known = np.isfinite(start).all(axis=-1) & np.isfinite(way).all(axis=-1)
+        # Off the mirrors that they leave, along their own way.
+        leaves = start + CLEARANCE_MM * way
+        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, way)))
+        hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
+        thing = mi.Int32(NOTHING)
+        for shape, index in self._owners:
+            thing = dr.select(hit.shape == mi.ShapePtr(shape), index, thing)
+        way_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
+        found = np.where(known, np.array(thing).reshape(known.shape), NOTHING)
+        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + way_mm)
+        with np.errstate(invalid="ignore"):
+            points = start + met[..., None] * way
+        return Hits(points, met, found)
+
+    def _render(self, through: Callable[[Any, Any], Any], size: tuple[int, int], **how: Any) -> NDArray[np.float32]:
+        use_variant(self.variant)
+        return render_lit(self._scene, through, size=size, **how)
+
+
+def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Where rays (v, u, 3) of the pixel centres of a view pass a depth, and along which unit vectors, in rig, mm."""
+    centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
+    way = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    forward = views.view_from_rig[2]
+    return centre + way * ((start_depth_mm - centre @ forward) / (way @ forward))[..., None], way
+
+
+def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[Any, Any], Any]:
+    """As `pinhole_rays`, of places on the view in Mitsuba's pixels, in Dr.Jit."""
+    import drjit as dr
+    import mitsuba as mi
+
+    centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
+    # Every pixel looks at its own place of the reference plane: a step of a pixel is a step on that plane.
+    corner, right, down = views.plane_points_in_rig(
+        views.reference_depth_mm, np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])
+    )
+    numbers = [mi.Vector3f(*vector.tolist()) for vector in (centre, corner - centre, right - corner, down - corner)]
+    forward = mi.Vector3f(*views.view_from_rig[2].tolist())
+    before = mi.Float(float(start_depth_mm - centre @ views.view_from_rig[2]))
+    dr.make_opaque(numbers, forward, before)
+
+    def ray_through(x: Any, y: Any) -> Any:
+        way = numbers[1] + x * numbers[2] + y * numbers[3]
+        return mi.Ray3f(mi.Point3f(numbers[0] + way * (before / dr.dot(way, forward))), dr.normalize(way))
+
+    return ray_through

@@ -1,0 +1,281 @@
+"""A desk as a layout photographs it, with the truth of its light field in a folder of its own.
+
+The truth: what a pinhole at each virtual camera sees, on the very grid that decoding with the layout as built uses, and
+how far away that is. A set follows from its request, to the byte; every file is written whole or not at all, and an
+interrupted set is continued where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mirrorcam.optics.base.files import encoded_image, read_model, write_bytes, write_json, write_text
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.perturbations import draw_as_built
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
+from mirrorcam.optics.light_field.light_field import Views
+from mirrorcam.render_scenes.mesh_shapes import sha256_of
+from mirrorcam.render_scenes.sets.dataset import sha256
+from mirrorcam.render_scenes.sets.sensor_model import photograph
+from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+from mirrorcam.render_scenes.tabletop.objects import Thing
+from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, check_meshes, desk, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Room, pinhole_rays
+from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
+from mirrorcam.render_scenes.variant import use_variant
+
+MANIFEST = "scene.json"
+MAPS = "truth/maps/frames/0000.exr"
+# What a pixel of a mask says: nothing was met, or something that is ... and whose depth is that of its surface.
+MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
+# Streams of random numbers, each independent of how much the others draw.
+_AS_BUILT, _DESK, _FRAME, _NOISE, _VIEWS = range(5)
+_SUBPIXELS = 2
+
+
+class DeskRequest(Value):
+    """All that a photographed desk follows from; without depths, things stand at those the layout was designed for."""
+
+    layout: Layout
+    depths_mm: tuple[float, ...] = ()
+    meshes: tuple[NamedMesh, ...] = Field(default=(), max_length=200)
+    seed: int = Field(default=0, ge=0)
+    tolerances: Tolerances = Tolerances()
+    sensor: SensorModel = SENSORS["c920"]
+    spp: int = Field(default=64, ge=4, le=65536)
+    mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
+
+
+class DeskSet(Value):
+    """The manifest, `scene.json`: what a real user would know, and a checksum for each file written so far.
+
+    `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
+    """
+
+    schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
+    layout_identity: str
+    depths_mm: tuple[float, ...]
+    meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the desk")
+    width_px: int
+    height_px: int
+    tolerances: Tolerances
+    sensor: SensorModel
+    spp: int
+    mirror_reflectance: float
+    renderer: str = Field(description="program, version and variant")
+    central_view: tuple[int, int] = Field(description="row and column of the reference view")
+    request: str
+    files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
+
+    @property
+    def frame_name(self) -> str:
+        """The name of the picture."""
+        return "frames/0000" + (".png" if self.sensor.jpeg_quality is None else ".jpg")
+
+    def save(self, folder: Path) -> None:
+        """Write `scene.json` atomically."""
+        write_text(folder / MANIFEST, self.model_dump_json(indent=1, by_alias=True) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read the `scene.json` of a set, or raise InputError in one line."""
+        return read_model(cls, folder / MANIFEST)
+
+
+def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, int], None] | None = None) -> DeskSet:
+    """Photograph a desk through an as-built copy of a layout into `out`, and write the truth beside it.
+
+    `on_picture(done, total)` is called at the start and after the frame and each true view. Raises InputError where
+    nothing compiles the renderer, depths or meshes make no desk, views share no field, or `out` holds something else.
+    """
+    layout = request.layout
+    if request.sensor.h264_crf is not None:
+        raise InputError("a desk is one picture, expected a sensor without h264_crf")
+    depths = request.depths_mm or default_depths_mm(layout)
+    variant = use_variant(colour=True)
+    built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    stood = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
+    things = stood.things
+    check_meshes(layout, things)
+    views = _views(built, default_reference_depth_mm(layout))
+    manifest = DeskSet(
+        layout_identity=layout.identity,
+        depths_mm=depths,
+        meshes=tuple((mesh.file.name, sha256_of(mesh.file)) for mesh in request.meshes),
+        width_px=layout.camera.width_px,
+        height_px=layout.camera.height_px,
+        tolerances=request.tolerances,
+        sensor=request.sensor,
+        spp=request.spp,
+        mirror_reflectance=request.mirror_reflectance,
+        renderer=f"mitsuba {metadata.version('mitsuba')} {variant}",
+        central_view=divmod(layout.central_index, layout.cols),
+        request="",
+    )
+    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, things, request.seed)))
+    layout.save(out / "layout.json")
+    built.save(out / "truth/layout.json")
+    write_json(out / "truth/things.json", _told(things, views, request.seed))
+    manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
+    grid = [(t, s) for t in range(views.rows) for s in range(views.cols)]
+    report = on_picture or (lambda done, total: None)
+    report(0, 1 + len(grid))
+    room = Room(built, stood, request.mirror_reflectance, variant)
+    if not {manifest.frame_name, MAPS} <= manifest.files.keys():
+        picture, maps = _frame(room, request)
+        write_bytes(out / MAPS, maps)
+        write_bytes(out / manifest.frame_name, picture)
+        manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
+    report(1, 1 + len(grid))
+    classes = np.array([*(MASK[thing.material] for thing in things), MASK["nothing"]], dtype=np.uint8)
+    for number, (t, s) in enumerate(grid):
+        # One view alone has no disparity.
+        kinds = [kind for kind in _KINDS if kind != "disparity" or len(grid) > 1]
+        names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
+        if not set(names.values()) <= manifest.files.keys():
+            files = _true_view(room, views, t, s, request, classes)
+            for kind, name in names.items():
+                write_bytes(out / name, files[kind])
+            manifest = _recorded(out, manifest, *names.values())
+        report(2 + number, 1 + len(grid))
+    return manifest
+
+
+def read_map(path: Path, channel: str) -> FloatArray:
+    """One channel (h, w) of an EXR file of the truth, or InputError in one line."""
+    import OpenEXR
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return np.array(file.channels()[channel].pixels, dtype=np.float64)
+    except (RuntimeError, KeyError):
+        raise InputError(f"{path}: no EXR file that can be read with a channel {channel!r}") from None
+
+
+_KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}
+
+
+def default_depths_mm(layout: Layout) -> tuple[float, ...]:
+    """The nearest and the farthest depth that a layout was designed for, and its plane of zero disparity between."""
+    middle = default_reference_depth_mm(layout)
+    if layout.spec is None:
+        return 0.8 * middle, middle, 4.0 / 3.0 * middle
+    return tuple(sorted({min(layout.spec.depths_mm), middle, max(layout.spec.depths_mm)}))
+
+
+def _random(*key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(key))
+
+
+def _views(built: Layout, reference_depth_mm: float) -> Views:
+    """The grid that decoding with the layout as built uses; sheets coated behind are seen as what they look like."""
+    seen = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
+    return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
+
+
+def _frame(room: Room, request: DeskRequest) -> tuple[bytes, bytes]:
+    """The file of what the camera photographs, and the maps of what its pixels show."""
+    layout = room.layout
+    seed = int(_random(request.seed, _FRAME).integers(2**32))
+    radiance = room.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
+    rays = pixel_rays(layout, mirrors=True)
+    hits = room.hits(rays.start, rays.way)
+    path = np.where(hits.thing == NOTHING, np.nan, rays.before_mm + hits.way_mm)
+    noise = _random(request.seed, _NOISE)
+    picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise, path)
+    depth = np.where(hits.thing == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
+    maps = {"mirror": rays.mirror, "thing": hits.thing + 1.0, "depth": depth, "path": path}
+    quality = request.sensor.jpeg_quality
+    encoded = encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
+    return encoded, exr_bytes(maps, {"layout": layout.identity, "units": "mm"})
+
+
+def _true_view(
+    room: Room, views: Views, t: int, s: int, request: DeskRequest, classes: NDArray[np.uint8]
+) -> dict[str, bytes]:
+    """The files of a true view, by their kinds."""
+    start_mm = nearest_mm(room.layout)
+    seed = int(_random(request.seed, _VIEWS, t, s).integers(2**32))
+    radiance = room.view(views, t, s, start_mm, spp=request.spp, seed=seed)
+    grey = np.rint(radiance * np.float32(255.0 * request.mirror_reflectance * request.sensor.exposure))
+    hits = room.hits(*pinhole_rays(views, t, s, start_mm))
+    depth = np.where(hits.thing == NOTHING, np.inf, np.nan_to_num(hits.points) @ views.view_from_rig[2])
+    counts = {"s": views.cols, "t": views.rows}
+    disparity = {axis: views.disparity_px_from_depth(depth, axis) for axis in ("s", "t") if counts[axis] > 1}
+    header = {"layout": room.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}
+    steps = header | {"units": "px per mean view step, positive nearer than the reference plane"}
+    files = {"disparity": exr_bytes(disparity, steps)} if disparity else {}
+    return files | {
+        "views": encoded_image(np.clip(grey, 0, 255).astype(np.uint8), ".png"),
+        "depth": exr_bytes({"depth": depth}, header),
+        "mask": encoded_image(classes[hits.thing], ".png"),
+        "things": encoded_image((hits.thing + 1).astype(np.uint8), ".png"),
+    }
+
+
+def _told(things: tuple[Thing, ...], views: Views, seed: int) -> dict[str, object]:
+    """What stands where, as `truth/things.json`: pixels of `truth/things` count from 1, in this order."""
+    return {
+        "seed": seed,
+        "mask": MASK,
+        "reference_depth_mm": views.reference_depth_mm,
+        "view_px": [views.width_px, views.height_px],
+        "focal_px": views.focal_px,
+        "centre_px": views.centre_px.tolist(),
+        "positions_mm": views.positions_mm.tolist(),
+        "things": [thing.model_dump(mode="json", exclude_none=True, exclude={"file"}) for thing in things],
+    }
+
+
+def _digest(manifest: DeskSet, built: Layout, things: tuple[Thing, ...], seed: int) -> str:
+    """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
+    asked = manifest.model_dump(mode="json", exclude={"request", "files"})
+    stand = [thing.model_dump(mode="json", exclude={"file"}) for thing in things]
+    drawn = {"seed": seed, "built": built.identity, "things": stand}
+    return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _continue(out: Path, manifest: DeskSet) -> DeskSet:
+    """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file, expected a folder for the scene")
+    if not (out / MANIFEST).exists():
+        strangers = sorted(name for name in ("frames", "truth") if (out / name).exists())
+        if strangers:
+            raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
+        manifest.save(out)
+        return manifest
+    before = DeskSet.load(out)
+    if before.request != manifest.request:
+        asked = set(DeskSet.model_fields) - {"schema_id", "request", "files"}
+        other = sorted(name for name in asked if getattr(before, name) != getattr(manifest, name))
+        differs = " and ".join(other) or "seed (or of another version of this program)"
+        raise InputError(f"{out}: holds a scene of another {differs}, expected the same request or a new folder")
+    # A killed run cannot remove its temporary files (`optics.files.atomic`).
+    for pattern in ("frames/.*-*", "truth/**/.*-*", ".*-*.json"):
+        for leftover in out.glob(pattern):
+            leftover.unlink()
+    whole = {n: d for n, d in before.files.items() if (out / n).is_file() and sha256(out / n) == d}
+    return before.replaced(files=whole)
+
+
+def _recorded(out: Path, manifest: DeskSet, *names: str) -> DeskSet:
+    """The manifest with the checksums of files just written, saved."""
+    written = manifest.files | {name: sha256(out / name) for name in names}
+    manifest = manifest.replaced(files=dict(sorted(written.items())))
+    manifest.save(out)
+    return manifest

@@ -1,0 +1,182 @@
+"""Where every corner of a board truly lies in a frame, and whether it can be seen: float64, no renderer.
+
+The projection is the layout's own; a rendered picture and this oracle share no code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.reference.bodies import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
+
+BoolArray = NDArray[np.bool_]
+READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by
+VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
+
+
+def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
+    """Whether pixels (..., 2) lie at least the margin inside the sensor; NaN does not."""
+    far_edge = np.array([camera.width_px, camera.height_px]) - 1.0 - VISIBLE_MARGIN_PX
+    return np.all((px >= VISIBLE_MARGIN_PX) & (px <= far_edge), axis=-1)
+
+
+def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
+    """Whether the printed side (the board's -z) faces a point."""
+    return bool((centre_in_rig - rig_from_board[:3, 3]) @ rig_from_board[:3, 2] < 0)
+
+
+def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
+    """Whether the way from mirror `index` to points (n, 3) misses all other mirrors."""
+    mirror = layout.mirrors[index]
+    virtual = mirror.reflect(points)
+    at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
+    clear = np.ones(len(points), dtype=np.bool_)
+    for other_index, other in enumerate(layout.mirrors):
+        start, end = (p @ other.normal_in_rig + other.distance_mm for p in (at_mirror, points))
+        crosses = (start > 0) != (end > 0)
+        if other_index == index or not crosses.any():
+            continue
+        part = start[crosses] / (start - end)[crosses]
+        crossing = at_mirror[crosses] + part[:, None] * (points - at_mirror)[crosses]
+        frame = other.rig_from_plane
+        x, y = ((crossing - frame[:3, 3]) @ frame[:3, :2]).T
+        clear[crosses] &= ~shapely.contains_xy(shapely.Polygon(other.outline_in_plane_mm), x, y)
+    return clear
+
+
+def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
+    """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, meets and leaves a mirror's front."""
+    length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
+    return np.asarray(np.isfinite(length).all(axis=1))
+
+
+def _unit_rays_around(camera: Camera, px: FloatArray) -> FloatArray:
+    """Unit rays (n, 4, 3) of the pixels `VISIBLE_MARGIN_PX` beside pixels (n, 2)."""
+    margin = VISIBLE_MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    rays = camera.unproject(px[:, None] + margin)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def sub_image(layout: Layout, index: int) -> shapely.Polygon:
+    """Outline of a mirror's picture in pixels, without what lies past the reach of the lens model."""
+    outline = layout.outline_px(index)
+    inside = outline[np.isfinite(outline).all(axis=1)]
+    return shapely.Polygon(inside) if len(inside) >= 3 else shapely.Polygon()
+
+
+class Oracle:
+    """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible.
+
+    Without `finishes` the mirrors are flat; `obstacles` stand around them.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        target: Checkerboard | Charuco,
+        finishes: Sequence[MirrorFinish] = (),
+        obstacles: Obstacles | None = None,
+    ) -> None:
+        self.layout, self.target, self._obstacles = layout, target, obstacles
+        self._finishes = finishes or (None,) * len(layout.mirrors)
+        self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
+        shapely.prepare(self._windows)
+
+    def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Pixels (mirrors, corners, 2) of the board's corners by way of each mirror, and whether they can be seen.
+
+        Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, through all of its
+        sheet if it is one, with the printed side toward the virtual camera and no other mirror in the way. Pixels of a
+        corner that has no image are NaN.
+        """
+        points = transform(rig_from_board, self.target.corners_in_board_mm)
+        px = np.empty((len(self.layout.mirrors), len(points), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for index, mirror in enumerate(self.layout.mirrors):
+            px[index] = self._image(index, points)
+            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, rig_from_board) & self._seen(
+                index, points, px[index]
+            )
+        return px, visible
+
+    def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """`by_mirrors` where a rolling shutter reads row after row: poses (3, 4, 4) as of `render_scenes.motion`.
+
+        Every corner is where the board is when the row of its own picture is read.
+        """
+        corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
+        px = np.empty((len(self.layout.mirrors), len(corners), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for index, mirror in enumerate(self.layout.mirrors):
+            px[index] = self._image(index, transform(poses[1], self.target.corners_in_board_mm))
+            for _ in range(READOUT_STEPS):
+                parts = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
+                points = (poses_at(poses, np.clip(parts, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
+                px[index] = self._image(index, points)
+            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, poses[1]) & self._seen(index, points, px[index])
+        return px, visible
+
+    def _image(self, index: int, points: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3) in rig by way of a mirror; NaN without an image."""
+        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
+
+    def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Whether nothing but its turned side hides what lies at points (n, 3) in rig and is shown at pixels (n, 2)."""
+        mirror = self.layout.mirrors[index]
+        seen = _on_sensor(self.layout.camera, px)
+        seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
+        seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
+        finish = self._finishes[index]
+        if mirror.surface == "second" or (finish is not None and not finish.flat):
+            seen[seen] = _through(self.layout.camera, mirror, px[seen], finish)
+        seen[seen] = _clear_of(self.layout, index, points[seen])
+        if self._obstacles is not None:
+            seen[seen] = self._free(self._obstacles, index, points[seen], px[seen])
+        return seen
+
+    def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Whether nothing stops light beside pixels (n, 2) on its way to the mirror and on to points (n, 3)."""
+        rays = _unit_rays_around(self.layout.camera, px)
+        entry_mm, start, way, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
+        free = obstacles.free_from_pupil_mm(rays) > entry_mm
+        free &= obstacles.free_mm(start, way) > np.linalg.norm(points[:, None] - start, axis=-1)
+        return np.asarray(free.all(axis=1))
+
+    def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""
+        points = transform(rig_from_board, self.target.corners_in_board_mm)
+        px = self.layout.camera.project(points)
+        return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
+
+    def all_by_mirrors(self, moments: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """`by_mirrors` or `while_read` for frames of 1 or 3 poses (1 or 3, 4, 4), stacked.
+
+        Shapes (frames, mirrors, corners, 2) and (frames, mirrors, corners).
+        """
+        corners = len(self.target.corners_in_board_mm)
+        px = np.empty((len(moments), len(self.layout.mirrors), corners, 2))
+        visible = np.empty(px.shape[:3], dtype=np.bool_)
+        for frame, poses in enumerate(moments):
+            px[frame], visible[frame] = self.while_read(poses) if len(poses) == 3 else self.by_mirrors(poses[0])
+        return px, visible
+
+    def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
+        """`direct` for poses, stacked: (poses, corners, 2) and (poses, corners)."""
+        px = np.empty((len(poses), len(self.target.corners_in_board_mm), 2))
+        visible = np.empty(px.shape[:2], dtype=np.bool_)
+        for frame, pose in enumerate(poses):
+            px[frame], visible[frame] = self.direct(pose)
+        return px, visible

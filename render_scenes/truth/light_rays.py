@@ -1,0 +1,165 @@
+"""Light from the pupil by way of a mirror, followed in float64 from surface to surface, be they flat or bent.
+
+Shares nothing with the renderers but the shape of a mirror.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
+
+# How far it is to the mirror, where light leaves it, along what, and after which way.
+Reflected = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+SURFACE_STEPS = 8  # of Newton's method to a surface that is flat to a degree: each squares what is left
+IMAGE_STEPS = 8
+STEP_PX = 1e-3
+
+
+@dataclass(frozen=True)
+class _Ray:
+    """Rays (..., 3) in the mirror's own frame, mm: unit vectors `way` from `start`, after `way_mm` (...)."""
+
+    start: FloatArray
+    way: FloatArray
+    way_mm: FloatArray
+
+
+def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None) -> Reflected:
+    """Unit rays (..., 3) from the pupil by way of a mirror; without a finish it is flat.
+
+    Returns how far it is to where they meet it (...), mm, infinite where they miss it; where they leave it (..., 3) in
+    rig, along which unit vectors (..., 3), and after how many mm (...), NaN where they do not.
+    """
+    if finish is not None and not finish.flat:
+        places, out = _followed(mirror, finish, rays)
+        first, last = _in_rig(mirror, places[0]), _in_rig(mirror, places[-1])
+        along = out.way @ mirror.rig_from_plane[:3, :3].T
+        return _cut(mirror, first, np.linalg.norm(first, axis=-1), last, along, out.way_mm)
+    normal = mirror.normal_in_rig
+    cosine = np.maximum(-(rays @ normal), 1e-12)
+    front_mm = mirror.distance_mm - (mirror.thickness_mm if mirror.surface == "second" else 0.0)
+    entry_mm = front_mm / cosine
+    entry = rays * entry_mm[..., None]
+    leaves, way_mm = entry, entry_mm
+    if mirror.surface == "second":
+        # To the coating and back. Snell: what of a ray is along the surface shrinks by the index.
+        flat = (rays + cosine[..., None] * normal) / mirror.refractive_index
+        inside_mm = 2.0 * mirror.thickness_mm / np.sqrt(1.0 - np.square(flat).sum(axis=-1))
+        leaves, way_mm = entry + flat * inside_mm[..., None], entry_mm + inside_mm
+    return _cut(mirror, entry, entry_mm, leaves, rays + 2.0 * cosine[..., None] * normal, way_mm)
+
+
+def _cut(
+    mirror: Mirror, entry: FloatArray, entry_mm: FloatArray, leaves: FloatArray, along: FloatArray, way_mm: FloatArray
+) -> Reflected:
+    """What of light that enters and leaves at points (..., 3) of the mirror's planes its outline lets through."""
+    met = _on(mirror, entry)
+    through = met & _on(mirror, leaves)
+    return (
+        np.where(met, entry_mm, np.inf),
+        np.where(through[..., None], leaves, np.nan),
+        np.where(through[..., None], along, np.nan),
+        np.where(through, way_mm, np.nan),
+    )
+
+
+def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
+    """Whether points (..., 3) of the sheet's planes lie within its outline."""
+    frame = mirror.rig_from_plane
+    flat = (points - frame[:3, 3]) @ frame[:3, :2]
+    outline = mirror.outline_in_plane_mm
+    sides = []
+    for corner, edge in zip(outline, np.roll(outline, -1, axis=0) - outline, strict=True):
+        sides.append(edge[0] * (flat[..., 1] - corner[1]) - edge[1] * (flat[..., 0] - corner[0]))
+    return np.asarray((np.min(sides, axis=0) >= 0.0) | (np.max(sides, axis=0) <= 0.0))
+
+
+def image_px(
+    camera: Camera, mirror: Mirror, points_in_rig: FloatArray, finish: MirrorFinish | None = None
+) -> FloatArray:
+    """Pixels (n, 2) at which points (n, 3) appear by way of a mirror; NaN without an image.
+
+    Newton's method on the pixel whose light, followed, passes through the point; it starts where a plane would show it.
+    """
+    px = camera.project(mirror.image_of(points_in_rig))
+    if finish is None or finish.flat:
+        return px
+    frame = mirror.rig_from_plane
+    points = (points_in_rig - frame[:3, 3]) @ frame[:3, :3]
+
+    def missed(at: FloatArray) -> FloatArray:
+        """By how much light of pixels passes the points (..., 2), mm, in the plane along the mirror's."""
+        rays = camera.unproject(at)
+        _, out = _followed(mirror, finish, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        along = (points[:, 2] - out.start[..., 2]) / out.way[..., 2]
+        return (out.start + along[..., None] * out.way - points)[..., :2]
+
+    for _ in range(IMAGE_STEPS):
+        here = missed(px)
+        columns: list[FloatArray] = [(missed(px + STEP_PX * np.eye(2)[axis]) - here) / STEP_PX for axis in range(2)]
+        jacobian = np.stack(columns, axis=-1)
+        known = np.isfinite(jacobian.sum(axis=2) + here).all(axis=1)[:, None]
+        step = np.asarray(np.linalg.solve(np.where(known[..., None], jacobian, np.eye(2)), here[..., None])[..., 0])
+        px = np.asarray(np.where(known, px - step, np.nan), dtype=np.float64)
+    return px
+
+
+def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[list[FloatArray], _Ray]:
+    """The places (..., 3) where unit rays (..., 3) from the pupil meet surfaces, and how they leave the last one.
+
+    In the mirror's own frame; its surfaces go on past the outline.
+    """
+    frame = mirror.rig_from_plane
+    pupil = -frame[:3, 3] @ frame[:3, :3]
+    ray = _Ray(np.broadcast_to(pupil, rays.shape), rays @ frame[:3, :3], np.zeros(rays.shape[:-1]))
+    if mirror.surface == "first":
+        ray, normal = _met(mirror, finish, ray, 0.0)
+        return [ray.start], _Ray(ray.start, _mirrored(ray.way, normal), ray.way_mm)
+    thick, index = mirror.thickness_mm, mirror.refractive_index
+    ray, normal = _met(mirror, finish, ray, thick)
+    places = [ray.start]
+    ray = _Ray(ray.start, _refracted(ray.way, normal, 1.0 / index), ray.way_mm)
+    ray, normal = _met(mirror, finish, ray, 0.0)
+    places.append(ray.start)
+    ray = _Ray(ray.start, _mirrored(ray.way, normal), ray.way_mm)
+    ray, normal = _met(mirror, finish, ray, thick)
+    places.append(ray.start)
+    return places, _Ray(ray.start, _refracted(ray.way, -normal, index), ray.way_mm)
+
+
+def _met(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
+    """Rays moved on to a surface of the mirror, and its unit normals (..., 3) there."""
+    radius = radius_mm(mirror)
+    length = (lift_mm - ray.start[..., 2]) / ray.way[..., 2]
+    for _ in range(SURFACE_STEPS):
+        at = ray.start + length[..., None] * ray.way
+        height, slopes = finish.shape(radius, at[..., :2])
+        above = at[..., 2] - lift_mm - height
+        length = length - above / (ray.way[..., 2] - (slopes * ray.way[..., :2]).sum(axis=-1))
+    at = ray.start + length[..., None] * ray.way
+    _, slopes = finish.shape(radius, at[..., :2])
+    normal = np.concatenate([-slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
+    return _Ray(at, ray.way, ray.way_mm + length), normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _mirrored(way: FloatArray, normal: FloatArray) -> FloatArray:
+    return np.asarray(way - 2.0 * (way * normal).sum(axis=-1, keepdims=True) * normal)
+
+
+def _refracted(way: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
+    """Unit vectors past a surface against whose normal light comes; `ratio` is the index before over that behind it."""
+    cosine = -(way * normal).sum(axis=-1, keepdims=True)
+    flat = ratio * (way + cosine * normal)
+    return np.asarray(flat - np.sqrt(1.0 - (flat * flat).sum(axis=-1, keepdims=True)) * normal)
+
+
+def _in_rig(mirror: Mirror, points: FloatArray) -> FloatArray:
+    frame = mirror.rig_from_plane
+    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])

@@ -1,0 +1,174 @@
+"""Choosing Mitsuba's variant: CUDA where a GPU answers, LLVM else, scalar as a last resort, and never an abort.
+
+Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process
+with an LLVM ERROR once a kernel compiles, and Dr.Jit takes them silently where a distribution ships one. So a library
+is used only if it is the packaged one of the `render` extra, or if a child process has rendered with it; and no module
+of this folder imports mitsuba or drjit before `use_variant` has pointed Dr.Jit at it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import importlib.util
+import logging
+import os
+import subprocess
+import sys
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from mirrorcam.optics.base.values import InputError
+
+CUDA, LLVM, SCALAR = "cuda_ad_mono", "llvm_ad_mono", "scalar_rgb"
+IN_COLOUR = {CUDA: "cuda_ad_rgb", LLVM: "llvm_ad_rgb", SCALAR: SCALAR}
+PACKAGE = "karellen-llvm-core"
+LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
+_NEWEST_THAT_ABORTS = 16
+_log = logging.getLogger(__name__)
+
+# Compiles float comparisons, a ray cast and a reduction: what an unusable LLVM or driver stumbles over.
+_PROBE = """
+import sys
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+scene = mi.load_dict({"type": "scene", "shape": {"type": "rectangle"}, "integrator": {"type": "depth"}})
+ray = mi.Ray3f(mi.Point3f(0.25, 0.25, mi.Float([3.0, 4.0])), mi.Vector3f(0.0, 0.0, -1.0))
+import drjit as dr
+distance = dr.minimum(scene.ray_intersect(ray).t, mi.Float(3.5))
+sys.exit(0 if abs(dr.sum(distance)[0] - 6.5) < 1e-5 else 1)
+"""
+
+
+def packaged_library() -> Path | None:
+    """The libLLVM of the package in the `render` extra, by its real name: the short links may not exist yet."""
+    try:
+        files = metadata.distribution(PACKAGE).files or []
+    except metadata.PackageNotFoundError:
+        return None
+    found = [Path(str(file.locate())) for file in files if file.name.startswith(("libLLVM.so.", "libLLVM.dylib"))]
+    return next((path.resolve() for path in found if path.is_file()), None)
+
+
+def loads(library: Path) -> bool:
+    """Whether the dynamic loader accepts a library; preloads the packaged C++ runtime where its links are missing.
+
+    The package makes the link libc++.so.1 at the first start of the interpreter after its installation, so that start
+    itself does not find it. A library loaded globally under its own name satisfies the loader just as well.
+    """
+    try:
+        ctypes.CDLL(str(library))
+        return True
+    except OSError:
+        for runtime in ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0"):
+            for path in sorted(library.parent.glob(f"*/{runtime}")):
+                try:
+                    ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+                except OSError as error:
+                    _log.debug("%s: %s", path, error)
+    try:
+        ctypes.CDLL(str(library))
+        return True
+    except OSError:
+        return False
+
+
+def renders(variant: str, library: Path | None = None) -> bool:
+    """Whether a child process can render with a variant (and an LLVM library): it may abort, we do not."""
+    environment = dict(os.environ)
+    if library is not None:
+        environment[LIBRARY_VARIABLE] = str(library)
+    command = [sys.executable, "-c", _PROBE, variant]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def gpu_answers() -> bool:
+    """Whether the CUDA driver is present and reports a device; asked of the driver, which costs nothing without one."""
+    try:
+        driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+    except OSError:
+        return False
+    count = ctypes.c_int(0)
+    return driver.cuInit(0) == 0 and driver.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+
+
+def _system_libraries() -> list[Path]:
+    """Where an LLVM may be that neither the user nor the package names; newest first."""
+    versions = range(24, 16, -1)
+    names = [name for v in versions if (name := ctypes.util.find_library(f"LLVM-{v}"))]
+    folders = [Path(f"/usr/lib/llvm-{v}/lib") for v in versions]
+    folders += [Path("/opt/homebrew/opt/llvm/lib"), Path("/usr/local/opt/llvm/lib")]
+    files = [folder / name for folder in folders for name in ("libLLVM.so.1", "libLLVM.dylib")]
+    return [Path(name) for name in names] + [file for file in files if file.is_file()]
+
+
+@cache
+def usable_library() -> Path | None:
+    """The LLVM to render with: the user's, the packaged one, or one of the system; None where there is none.
+
+    Raises InputError when the user's own choice cannot render.
+    """
+    packaged = packaged_library()
+    chosen = os.environ.get(LIBRARY_VARIABLE)
+    if chosen and Path(chosen) != packaged:
+        if not renders(LLVM, Path(chosen)):
+            raise InputError(
+                f"{LIBRARY_VARIABLE}={chosen}: Mitsuba cannot render with this LLVM, unset it or name another"
+            )
+        return Path(chosen)
+    if packaged is not None and loads(packaged):
+        return packaged
+    return next((library for library in _system_libraries() if renders(LLVM, library)), None)
+
+
+@cache
+def choose_variant() -> str:
+    """The fastest variant this machine can render with; decided once in a process."""
+    if gpu_answers() and renders(CUDA):
+        return CUDA
+    if usable_library() is not None:
+        return LLVM
+    _log.warning(f"no usable LLVM, rendering hundreds of times slower: pip install {PACKAGE} or set {LIBRARY_VARIABLE}")
+    return SCALAR
+
+
+@cache
+def _ready(variant: str) -> None:
+    """Raise InputError unless a variant can run; for LLVM, point Dr.Jit at a library that it can use."""
+    if variant.startswith("cuda") and not gpu_answers():
+        raise InputError(f"variant {variant} needs a GPU with a CUDA driver, none answers")
+    library = usable_library()
+    if library is None:
+        if variant.startswith("llvm"):
+            raise InputError(f"variant {variant} needs an LLVM: pip install {PACKAGE} or set {LIBRARY_VARIABLE}")
+        return
+    if "drjit" not in sys.modules:
+        os.environ[LIBRARY_VARIABLE] = str(library)
+        return
+    # Dr.Jit was imported by someone else: it has chosen its library and stays with it.
+    loaded = importlib.import_module("drjit").detail.llvm_version()
+    if variant.startswith("llvm") and loaded[0] <= _NEWEST_THAT_ABORTS:
+        version = ".".join(str(number) for number in loaded)
+        raise InputError(f"drjit was imported with LLVM {version}, too old: set {LIBRARY_VARIABLE}={library} before")
+
+
+def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
+    """Set Mitsuba's variant, by default the fastest usable one (in `colour`, of those with three), and return its name.
+
+    Raises InputError where Mitsuba is not installed, has no such variant, or could not run it.
+    """
+    if importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("drjit") is None:
+        raise InputError('rendering needs Mitsuba, which is not installed: pip install -e ".[render]"')
+    name = variant or (IN_COLOUR[choose_variant()] if colour else choose_variant())
+    _ready(name)
+    mi = importlib.import_module("mitsuba")
+    if name not in mi.variants():
+        raise InputError(f"variant {name!r} is unknown to Mitsuba, expected one of {', '.join(mi.variants())}")
+    if mi.variant() != name:
+        mi.set_variant(name)
+    return name

@@ -1,0 +1,77 @@
+"""The device as a whole: how its parts meet, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from build123d import Box, Location, RigidJoint
+
+from mirrorcam.cad.assembly.device_plan import Device, connections, plan_device
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+
+
+@pytest.fixture(scope="module")
+def device(default_layout: Layout) -> Device:
+    return plan_device(default_layout, HARDWARE)
+
+
+def test_parts_are_joined_where_they_already_stand(device: Device) -> None:
+    """Each frame comes from the plans of both parts; joined by build123d, nothing moves."""
+    joined = connections(device)
+    assert {joint.parent for joint in joined} | {joint.child for joint in joined} == {
+        "mirror_holder",
+        "mount",
+        "camera_clip",
+        "adapter_saddle",
+        "adapter_cap",
+    }
+    for joint in joined:
+        np.testing.assert_allclose(joint.rig_from_parent_joint, joint.rig_from_child_joint, atol=1e-9)
+        assert np.linalg.det(joint.rig_from_child_joint[:3, :3]) == pytest.approx(1.0)
+        parent, child = Box(1.0, 2.0, 3.0), Box(3.0, 2.0, 1.0)
+        frames = [location(joint.rig_from_parent_joint), location(joint.rig_from_child_joint)]
+        RigidJoint("a", parent, frames[0]).connect_to(RigidJoint("b", child, frames[1]))
+        assert child.location.position.length < 1e-9
+        assert np.abs(np.array(tuple(child.location.orientation))).max() < 1e-9
+
+
+def location(frame: np.ndarray) -> Location:
+    from build123d import Plane
+
+    return Plane(origin=tuple(frame[:3, 3]), x_dir=tuple(frame[:3, 0]), z_dir=tuple(frame[:3, 2])).location
+
+
+def test_the_clip_slides_along_the_lens_axis(device: Device) -> None:
+    (slide,) = [joint for joint in connections(device) if joint.slides_mm]
+    np.testing.assert_allclose(slide.rig_from_child_joint[:3, 0], [0.0, 0.0, 1.0])
+    assert slide.slides_mm == HARDWARE.clip.travel_mm
+
+
+def test_a_camera_that_stands_in_the_light_is_refused(default_layout: Layout) -> None:
+    camera = HARDWARE.camera.replaced(pupil_behind_front_mm=45.0)
+    with pytest.raises(InputError, match=r"light of mirror \d \(row \d, column \d\) enters the camera by \d+\.\d mm"):
+        plan_device(default_layout, HARDWARE.replaced(camera=camera))
+
+
+def test_a_clip_that_would_slide_into_the_light_is_refused(default_layout: Layout) -> None:
+    hardware = HARDWARE.replaced(clip=HARDWARE.clip.replaced(travel_mm=40.0))
+    with pytest.raises(InputError, match=r"enters the camera clip by \d+\.\d mm"):
+        plan_device(default_layout, hardware)
+
+
+def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_parabola: object) -> None:
+    from mirrorcam.cad.assembly.catalogue import parts_of
+
+    other = plan_device(make_parabola(2, 2, scale_mm=60.0), HARDWARE)  # type: ignore[operator]
+    same = {"camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"}
+    first, second = ({part.name: part.identity for part in parts_of(d)} for d in (device, other))
+    assert {name for name in first if first[name] == second[name]} == same
+
+
+def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    with pytest.raises(InputError, match=r"mirror 0-0 is 2\.50 mm across, expected at least its thickness, 3 mm"):
+        plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)

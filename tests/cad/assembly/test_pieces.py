@@ -1,0 +1,179 @@
+"""The pieces of the assembled device: closed, in their places, and weighed as the formulas say."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import (
+    ACRYLIC,
+    Kind,
+    Piece,
+    camera_piece,
+    composed,
+    item_pieces,
+    item_title,
+    mesh_of,
+    mirror_pieces,
+    pieces_of,
+)
+from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
+from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart, MassProperties
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray
+
+
+@pytest.fixture(scope="module")
+def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
+    """The block in the stead of holder, clip and fit coupon: nothing here looks at their shape."""
+    folder = tmp_path_factory.mktemp("pieces")
+    names = ("mirror_holder", "camera_clip", "fit_coupon")
+    for name in names:
+        shutil.copy(built_block.stl, folder / f"{name}.stl")
+    return [built_block.replaced(name=name, folder=folder) for name in names]
+
+
+def item(kind: Kind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
+    return BoughtItem(
+        kind=kind,  # type: ignore[arg-type]  # all kinds but the printed ones
+        size=size,
+        length_mm=length_mm,
+        rig_from_item=np.eye(4) if place is None else place,
+        explode_mm=np.array([1.0, 2.0, 3.0]),
+        joins=("mirror_holder",),
+    )
+
+
+def box(width: float, height: float, depth: float, centre: tuple[float, float, float], mass: float) -> MassProperties:
+    squares = np.array([width, height, depth]) ** 2
+    inertia = mass / 12.0 * np.diag(squares.sum() - squares)
+    return MassProperties(
+        volume_mm3=width * height * depth, mass_g=mass, centre_in_rig_mm=np.array(centre), inertia_g_mm2=inertia
+    )
+
+
+def test_halves_composed_are_the_whole() -> None:
+    halves = [box(10.0, 20.0, 30.0, (x, 7.0, -3.0), 4.0) for x in (-5.0, 5.0)]
+    whole, expected = composed(halves), box(20.0, 20.0, 30.0, (0.0, 7.0, -3.0), 8.0)
+    assert whole.mass_g == expected.mass_g
+    assert whole.volume_mm3 == expected.volume_mm3
+    np.testing.assert_allclose(whole.centre_in_rig_mm, expected.centre_in_rig_mm, atol=1e-12)
+    np.testing.assert_allclose(whole.inertia_g_mm2, expected.inertia_g_mm2, rtol=1e-12)
+
+
+def test_two_points_are_a_dumbbell() -> None:
+    point = np.zeros((3, 3))
+    ends = [
+        MassProperties(volume_mm3=1.0, mass_g=mass, centre_in_rig_mm=np.array(at), inertia_g_mm2=point)
+        for mass, at in ((3.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 4.0, 4.0)))
+    ]
+    whole = composed(ends)
+    np.testing.assert_allclose(whole.centre_in_rig_mm, [0.0, 1.0, 1.0])
+    # Reduced mass 3/4 at the distance (0, 4, 4).
+    np.testing.assert_allclose(whole.inertia_g_mm2, 0.75 * np.array([[32, 0, 0], [0, 16, -16], [0, -16, 16]]))
+
+
+def test_every_piece_is_closed_named_once_and_in_the_device(device: Device, parts: list[BuiltPart]) -> None:
+    pieces = pieces_of(device, parts)
+    names = [piece.name for piece in pieces]
+    assert len(set(names)) == len(names)
+    assert {"mirror_holder", "mirror_0-0", "mirror_2-2", "camera"} <= set(names)
+    assert "fit_coupon" not in names
+    for piece in pieces:
+        assert piece.mesh.is_volume, piece.name
+        np.testing.assert_allclose(piece.mesh.center_mass, piece.mass.centre_in_rig_mm, atol=1e-3)
+        assert np.linalg.eigvalsh(piece.mass.inertia_g_mm2).min() > 0.0
+
+
+def test_a_mirror_is_a_prism_between_seat_and_light(device: Device, parts: list[BuiltPart]) -> None:
+    pieces = mirror_pieces(device, pieces_of(device, parts)[:1])
+    for piece, mirror in zip(pieces, device.layout.mirrors, strict=True):
+        volume = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
+        assert piece.mass.mass_g == pytest.approx(volume * ACRYLIC / 1000.0, rel=1e-9)
+        heights = piece.mesh.vertices @ mirror.normal_in_rig + mirror.distance_mm
+        # First surface: the front is the reflecting plane, the back is one thickness behind it.
+        np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-9)
+        away = piece.explode_mm - parts[0].explode_mm
+        np.testing.assert_allclose(away / np.linalg.norm(away), mirror.normal_in_rig, atol=1e-9)
+
+
+def test_a_mirror_goes_with_the_nearest_piece_of_a_split_holder(device: Device, parts: list[BuiltPart]) -> None:
+    whole = pieces_of(device, parts)[0]
+
+    def half(name: str, x: float) -> Piece:
+        mass = whole.mass.replaced(centre_in_rig_mm=np.array([x, 0.0, 90.0]))
+        return replace(whole, name=name, mass=mass, explode_mm=np.array([x, 0.0, 0.0]))
+
+    pieces = mirror_pieces(device, [half("mirror_holder_1", -60.0), half("mirror_holder_2", 60.0)])
+    for piece, mirror in zip(pieces, device.layout.mirrors, strict=True):
+        expected = 60.0 if mirror.outline_in_rig_mm[:, 0].mean() > 0.0 else -60.0
+        sideways = (piece.explode_mm - 35.0 * mirror.normal_in_rig)[0]
+        if abs(mirror.outline_in_rig_mm[:, 0].mean()) > 1.0:
+            assert sideways == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("name", "out"), [("c920", (94.0 + 15.0, 0.0, 0.0)), ("board_38", (0.0, 0.0, 40.0))])
+def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
+    device: Device, parts: list[BuiltPart], name: str, out: tuple[float, float, float]
+) -> None:
+    camera = read_camera(name)
+    clip = pieces_of(device, parts)[1]
+    piece = camera_piece(replace(device, hardware=HARDWARE.replaced(camera=camera)), clip)
+    np.testing.assert_allclose(piece.explode_mm, clip.explode_mm + out)
+    assert piece.mass.mass_g == pytest.approx(camera.mass_g)
+    assert piece.title == camera.name
+    solid = camera_solid(camera)
+    box = solid.bounding_box()
+    assert pytest.approx(camera.pupil_behind_front_mm + camera.lens_protrusion_mm, abs=1e-6) == box.max.Z
+    assert pytest.approx(camera.width_mm, abs=1e-6) == box.size.X
+    assert solid.is_valid
+
+
+def test_fasteners_are_where_they_are_told(device: Device) -> None:
+    place = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
+    screw, other, insert = item_pieces(
+        [item("screw", "M3", 12.0, place), item("screw", "M3", 8.0), item("insert", "M3", 5.7)]
+    )
+    assert [piece.name for piece in (screw, other, insert)] == ["screw_01", "screw_02", "insert_01"]
+    assert (screw.title, insert.title) == ("M3 x 12 screw", "M3 x 5.7 heat-set insert")
+    # The item's z is the rig's x here: 12 mm of shank behind the origin, a head of 3 mm before it.
+    np.testing.assert_allclose(screw.mesh.bounds[:, 0], [-2.0, 13.0], atol=1e-9)
+    np.testing.assert_allclose(screw.mesh.bounds.mean(axis=0)[1:], [20.0, 30.0], atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "length", "volume"),
+    [
+        ("screw", "M3", 12.0, np.pi * (1.5**2 * 12.0 + 2.75**2 * 3.0)),
+        ("insert", "M3", 5.7, np.pi * (2.0**2 - 1.5**2) * 5.7),
+        ("nut", "M3", 2.4, (np.sqrt(3.0) / 2.0 * 5.5**2 - np.pi * 1.5**2) * 2.4),
+        ("pin", "3", 16.0, np.pi * 1.5**2 * 16.0),
+    ],
+)
+def test_fasteners_have_the_volume_of_their_formula(kind: Kind, size: str, length: float, volume: float) -> None:
+    assert item_solid(item(kind, size, length)).volume == pytest.approx(volume, rel=1e-9)
+
+
+def test_what_is_bought_is_named_as_in_a_shop() -> None:
+    assert item_title(item("screw", "M3", 8.0)) == "M3 x 8 screw"
+    assert item_title(item("screw", "M3 set", 10.0)) == "M3 x 10 set screw"
+    assert item_title(item("nut", "M3", 2.4)) == "M3 nut"
+    assert item_title(item("pin", "3", 16.0)) == "3 x 16 pin"
+
+
+def test_a_size_without_a_diameter_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected one like M3"):
+        item_solid(item("pin", "steel", 16.0))
+
+
+def test_a_convex_volume_is_meshed_whole() -> None:
+    square = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 3.0, 0.0], [0.0, 3.0, 0.0]])
+    mesh = mesh_of(Frustum(square, np.array([[1.0, 1.0, 4.0]])))
+    assert mesh.is_volume
+    assert mesh.volume == pytest.approx(9.0 * 4.0 / 3.0)

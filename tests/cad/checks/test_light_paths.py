@@ -1,0 +1,155 @@
+"""Light traced from the pupil, and what stands in it or near it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+
+from mirrorcam.cad.checks.light_paths import (
+    NEAR_MM,
+    PUPIL_RADIUS_MM,
+    RAYS_OF_MIRROR,
+    SURFACE_MM,
+    check_light,
+    light_of,
+    light_of_rim,
+    shade_of_sheets,
+)
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.seats import sheet
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.geometry.layout import Layout
+
+FAR = Manifold.cube((1.0, 1.0, 1.0)).translate((0.0, -500.0, -500.0))
+
+
+def failed(checks: dict[str, Metric]) -> set[str]:
+    return {name for name, check in checks.items() if not check.passed}
+
+
+def block(centre: FloatArray, size: float) -> Manifold:
+    return Manifold.cube((size, size, size), True).translate(tuple(centre))
+
+
+def sheets_of(layout: Layout) -> list[Manifold | None]:
+    return [Manifold.hull_points(np.vstack([sheet(mirror).base, sheet(mirror).top])) for mirror in layout.mirrors]
+
+
+def checked(layout: Layout, part: Manifold = FAR, camera: Manifold | None = None) -> dict[str, Metric]:
+    return check_light(layout, HARDWARE, {"part": part}, sheets_of(layout), camera)
+
+
+def directions_of(segments: FloatArray) -> FloatArray:
+    away = segments[:, 1] - segments[:, 0]
+    return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True))
+
+
+def test_light_of_first_surface_mirrors_obeys_the_law_of_reflection(default_layout: Layout) -> None:
+    for index, mirror in enumerate(default_layout.mirrors):
+        light = light_of(default_layout, index, HARDWARE)
+        to_pupil, to_scene = light.rays
+        np.testing.assert_allclose(to_pupil[:, 1], 0.0)
+        np.testing.assert_allclose(to_scene[:, 1, 1], 500.0)
+        assert light.inner >= 0.9 * RAYS_OF_MIRROR
+        # Seen from the mirror image of the pupil, the way to the scene is straight.
+        seen = to_scene - mirror.virtual_centre_in_rig_mm
+        straight = np.cross(seen[:, 0], seen[:, 1]) / np.linalg.norm(seen[:, 1], axis=1)[:, None]
+        np.testing.assert_allclose(straight, 0.0, atol=1e-9)
+        on_plane = to_scene[:, 0] - SURFACE_MM * directions_of(to_scene)
+        np.testing.assert_allclose(on_plane @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
+        # The edge of the light is the edge of the mirror: their hulls have the outline's corners.
+        outline = mirror.outline_in_rig_mm
+        nearest = np.linalg.norm(outline[:, None] - on_plane[None, light.inner :], axis=2).min(axis=1)
+        np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
+
+
+def test_light_of_second_surface_mirrors_enters_and_leaves_through_the_front(
+    make_parabola: Callable[..., Layout],
+) -> None:
+    """Angles to the normal are alike on both ways, and entry and exit are 2 t tan a' apart, sin a = n sin a'."""
+    layout = make_parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=4.0)
+    for index, mirror in enumerate(layout.mirrors):
+        to_pupil, to_scene = light_of(layout, index, HARDWARE).rays
+        normal = mirror.normal_in_rig
+        met, left = (segments[:, 0] - SURFACE_MM * directions_of(segments) for segments in (to_pupil, to_scene))
+        for points in (met, left):
+            np.testing.assert_allclose(points @ normal + mirror.distance_mm, mirror.thickness_mm, atol=1e-9)
+        cosine = directions_of(to_pupil) @ normal
+        np.testing.assert_allclose(directions_of(to_scene) @ normal, cosine, atol=1e-9)
+        inside = np.arcsin(np.sqrt(1.0 - cosine**2) / mirror.refractive_index)
+        np.testing.assert_allclose(np.linalg.norm(left - met, axis=1), 4.0 * np.tan(inside), atol=1e-6)
+
+
+def test_light_through_the_rim_of_the_pupil_starts_there_and_is_reflected(default_layout: Layout) -> None:
+    mirror = default_layout.mirrors[4]
+    to_pupil, to_scene = light_of_rim(default_layout, 4, HARDWARE)
+    np.testing.assert_allclose(np.linalg.norm(to_pupil[:, 1], axis=1), PUPIL_RADIUS_MM)
+    np.testing.assert_allclose(to_pupil[:, 1, 2], 0.0)
+    np.testing.assert_allclose(directions_of(to_scene), -directions_of(to_pupil) @ mirror.reflection, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.6, 1.4])
+def test_a_block_in_the_light_is_found(default_layout: Layout, share: float) -> None:
+    """Between pupil and mirror (0.6 of the way), and between mirror and scene (1.4)."""
+    mirror = default_layout.mirrors[4]
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    point = middle * min(share, 1.0) + (mirror.reflection @ middle) * max(share - 1.0, 0.0)
+    checks = checked(default_layout, block(point, 3.0))
+    assert failed(checks) == {"device.rays_blocked", "part.light_gap_mm"}
+    assert 0 < checks["device.rays_blocked"].value < 600
+    assert checks["part.light_gap_mm"].value == 0.0
+    assert failed(checked(default_layout)) == set()
+
+
+def test_a_speck_beside_the_light_is_as_near_as_to_its_nearest_ray(default_layout: Layout) -> None:
+    """Specks between pupil and mirrors: rays are up to a step and a half apart, and the hull fills what is between."""
+    rays = np.concatenate([light_of(default_layout, index, HARDWARE).rays[0] for index in range(9)])
+    starts, along = rays[:, 0], rays[:, 1] - rays[:, 0]
+    generator = np.random.default_rng(0)
+    for _ in range(8):
+        point = generator.uniform((-40.0, -40.0, 20.0), (40.0, 20.0, 60.0))
+        share = np.clip(((point - starts) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        nearest = float(np.linalg.norm(point - starts - share[:, None] * along, axis=1).min())
+        gap = checked(default_layout, block(point, 0.01))["part.light_gap_mm"].value
+        assert max(min(nearest, NEAR_MM) - 1.5, 0.0) <= gap <= nearest
+
+
+def test_a_plate_behind_a_mirror_is_as_near_as_its_gap(make_flat_pair: Callable[..., Layout]) -> None:
+    """A plate parallel to the mirrors, 0.15 mm behind their reflecting plane, is too near; 0.25 mm is not."""
+    layout = make_flat_pair(gap_mm=8.0)
+    for gap, near in ((0.15, True), (0.25, False)):
+        # The plane is y = z - 80: turned about x by 45 deg, the plate's face is along it.
+        plate = Manifold.cube((100.0, 60.0, 5.0)).translate((-50.0, -30.0, gap)).rotate((45.0, 0.0, 0.0))
+        checks = checked(layout, plate.translate((0.0, 0.0, 80.0)))
+        assert checks["part.light_gap_mm"].value == pytest.approx(gap, abs=2e-3)
+        assert failed(checks) == ({"part.light_gap_mm"} if near else set())
+
+
+def test_the_camera_may_hold_the_pupil_but_not_stand_in_the_view(default_layout: Layout) -> None:
+    assert failed(checked(default_layout, camera=block(np.zeros(3), 30.0))) == set()
+    in_view = block(np.array([0.0, 200.0, 80.0]), 30.0)
+    assert failed(checked(default_layout, camera=in_view)) == {"device.rays_blocked"}
+
+
+def test_sheets_shade_each_other_only_where_one_stands_before_another(default_layout: Layout) -> None:
+    def shade(layout: Layout) -> float:
+        lights = [light_of(layout, index, HARDWARE) for index in range(len(layout.mirrors))]
+        return shade_of_sheets(lights, sheets_of(layout))
+
+    assert shade(default_layout) == 0.0
+    thick = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in default_layout.mirrors)
+    shaded = default_layout.replaced(mirrors=thick)
+    assert 0.02 < shade(shaded) < 0.25
+    assert failed(checked(shaded)) == {"device.shade_of_sheets"}
+
+
+def test_a_mirror_that_shows_nothing_is_found(make_flat_pair: Callable[..., Layout]) -> None:
+    """Light at 45 deg goes 2 x 1.6 mm along a sheet of 3 mm (n = 1.49): it leaves a mirror of 2.5 mm beside it."""
+    layout = make_flat_pair(gap_mm=8.0, height_mm=2.5)
+    narrow = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in layout.mirrors)
+    checks = checked(layout.replaced(mirrors=narrow))
+    assert checks["device.mirrors_without_light"].value == 2.0
+    assert "device.mirrors_without_light" in failed(checks)

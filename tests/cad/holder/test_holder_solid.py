@@ -1,0 +1,202 @@
+"""The solid itself, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import pytest
+from build123d import GeomType
+from manifold3d import Manifold
+from shapely import Polygon, get_coordinates, union_all
+
+from mirrorcam.cad.holder.back import POINT_MM, slot_way, slot_width_mm, tip_mm
+from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece, plan_holder
+from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
+from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.rims import GROUND_MM
+from mirrorcam.cad.holder.webs import sag_um
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
+
+
+def test_a_frustums_solid_has_its_volume() -> None:
+    base = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
+    top = base + np.array([0.5, 0.25, 4.0])
+    assert solid_of(Frustum(base, top)).volume == pytest.approx(24.0)
+    pyramid = solid_of(Frustum(base, np.array([[7.0, 7.0, 4.0]])))
+    assert pyramid.volume == pytest.approx(8.0)
+    assert pyramid.is_valid
+
+
+def without_walls(plan: HolderPlan) -> HolderPlan:
+    """The plan with the crests of its walls down in the flange."""
+    down = -0.1 * plan.rig_from_mount[:3, 2]
+    walls = replace(plan.walls, outer_crest=plan.walls.outer_foot + down, inner_crest=plan.walls.inner_foot + down)
+    return replace(plan, walls=walls)
+
+
+def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
+    """A loop (n, 3) as seen straight from the back."""
+    return Polygon(loop @ plan.rig_from_mount[:3, :2])
+
+
+def height(plan: HolderPlan, point: FloatArray) -> float:
+    """How high over the back a point (3,) lies."""
+    return float((plan.rig_from_mount[:3, 3] - point) @ plan.rig_from_mount[:3, 2])
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
+    make_flat_pair: Callable[..., Layout], kind: Literal["insert", "nut"]
+) -> None:
+    """All seats coplanar: a plate with rims on a flange, less its grooves, hollows and holes; nothing else."""
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
+    layout = make_flat_pair(gap_mm=8.0, width_mm=40.0, height_mm=30.0, thickness_mm=2.0)
+    plan = without_walls(plan_holder(layout, hardware))
+    margin, dimensions, screw = hardware.fit.free_mm + hardware.holder.rim_mm, hardware.holder, hardware.screw
+    # A rim's ground is a little wider than its rim; the plate bears it all.
+    margin += GROUND_MM
+    tip = tip_mm(screw)
+    depth = plan.hole_depth_mm + tip + hardware.printer.wall_mm
+    plate = on_back(plan, plan.slab.top)
+    assert plate.area == pytest.approx((2 * 40.0 + 8.0 + 2 * margin) * (30.0 + 2 * margin) - 4 * margin**2 / 2)
+    assert height(plan, plan.slab.top[0]) == pytest.approx(depth)
+    assert union_all([on_back(plan, solid.top) for solid in plan.rims[1::2]]).difference(plate).area < 1e-9
+    expected = plate.area * depth + (on_back(plan, plan.flange.top).area - plate.area) * dimensions.floor_mm
+    expected += sum(on_back(plan, rim.top).area for rim in plan.rims[::2]) * dimensions.rim_height_of_sheet * 2.0
+    expected -= (
+        sum(on_back(plan, groove.base).intersection(plate).area for groove in plan.grooves) * dimensions.groove_depth_mm
+    )
+    for hollow in plan.hollows:
+        eaves, top = height(plan, hollow.eaves[0]), height(plan, hollow.top[0])
+        low, high = on_back(plan, hollow.eaves).area, on_back(plan, hollow.top).area
+        expected -= low * eaves + (top - eaves) * (low + math.sqrt(low * high) + high) / 3.0
+    part = make_holder(plan)
+    if kind == "insert":
+        wide, blunt = screw.insert_hole_mm / 2.0, POINT_MM
+        expected -= 4 * math.pi * wide**2 * screw.insert_depth_mm
+        expected -= 4 * math.pi * tip * (wide**2 + wide * blunt + blunt**2) / 3.0
+        assert part.volume == pytest.approx(expected, rel=1e-9)
+    else:
+        half, (begin, end) = slot_width_mm(hardware) / 2.0, plan.thread_mm
+        slot = half * (2.0 * (end - begin) + half)
+        assert part.volume < expected - 4 * slot * screw.nut_flats_mm
+    assert len(plan.grooves) == 12
+    assert len(part.solids()) == 1
+    assert part.is_valid
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
+    """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
+    plan = plan_holder(default_layout, hardware)
+    part = make_holder(plan)
+    into = -plan.rig_from_mount[:3, 2]
+    cones = [face for face in part.faces() if face.geom_type == GeomType.CONE]
+    assert len(cones) == 4
+    for cone in cones:
+        assert cone.semi_angle is not None
+        assert 0.0 < cone.semi_angle < hardware.printer.overhang_deg
+    for hole in transform(plan.rig_from_mount, np.column_stack([plan.holes_in_mount_mm, np.zeros(4)])):
+        end = hole + (plan.hole_depth_mm + tip_mm(hardware.screw)) * into
+        assert not part.is_inside(tuple(end - 0.05 * into))
+        for over in (0.05, hardware.printer.wall_mm - 0.05):
+            assert part.is_inside(tuple(end + over * into))
+
+
+def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
+    """No tip of a wall stands over a slot: each leaves a side of the part's outline at a right angle, the nearest."""
+    square = Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
+    np.testing.assert_allclose(slot_way(square, np.array([3.0, 5.0])), [-1.0, 0.0])
+    np.testing.assert_allclose(slot_way(square, np.array([5.0, 8.0])), [0.0, 1.0])
+    plan = plan_holder(default_layout, HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut")))
+    corners = get_coordinates(on_back(plan, plan.slab.top).convex_hull)
+    sides = np.diff(corners, axis=0) / np.linalg.norm(np.diff(corners, axis=0), axis=1)[:, None]
+    ways = plan.slot_ways @ plan.rig_from_mount[:3, :2]
+    assert len(ways) == 4
+    np.testing.assert_allclose(np.abs(ways @ sides.T).min(axis=1), 0.0, atol=1e-9)
+
+
+def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
+    """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
+    plan = plan_holder(default_layout, HARDWARE)
+    solid = one_piece(body_of(Workshop(), plan), HARDWARE.printer.wall_mm)
+    assert len(plan.hollows) > 4
+    away = plan.rig_from_mount[:3, 2]
+    hollows = [Manifold.hull_points(np.vstack([hollow.eaves, hollow.top])) for hollow in plan.hollows]
+    for hollow, body in zip(plan.hollows, hollows, strict=True):
+        block = np.vstack([hollow.eaves + 8.0 * (hollow.eaves - hollow.eaves.mean(axis=0)), hollow.top - 9.0 * away])
+        air = Manifold.hull_points(block) - solid
+        assert air.min_gap(body, 9.0) >= HARDWARE.holder.web_mm - 1e-6
+        above = (
+            Manifold.hull_points(np.vstack([hollow.eaves, hollow.top - 9.0 * away, hollow.eaves - 9.0 * away])) - solid
+        )
+        assert above.min_gap(body, 9.0) >= HARDWARE.holder.floor_mm - 1e-6
+    for first, second in combinations(hollows, 2):
+        assert first.min_gap(second, 5.0) >= HARDWARE.holder.web_mm - 1e-6
+
+
+def test_a_roof_prints_without_support(default_layout: Layout) -> None:
+    plan = plan_holder(default_layout, HARDWARE)
+    for hollow in plan.hollows:
+        normals, _ = hollow.half_spaces
+        # Outward of a hollow's roof is up on the bed, against the mount's z: at 45 deg at most from upright.
+        roofs = [normal for normal in normals if -0.99 < normal @ plan.rig_from_mount[:3, 2] < -1e-9]
+        assert len(roofs) == len(hollow.eaves)
+        assert max(-normal @ plan.rig_from_mount[:3, 2] for normal in roofs) <= np.sin(np.radians(45.0))
+        rectangle = get_coordinates(on_back(plan, hollow.top).minimum_rotated_rectangle)
+        spans = np.linalg.norm(np.diff(rectangle[:3], axis=0), axis=1)
+        assert spans.min() <= HARDWARE.printer.bridge_mm
+
+
+def test_the_back_is_one_flat_face(default_layout: Layout) -> None:
+    plan = plan_holder(default_layout, HARDWARE)
+    part = make_holder(plan)
+    away = plan.rig_from_mount[:3, 2]
+    flat = part.faces().filter_by(GeomType.PLANE)
+    backs = [face for face in flat if np.array(tuple(face.normal_at())) @ away > 1.0 - 1e-12]
+    outermost = max(backs, key=lambda face: float(np.array(tuple(face.center())) @ away))
+    assert len(outermost.inner_wires()) == 4 + len(plan.hollows)
+    drilled = part.faces().filter_by(GeomType.CYLINDER)
+    assert len(drilled) == 4
+    assert all(face.radius == pytest.approx(HARDWARE.screw.insert_hole_mm / 2) for face in drilled)
+    # Nothing stands out of it: the part lies flat on the bed.
+    corners = np.array([tuple(vertex) for vertex in part.vertices()]) @ away
+    assert corners.max() == pytest.approx(float(np.array(tuple(outermost.center())) @ away))
+
+
+def test_sheets_that_nearly_touch_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    check_gaps(make_flat_pair(gap_mm=0.31), HARDWARE)
+    with pytest.raises(
+        InputError, match=r"mirrors 0 and 1 are 0\.25 mm apart as cut from sheet, expected at least 0\.30"
+    ):
+        check_gaps(make_flat_pair(gap_mm=0.25), HARDWARE)
+
+
+def test_a_holder_that_the_light_cuts_apart_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    body = plan_holder(make_flat_pair(gap_mm=30.0), HARDWARE)
+    origin, turn = body.rig_from_mount[:3, 3], body.rig_from_mount[:3, :3]
+    square = np.array([[-5.0, -60.0, 1.0], [5.0, -60.0, 1.0], [5.0, 60.0, 1.0], [-5.0, 60.0, 1.0]])
+    slot = Frustum(square @ turn.T + origin, (square - [0.0, 0.0, 60.0]) @ turn.T + origin)
+    parted = replace(body, keep_outs=(*body.keep_outs, (slot,)))
+    with pytest.raises(InputError, match="falls apart into 2 pieces where the light passes"):
+        make_holder(parted)
+
+
+def test_the_floor_over_a_hollow_is_stiff() -> None:
+    """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; twice as thick, by an eighth of that."""
+    widest = HARDWARE.holder.cell_mm
+    sag = sag_um(10.0, widest, HARDWARE)
+    assert sag == pytest.approx(0.00126 * 10.0 * widest**2 / (2300.0 * 27.0 / (12.0 * (1.0 - 0.35**2))) * 1000.0)
+    assert sag < 3.0
+    thick = HARDWARE.replaced(holder=HARDWARE.holder.replaced(floor_mm=2.0 * HARDWARE.holder.floor_mm))
+    assert sag_um(10.0, widest, thick) == pytest.approx(sag / 8.0)

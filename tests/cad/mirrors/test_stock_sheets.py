@@ -1,0 +1,176 @@
+"""Mirrors on sheets: the right shape, side and size, kerf included, every kind on sheets of its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from shapely import LineString, Polygon
+
+from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.checks.cut_outlines import fits
+from mirrorcam.cad.mirrors.stock_sheets import (
+    MirrorSheet,
+    line_gap_mm,
+    mirror_names,
+    offset_outline,
+    outline_from_back,
+    plan_sheets,
+    sheet_metrics,
+)
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+
+CUTTING = HARDWARE.cutting
+
+
+def test_seen_from_the_back_right_is_rig_x_and_up_is_rig_z(default_layout: Layout) -> None:
+    for mirror in default_layout.mirrors:
+        flat = outline_from_back(mirror)
+        rig = mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0)
+        # The axes of the drawing in rig: (right, up, towards someone behind the mirror) must be right-handed.
+        right, up = (np.linalg.lstsq(rig, flat[:, axis], rcond=None)[0] for axis in (0, 1))
+        assert right[0] > 0.8
+        assert up[2] > 0.4
+        assert np.cross(right, up) @ mirror.normal_in_rig < -0.999
+
+
+def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> None:
+    (sheet,) = plan_sheets(default_layout, CUTTING)
+    assert tuple(cut.name for cut in sheet.cuts) == mirror_names(default_layout)
+    for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
+        finished = offset_outline(cut.outline, -CUTTING.kerf_mm / 2.0)
+        expected = outline_from_back(mirror)
+        assert min(fit.error_mm for fit in fits(finished, expected)) < 1e-9
+        assert Polygon(finished).area == pytest.approx(Polygon(expected).area, rel=1e-12)
+        assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cut.strokes)
+
+
+def test_the_arrow_turns_with_its_mirror(default_layout: Layout) -> None:
+    (sheet,) = plan_sheets(default_layout, CUTTING)
+    for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
+        upright = outline_from_back(mirror)
+        path = cut.outline if Polygon(cut.outline).exterior.is_ccw else cut.outline[::-1]
+        loop = offset_outline(upright, CUTTING.kerf_mm / 2.0)
+        # Corner by corner the turn that nesting chose; the arrow must have made the same.
+        turn = np.linalg.lstsq(loop - loop.mean(axis=0), path - path.mean(axis=0), rcond=None)[0].T
+        np.testing.assert_allclose(turn @ turn.T, np.eye(2), atol=1e-9)
+        shaft = cut.strokes[0][1] - cut.strokes[0][0]
+        np.testing.assert_allclose(shaft / np.linalg.norm(shaft), turn @ [0.0, 1.0], atol=1e-9)
+
+
+def test_an_offset_is_that_of_every_edge() -> None:
+    triangle = np.array([[0.0, 0.0], [0.0, 30.0], [40.0, 0.0]])
+    grown = offset_outline(triangle, 2.0)
+    # A triangle grown by d has its inradius (10 here) grown by d, and stays similar.
+    assert Polygon(grown).area == pytest.approx(600.0 * (12.0 / 10.0) ** 2)
+    np.testing.assert_allclose(offset_outline(grown, -2.0)[:, 0].max(), 40.0)
+    # A corner of 180 deg moves straight out.
+    flat = np.array([[0.0, 0.0], [5.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    np.testing.assert_allclose(sorted(map(tuple, offset_outline(flat, 1.0)))[1:3], [[-1.0, 11.0], [5.0, -1.0]])
+
+
+def test_kinds_do_not_share_a_sheet(default_layout: Layout) -> None:
+    first, *others = default_layout.mirrors
+    mixed = default_layout.replaced(mirrors=(first.replaced(thickness_mm=2.0), *others))
+    thin, thick = plan_sheets(mixed, CUTTING)
+    assert (thin.thickness_mm, thick.thickness_mm) == (1.0, 2.0)
+    assert [cut.name for cut in thick.cuts] == ["0-0"]
+    assert len(thin.cuts) == 8
+    assert (thin.stem, thick.stem) == ("mirrors_1", "mirrors_2")
+    assert "first-surface acrylic mirror, 2 mm" in " ".join(thick.notes)
+
+
+def test_many_mirrors_take_several_sheets(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(3, 4, scale_mm=150.0)
+    sheets = plan_sheets(layout, CUTTING.replaced(sheet_mm=(160.0, 130.0)))
+    assert len(sheets) > 1
+    assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(mirror_names(layout))
+    assert sum(sheet.use * 160.0 * 130.0 for sheet in sheets) == pytest.approx(
+        sum(Polygon(offset_outline(outline_from_back(mirror), 0.1)).area for mirror in layout.mirrors)
+    )
+
+
+def test_a_mirror_too_large_or_too_narrow_is_refused_with_its_measure(make_flat_pair: Callable[..., Layout]) -> None:
+    layout = make_flat_pair(gap_mm=2.0)
+    with pytest.raises(InputError, match=r"mirror 0-0 is 30\.2 x 20\.2 mm as cut, expected at most 24 x 24 mm"):
+        plan_sheets(layout, CUTTING.replaced(sheet_mm=(30.0, 30.0)))
+    with pytest.raises(InputError, match=r"mirror 0-0 is 0\.90 mm across, expected at least its thickness, 1 mm"):
+        plan_sheets(make_flat_pair(gap_mm=2.0, width_mm=0.9), CUTTING)
+
+
+def test_what_a_laser_needs_is_measured(make_parabola: Callable[..., Layout]) -> None:
+    sheets = plan_sheets(make_parabola(2, 2), CUTTING)
+    metrics = sheet_metrics(sheets)
+    assert all(metric.passed for metric in metrics.values())
+    # Signs are 0.6 of half the mark's height apart, arrow and first sign 0.7: that is the narrowest here.
+    assert metrics["line_gap_mm"].value == pytest.approx(0.6 * CUTTING.mark_mm / 2.0, abs=1e-5)
+
+
+def test_broken_sheets_fail_their_metrics(make_parabola: Callable[..., Layout]) -> None:
+    (sheet,) = plan_sheets(make_parabola(2, 2), CUTTING)
+
+    def moved(sheet: MirrorSheet, by: tuple[float, float]) -> MirrorSheet:
+        first, *others = sheet.cuts
+        return replace(sheet, cuts=(replace(first, strokes=tuple(s + by for s in first.strokes)), *others))
+
+    first = sheet.cuts[0]
+    to_edge = first.outline[:, 0].min() + 0.2 - min(stroke[:, 0].min() for stroke in first.strokes)
+    assert line_gap_mm(moved(sheet, (to_edge, 0.0))) < 0.5
+    assert not sheet_metrics((moved(sheet, (to_edge, 0.0)),))["line_gap_mm"].passed
+    assert not sheet_metrics((replace(sheet, thickness_mm=50.0),))["feature_of_thickness"].passed
+
+
+def test_a_device_whose_mirrors_cannot_be_cut_is_not_begun(make_flat_pair: Callable[..., Layout]) -> None:
+    hardware = HARDWARE.replaced(cutting=CUTTING.replaced(sheet_mm=(30.0, 30.0)))
+    with pytest.raises(InputError, match="mirror 0-0 is"):
+        plan_device(make_flat_pair(gap_mm=2.0), hardware)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.integers(1, 4),
+    cols=st.integers(1, 4),
+    scale_mm=st.floats(40.0, 200.0),
+    gap_mm=st.floats(0.5, 3.0),
+    surface=st.sampled_from(["first", "second"]),
+    thickness_mm=st.floats(1.0, 3.0),
+    sheet_mm=st.sampled_from([(300.0, 200.0), (150.0, 100.0)]),
+)
+def test_any_layout_is_cut_whole_or_refused(
+    make_parabola: Callable[..., Layout],
+    rows: int,
+    cols: int,
+    scale_mm: float,
+    gap_mm: float,
+    surface: str,
+    thickness_mm: float,
+    sheet_mm: tuple[float, float],
+) -> None:
+    layout = make_parabola(
+        rows, cols, scale_mm=scale_mm, gap_mm=gap_mm, surface=surface, thickness_mm=round(thickness_mm, 1)
+    )
+    cutting = CUTTING.replaced(sheet_mm=sheet_mm)
+    try:
+        sheets = plan_sheets(layout, cutting)
+    except InputError as refusal:
+        measures = r"mirror \d-\d is [\d.]+ (mm across|x [\d.]+ mm as cut), expected at (most|least)"
+        assert re.search(measures, str(refusal))
+        return
+    cuts = {cut.name: cut for sheet in sheets for cut in sheet.cuts}
+    assert sorted(cuts) == sorted(mirror_names(layout))
+    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+        finished = offset_outline(cuts[name].outline, -cutting.kerf_mm / 2.0)
+        assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror))) < 1e-8
+        assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cuts[name].strokes)
+    metrics = sheet_metrics(sheets)
+    assert metrics["feature_of_thickness"].passed
+    for sheet in sheets:
+        paths = [Polygon(cut.outline) for cut in sheet.cuts]
+        assert all(a.distance(b) >= cutting.gap_mm - 1e-6 for i, a in enumerate(paths) for b in paths[i + 1 :])

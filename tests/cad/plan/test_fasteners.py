@@ -1,0 +1,104 @@
+"""Screws: long enough to hold, short enough not to bottom out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
+from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon, stack, stack_into, thread
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import InputError
+
+NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
+X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+@given(st.floats(1.0, 22.0))
+def test_screws_into_inserts_hold_and_never_bottom_out(grip_mm: float) -> None:
+    screw = HARDWARE.screw
+    try:
+        found = stack(grip_mm, HARDWARE)
+    except InputError as error:
+        # There is a gap between two lengths on the list; then no length may do.
+        assert "of thread" in str(error)
+        assert not any(
+            grip_mm + screw.engaged_mm <= length <= grip_mm + screw.insert_depth_mm - 0.2 for length in screw.lengths_mm
+        )
+        return
+    assert found.length_mm in screw.lengths_mm
+    assert screw.engaged_mm <= found.engaged_mm <= screw.insert_mm
+    assert found.length_mm - grip_mm <= screw.insert_depth_mm - 0.2 + 1e-9
+
+
+@given(st.floats(1.0, 22.0))
+def test_screws_reach_through_nuts_and_no_further(grip_mm: float) -> None:
+    found = stack(grip_mm, NUTS)
+    assert found.length_mm - grip_mm == pytest.approx(found.wall_mm)
+    under = found.wall_mm - NUTS.screw.nut_height_mm - 0.2
+    assert under >= 2.0 * NUTS.printer.wall_mm - 1e-9
+
+
+def test_what_no_screw_fits_is_refused_with_the_thread_that_is_left() -> None:
+    with pytest.raises(InputError, match=r"M3 screws through 40 mm hold by 0\.0 mm of thread"):
+        stack(40.0, HARDWARE)
+    with pytest.raises(InputError, match=r"hold by 3\.6 mm of thread 0 to 5\.7 mm deep, expected at least 4 mm"):
+        stack_into(2.4, (0.0, 5.7), 5.4, 7.0, HARDWARE.screw)
+    with pytest.raises(InputError, match="longer than any on the list"):
+        stack(30.0, NUTS)
+
+
+@pytest.mark.parametrize("roof_deg", [45.0, 42.0, 30.0])
+def test_a_lying_hole_is_a_circle_and_a_kite(roof_deg: float) -> None:
+    """The kite over the two tangents, less the sector that it shares with the circle."""
+    r, depth, steep = 2.0, 3.0, np.deg2rad(roof_deg)
+    bore = Bore(np.zeros(3), Y, r, depth, X, roof_deg=roof_deg)
+    tangent = r / np.tan(steep)
+    area = np.pi * r**2 + r * tangent - (np.pi / 2.0 - steep) * r**2
+    solid = bore_solid(bore)
+    assert solid.volume == pytest.approx(depth * area)
+    top = solid.bounding_box().max.X
+    assert top == pytest.approx(bore.roof_mm) == pytest.approx(r / np.sin(steep))
+    assert pytest.approx(-r) == solid.bounding_box().min.X
+
+
+def test_a_slot_is_as_long_as_its_travel() -> None:
+    slot = bore_solid(Bore(np.zeros(3), Y, 1.7, 3.0, X, travel_mm=8.0))
+    box = slot.bounding_box()
+    assert pytest.approx(8.0 + 2.0 * 1.7) == box.size.Z
+    assert pytest.approx(3.0) == box.size.Y
+
+
+def test_a_flat_slot_is_no_wider_than_its_screw() -> None:
+    """A head rests on both sides; the ceiling ends where 42 deg tangents meet it."""
+    slot = bore_solid(Bore(np.zeros(3), Y, 1.7, 3.0, X, travel_mm=8.0, flat=True)).bounding_box()
+    assert pytest.approx((-1.7, 1.7)) == (slot.min.X, slot.max.X)
+
+
+def test_a_nuts_pocket_holds_it_by_four_sides_and_has_a_roof_that_prints() -> None:
+    pocket = hexagon_solid(Hexagon(np.zeros(3), Y, X, 5.7, 2.6))
+    normals = np.array([tuple(face.normal_at()) for face in pocket.faces() if abs(face.normal_at().Y) < 0.5])
+    # Normals of the tool point out of it, into the part: the part's own faces look the other way.
+    down = normals[normals[:, 0] > 0.1]
+    assert len(normals) == 6
+    np.testing.assert_allclose(np.degrees(np.arccos(down[:, 0])), 90.0 - ROOF_DEG)
+    assert len(down) == 2
+    across = pocket.bounding_box().size.Z
+    assert across == pytest.approx(5.7)
+
+
+def test_threads_are_cut_for_an_insert_or_a_nut() -> None:
+    (hole,) = thread(np.zeros(3), Y, X, stack(1.6, HARDWARE), 8.0, HARDWARE.screw)
+    assert isinstance(hole, Bore)
+    assert 2.0 * hole.radius_mm == HARDWARE.screw.insert_hole_mm
+    held = stack(1.6, NUTS)
+    through, pocket = thread(np.zeros(3), Y, X, held, 8.0, NUTS.screw)
+    assert isinstance(through, Bore)
+    assert isinstance(pocket, Hexagon)
+    assert through.depth_mm > 8.0
+    # The wall is thicker than the stack's: the nut is where the screw ends, and can be put there.
+    assert held.wall_mm < 8.0
+    assert pocket.mouth[1] == pytest.approx(held.begins_mm)
+    assert pocket.mouth[1] + pocket.depth_mm > 8.0

@@ -1,0 +1,60 @@
+"""The table of dimensions: against the tables of another library, and as files that a user writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from bd_warehouse.fastener import HeatSetNut, HexNut, SocketHeadCapScrew
+
+from mirrorcam.cad.plan.hardware import CAMERAS, HARDWARE, Hardware, read_camera
+from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.values import InputError
+
+
+def test_fasteners_are_those_of_the_standards() -> None:
+    """ISO 4762, ISO 4032, ISO 273 and the maker of the insert, as bd_warehouse has them."""
+    ours = HARDWARE.screw
+    screw, nut = SocketHeadCapScrew("M3-0.5", length=8.0, simple=True), HexNut("M3-0.5", simple=True)
+    insert = HeatSetNut("M3-0.5-5.7", fastener_type="CNCKitchen", simple=True)  # type: ignore[arg-type]  # not declared
+    assert ours.clearance_hole_mm == screw.clearance_hole_diameters["Normal"]
+    assert ours.head_mm == pytest.approx(screw.screw_data["dk"], abs=0.05)
+    assert ours.head_height_mm == screw.screw_data["k"]
+    assert (ours.nut_flats_mm, ours.nut_height_mm) == (nut.nut_data["s"], nut.nut_data["m"])
+    assert (ours.insert_hole_mm, ours.insert_mm) == (insert.nut_data["dc"], insert.nut_data["m"])
+
+
+def test_a_file_replaces_any_of_the_table(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('camera = "board_38"\n[screw]\nkind = "nut"\n[cutting]\nkerf_mm = 0.18\n', encoding="utf-8")
+    hardware = read_model(Hardware, path)
+    assert hardware.camera == read_camera("board_38")
+    assert (hardware.screw.kind, hardware.cutting.kerf_mm) == ("nut", 0.18)
+    assert hardware.screw.replaced(kind="insert") == HARDWARE.screw
+    assert hardware.printer == HARDWARE.printer
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[screw]\nkind = "glue"\n', r"mine\.toml: screw\.kind: Input should be 'insert' or 'nut'"),
+        ("[printer]\nwall_mm = -1.0\n", r"mine\.toml: printer\.wall_mm: Input should be greater than 0"),
+        ("[printers]\n", r"mine\.toml: printers: Extra inputs are not permitted"),
+        ('camera = "c930"\n', r"mine\.toml: .*camera body 'c930': expected one of board_38, c920, or a \.toml file"),
+        ('camera = "nowhere.toml"\n', r"nowhere\.toml: no such file"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message) as caught:
+        read_model(Hardware, path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted(CAMERAS.glob("*.toml")), ids=lambda path: str(path.stem))
+def test_every_body_that_comes_along_is_whole(path: Path) -> None:
+    camera = read_camera(path.stem)
+    assert camera == read_camera(str(path))
+    assert abs(camera.lens_x_mm) < camera.width_mm / 2.0
+    assert abs(camera.lens_y_mm) < camera.height_mm / 2.0

@@ -1,0 +1,76 @@
+"""`mirrorcam design` writes what it found and prints it next to the parabola, or says why there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.cli import main
+from mirrorcam.commands.design import write_design
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.design.infeasible import InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+
+
+@pytest.fixture
+def solved(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Layout:
+    """The default layout with its figures and verdict, which the optimiser then gives for any spec."""
+    spec = DesignSpec()
+    layout = default_layout.replaced(
+        spec=spec, metrics=evaluate(default_layout, spec.depths_mm), verdict=verify(default_layout, spec)
+    )
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    return layout
+
+
+def no_parabola(spec: DesignSpec) -> Layout:
+    raise InfeasibleDesign("spacing", "facets 30 mm apart do not fit the parabola")
+
+
+def test_all_figures_stand_beside_those_of_the_parabola(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    titles = [line.strip() for line in printed.splitlines() if line[:1].isalpha() and len(line.split("  ")) > 1]
+    for title in ("what the views share", "what tells depth", "mirrors", "verdict"):
+        assert title in titles
+    rows = [line.split() for line in printed.splitlines() if line.startswith("  ")]
+    assert len([row for row in rows if row[-1] == "pass"]) == len(solved.verdict)
+    assert len(rows) >= len(solved.metrics) + len(solved.verdict)
+    parabola = Layout.load(tmp_path / "parabola.json")
+    assert parabola.verdict.keys() == solved.verdict.keys()
+    assert parabola.metrics.keys() == solved.metrics.keys()
+    assert Layout.load(tmp_path / "layout.json") == solved
+
+
+def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["design", "--out", str(tmp_path)])
+    lines = capsys.readouterr().out.splitlines()
+    headers, titles, said = 2, 4, 3
+    assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
+
+
+def test_a_spec_without_a_parabola_is_designed_all_the_same(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert write_design(DesignSpec(), tmp_path) == ""
+    monkeypatch.setattr("mirrorcam.optics.design.program.seeds.faceted_parabola", no_parabola)
+    assert main(["design", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed
+    assert "pixel efficiency at 300 mm" in printed
+    # The parabola of an earlier spec does not stay beside a layout that it does not belong to.
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json"]
+
+
+def test_nothing_is_written_where_no_layout_meets_the_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", no_parabola)
+    assert main(["design", "--out", str(tmp_path / "new")]) == 2
+    assert not (tmp_path / "new").exists()
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,121 @@
+"""`mirrorcam export`, from any format to any other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from mirrorcam.cli import main
+from mirrorcam.commands import export
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.io.formats import registry
+from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
+from mirrorcam.optics.light_field.io.formats.ply import read_ply
+from mirrorcam.optics.light_field.io.npz import load_npz, save_npz
+from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+
+SURFACE = Surface(520.0, slope=(0.25, -0.15))
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[LightField, FloatArray]:
+    light_field, depth, _ = photograph(grid_views(), [SURFACE])
+    return light_field, depth
+
+
+def off_surface_mm(points_in_rig: FloatArray, light_field: LightField) -> FloatArray:
+    in_view = (points_in_rig - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    return in_view[:, 2] - SURFACE.distance_mm - in_view[:, :2] @ SURFACE.slope
+
+
+def test_the_command_offers_what_there_is() -> None:
+    assert get_args(export.Format) == registry.FORMATS
+
+
+def test_a_light_field_goes_through_every_format_and_comes_back(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "desk.npz"
+    save_npz(path, scene[0])
+    for to in registry.FORMATS:
+        if to != "ply":
+            out = tmp_path / to
+            assert main(["export", str(path), "--to", to, "--out", str(out)]) == 0
+            path = out / f"desk{registry.ENDINGS[to]}"
+            assert f"{path} written ({to})" in capsys.readouterr().out
+    assert main(["export", str(path), "--to", "npz", "--out", str(tmp_path / "back")]) == 0
+    back = load_npz(tmp_path / "back/desk.npz")
+    assert np.array_equal(back.samples, scene[0].samples)
+    assert np.array_equal(back.weights, scene[0].weights)
+    assert np.array_equal(back.positions_mm, scene[0].positions_mm)
+    assert back.layout_identity == scene[0].layout_identity
+
+
+def test_a_point_cloud_has_the_depth_measured_here(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_npz(tmp_path / "desk.npz", scene[0])
+    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", "--out", str(tmp_path)]) == 0
+    assert "depth measured: " in capsys.readouterr().out
+    points, _ = read_ply(tmp_path / "desk.ply")
+    assert len(points) > 5000
+    assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
+
+
+def test_a_point_cloud_has_the_depth_of_the_depth_command(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_npz(tmp_path / "desk.npz", scene[0])
+    assert main(["depth", str(tmp_path / "desk.npz"), "--out", str(tmp_path)]) == 0
+    depth = ["--depth", str(tmp_path / "desk_depth.npz"), "--out", str(tmp_path)]
+    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", *depth]) == 0
+    points, _ = read_ply(tmp_path / "desk.ply")
+    assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
+    assert main(["export", str(tmp_path / "desk.npz"), "--to", "hci", *depth]) == 0
+    with np.load(tmp_path / "desk_depth.npz") as arrays:
+        known = np.isfinite(arrays["depth_mm"])
+        expected = scene[0].disparity_px_from_depth(arrays["depth_mm"].astype(float))
+    found = read_hci(tmp_path / "desk_hci").disparity_px
+    assert found is not None
+    assert np.allclose(found[known], expected[known], atol=1e-4)
+    capsys.readouterr()
+    save_npz(tmp_path / "other.npz", photograph(grid_views(layout_identity="other"), [SURFACE])[0])
+    assert main(["export", str(tmp_path / "other.npz"), "--to", "ply", *depth]) == 2
+    assert "desk_depth.npz: of layout '0123456789abcdef'" in capsys.readouterr().err
+    (tmp_path / "bad.npz").write_bytes(b"bad")
+    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", "--depth", str(tmp_path / "bad.npz")]) == 2
+    assert "not a depth map of mirrorcam depth" in capsys.readouterr().err
+
+
+def test_a_scene_with_truth_brings_its_depth_along(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_hci(tmp_path / "scene", scene[0], scene[1].astype(np.float32))
+    assert main(["export", str(tmp_path / "scene"), "--to", "ply", "--out", str(tmp_path)]) == 0
+    points, colours = read_ply(tmp_path / "scene.ply")
+    assert len(points) == len(colours) == scene[1].size
+    assert np.abs(off_surface_mm(points, scene[0])).max() < 0.01
+
+
+def test_bad_input_ends_in_one_line(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dark = LightField.of(scene[0], np.zeros_like(scene[0].samples), scene[0].weights)
+    save_npz(tmp_path / "dark.npz", dark)
+    (tmp_path / "a.txt").write_text("no", encoding="utf-8")
+    (tmp_path / "out" / "dark_colmap").mkdir(parents=True)
+    (tmp_path / "out" / "dark_colmap" / "mine").write_text("mine", encoding="utf-8")
+    for name, to, message in (
+        ("dark.npz", "ply", "no depth with confidence above 0.5"),
+        ("dark.npz", "colmap", "expected a new or empty folder"),
+        ("a.txt", "npz", "no light field by its name"),
+        ("missing", "npz", "no light field by its name"),
+        ("dark.npz", "jpeg", "invalid choice"),
+    ):
+        assert main(["export", str(tmp_path / name), "--to", to, "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert message in said
+        assert said.count("\n") == 1
+    assert not (tmp_path / "out" / "dark.ply").exists()

@@ -1,0 +1,366 @@
+"""`mirrorcam render`: what it refuses, what becomes of a set that is interrupted, and what --verify finds."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam import cli
+from mirrorcam.commands.render import (
+    _living,
+    in_workers,
+    on_cluster,
+    reach_text,
+    sensor_from_text,
+    tolerances_from_text,
+)
+from mirrorcam.optics.base.files import write_json
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, save_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
+from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
+from mirrorcam.workflow.workers import run_local
+
+# Not by importing it: that would choose an LLVM.
+pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
+ROOT = Path(__file__).parents[3]
+BOARD = Charuco(cols=8, rows=6, square_mm=30.0, marker_mm=22.5)
+OPTIONS = "--frames 6 --base-frames 2 --renderer fast --seed 5 --board board.toml --out set"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def layout(default_layout: Layout) -> Layout:
+    """The default layout before a sensor of 240 x 136 pixels."""
+    scale = 8.0
+    full = default_layout.camera
+    focal = {"fx_px": full.fx_px / scale, "fy_px": full.fy_px / scale}
+    camera = Camera(width_px=240, height_px=136, cx_px=119.5, cy_px=67.5, **focal)
+    return default_layout.replaced(camera=camera)
+
+
+@pytest.fixture(scope="module")
+def request_of_options(layout: Layout) -> SetRequest:
+    """What the command asks for with OPTIONS."""
+    return SetRequest(
+        layout=layout, target=BOARD, frames=6, base_frames=2, seed=5, settings=RenderSettings(renderer="fast")
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(request_of_options: SetRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The set of OPTIONS, made in one go by this process."""
+    out = tmp_path_factory.mktemp("finished") / "set"
+    render_set(request_of_options, out)
+    return out
+
+
+@pytest.fixture
+def folder(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with layout.json and board.toml."""
+    layout.save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", BOARD)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def command(options: str, **settings: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "mirrorcam", "render", "layout.json", *options.split()],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        **settings,  # type: ignore[call-overload]
+    )
+
+
+@pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
+def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
+    ending: signal.Signals, code: int, folder: Path, finished: Path
+) -> None:
+    whole = contents(finished)
+    with command(f"{OPTIONS} --workers 2") as running:
+        until = time.monotonic() + 60
+        while not (folder / "set" / "frames" / "0001.jpg").exists():
+            assert running.poll() is None, running.communicate()
+            assert time.monotonic() < until
+            time.sleep(0.005)
+        running.send_signal(ending)
+        _, complaint = running.communicate(timeout=60)
+    assert running.returncode == code
+    assert complaint == ("mirrorcam: interrupted; finished files are whole\n" if code == 130 else "")
+    kept = {name: content for name, content in contents(folder / "set").items() if "/." not in f"/{name}"}
+    pictures = [name for name in kept if name.endswith(".jpg")]
+    assert 1 <= len(pictures) < 8
+    assert all(content == whole[name] for name, content in kept.items() if name != "dataset.json")
+    written = {name: (folder / "set" / name).stat().st_mtime_ns for name in pictures}
+
+    assert cli.main(["render", "--verify", "set"]) == 1
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
+    assert contents(folder / "set") == whole
+    recorded = [name for name in pictures if (folder / "set" / name).stat().st_mtime_ns == written[name]]
+    # At most the last picture was written but not yet recorded.
+    assert len(recorded) >= len(pictures) - 1
+    assert cli.main(["render", "--verify", "set"]) == 0
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_bytes_do_not_depend_on_the_number_of_workers(
+    workers: int, request_of_options: SetRequest, finished: Path, tmp_path: Path
+) -> None:
+    render_set(request_of_options, tmp_path / "set", run=in_workers(workers))
+    assert contents(tmp_path / "set") == contents(finished)
+
+
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_the_reference_gives_the_same_bytes_by_workers(
+    surface: str, request_of_options: SetRequest, tmp_path: Path
+) -> None:
+    layout = request_of_options.layout
+    sheets = tuple(mirror.replaced(surface=surface, thickness_mm=2.0) for mirror in layout.mirrors)
+    request = request_of_options.replaced(
+        layout=layout.replaced(mirrors=sheets), frames=2, base_frames=1, settings=RenderSettings(spp=4)
+    )
+    render_set(request, tmp_path / "by workers", run=in_workers(2))
+    render_set(request, tmp_path / "here")
+    assert contents(tmp_path / "by workers") == contents(tmp_path / "here")
+
+
+def test_a_killed_worker_loses_nothing(request_of_options: SetRequest, finished: Path, tmp_path: Path) -> None:
+    killed: list[int | None] = []
+
+    def kill_one(done: int, total: int) -> None:
+        if done == 2:
+            worker = multiprocessing.active_children()[0]
+            killed.append(worker.pid)
+            worker.kill()
+
+    render_set(request_of_options, tmp_path / "set", run=in_workers(2), on_frame=kill_one)
+    assert len(killed) == 1
+    assert contents(tmp_path / "set") == contents(finished)
+
+
+def leaving(task_json: str) -> dict[str, bytes]:
+    os._exit(3)
+
+
+def test_a_frame_that_ends_all_its_workers_is_named(request_of_options: SetRequest, tmp_path: Path) -> None:
+    run = partial(_living, partial(run_local, workers=1, work=leaving))
+    with pytest.raises(InputError, match=r"frame frames/0000\.jpg: 3 workers died of it, the last with exit code 3"):
+        render_set(request_of_options, tmp_path / "set", run=run)
+
+
+def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], request_of_options: SetRequest, finished: Path, tmp_path: Path
+) -> None:
+    address, (_, first, _) = cluster
+
+    def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
+        for number, (task, files) in enumerate(on_cluster(address)(tasks)):
+            if number == 0:
+                first.send_signal(signal.SIGKILL)
+            yield task, files
+
+    render_set(request_of_options, tmp_path / "set", run=with_a_kill)
+    assert first.wait(timeout=10) == -signal.SIGKILL
+    assert contents(tmp_path / "set") == contents(finished)
+
+
+def test_where_no_scheduler_answers_it_is_said_in_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
+    monkeypatch.setattr("mirrorcam.workflow.cluster.SECONDS_TO_CONNECT", 0.5)
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: ")
+    assert said.count("\n") == 1
+
+
+def test_it_says_what_the_frames_cover(folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
+    dataset = Dataset.load(folder / "set")
+    percent = [f"{100 * part:.0f}" for part in dataset.coverage]
+    rows = " / ".join(" ".join(percent[row : row + 3]) for row in (0, 3, 6))
+    bare = f"{100 * dataset.base_coverage:.0f} % of the bare camera's"
+    capfd_out = capfd.readouterr().out
+    assert f"corners over {rows} % of the mirrors' pictures, {bare}" in capfd_out
+    assert min(dataset.coverage) > 0.1
+    assert f"every mirror shows boards from {max(r.nearest_mm for r in dataset.reaches)} to " in capfd_out
+    assert contents(folder / "set") == contents(finished)
+
+
+def test_verify_names_what_is_altered_and_what_is_missing(
+    folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name, content in contents(finished).items():
+        (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "set" / name).write_bytes(content)
+    assert cli.main(["render", "--verify", "set"]) == 0
+    assert f"{len(Dataset.load(finished).files)} files as rendered" in capfd.readouterr().out
+    altered = bytearray(contents(finished)["truth/maps/frames/0001.exr"])
+    altered[-1] ^= 1
+    (folder / "set" / "truth" / "maps" / "frames" / "0001.exr").write_bytes(altered)
+    (folder / "set" / "frames" / "0002.jpg").unlink()
+    assert cli.main(["render", "--verify", "set"]) == 1
+    said = capfd.readouterr().out
+    assert "set/truth/maps/frames/0001.exr is altered" in said
+    assert "set/frames/0002.jpg is missing" in said
+    assert said.count("\n") == 2
+    # Rendering again mends both.
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
+    assert contents(folder / "set") == contents(finished)
+
+
+def test_verify_counts_what_has_not_been_rendered(
+    folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    dataset = Dataset.load(finished)
+    some = {name: digest for name, digest in dataset.files.items() if name in ("layout.json", "frames/0000.jpg")}
+    for name in some:
+        (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "set" / name).write_bytes((finished / name).read_bytes())
+    dataset.replaced(files=some).save(folder / "set")
+    assert cli.main(["render", "--verify", "set"]) == 1
+    assert "7 files not rendered yet, frames/0001.jpg first" in capfd.readouterr().out
+
+
+def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished: Path) -> None:
+    poses = json.loads((finished / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:3]
+    write_json(folder / "poses.json", {"poses": poses})
+    options = "--poses poses.json --base-frames 0 --renderer fast --board board.toml --no-maps --workers 1"
+    assert cli.main(["render", "layout.json", *options.split(), "--out", "two"]) == 0
+    assert json.loads((folder / "two" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"] == poses
+    assert Dataset.load(folder / "two").frame_names == ("frames/0000.jpg", "frames/0001.jpg")
+
+
+def test_a_motion_through_poses_of_a_file_is_a_video(folder: Path, finished: Path) -> None:
+    import cv2
+
+    poses = json.loads((finished / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:4]
+    write_json(folder / "poses.json", {"poses": poses, "poses_hz": 4.0})
+    options = "--poses poses.json --rate-hz 12 --video avi --base-frames 0 --renderer fast --board board.toml --no-maps"
+    assert cli.main(["render", "layout.json", *options.split(), "--workers", "1", "--out", "moving"]) == 0
+    # Two steps between poses at 4 poses and 12 frames a second.
+    dataset = Dataset.load(folder / "moving")
+    assert dataset.frames == 7
+    assert "video.avi" in dataset.files
+    truth = np.array(json.loads((folder / "moving" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"])
+    np.testing.assert_allclose(truth[::3], poses, atol=1e-9)
+    video = cv2.VideoCapture(str(folder / "moving" / "video.avi"))
+    assert video.get(cv2.CAP_PROP_FPS) == 12.0
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 7.0
+
+
+def poses_with(value: float, row: int, column: int) -> dict[str, object]:
+    pose = np.eye(4)
+    pose[row, column] = value
+    return {"poses": [np.eye(4).tolist(), pose.tolist()]}
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ("--sensor c910", "--sensor 'c910': expected ideal, c920, poor or a .toml file"),
+        ("--sensor none.toml", "none.toml: no such file"),
+        ("--sensor both.toml", "both.toml: jpeg_quality and h264_crf: expected one of the two"),
+        ("--as-built tilt=0.3", "--as-built tilt: no such tolerance, expected tilt_deg, offset_mm"),
+        ("--as-built tilt_deg=-1", "--as-built tilt_deg=-1: Input should be greater than or equal to 0"),
+        ("--as-built tilt_deg", "--as-built tilt_deg=: Input should be a valid number"),
+        ("--as-built tilt_deg=40", "tolerances"),
+        ("--poses nan.json", "nan.json: poses: holds a value that is NaN or infinite"),
+        ("--poses scaled.json", "scaled.json: pose 1 turns by a matrix that is no rotation"),
+        ("--poses mirrored.json", "mirrored.json: pose 1 turns by a matrix that is no rotation"),
+        ("--poses sheared.json", "sheared.json: pose 1 has the last row"),
+        ("--poses unseen.json", "none of 2 poses shows a corner of the board to a mirror"),
+        ("--rate-hz 30 --frames 1", "rate_hz: one pose is no motion"),
+        ("--rate-hz 0", "--rate-hz 0.0: Input should be greater than or equal to 0.01"),
+        ("--video mp4", "--video mp4: its frames are moments of a motion, expected --rate-hz with it"),
+        ("--video avi --rate-hz 9 --sensor ideal", "video avi: holds the JPEG files of a sensor"),
+        ("--video gif --rate-hz 9", "invalid choice"),
+        ("--spp 100000", "--spp 100000: Input should be less than or equal to 65536"),
+        ("--finish mirrors.toml --renderer fast", "renderer fast: mirrors are smooth and flat, expected sag_mm 0"),
+        ("--finish none.toml", "none.toml: no such file"),
+        ("--parts .", ".: no assembly.glb and no .stl files, expected a folder that `mirrorcam cad` wrote"),
+        ("--parts mine --renderer fast", "renderer fast: shows mirrors alone"),
+        ("--workers 0", "--workers 0"),
+        ("--workers 2 --scheduler tcp://x:1", "--workers and --scheduler: expected one of the two"),
+        ("--verify set", "expected LAYOUT or --verify SET, one of the two"),
+        ("--out mine", "mine: has a folder 'truth' but no dataset.json, expected a new or empty folder"),
+        ("--out layout.json", "layout.json: is a file, expected a folder for the set"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
+    folder: Path, options: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "nan.json").write_text('{"poses": [[[1, 0, 0, NaN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]}')
+    write_json(folder / "scaled.json", poses_with(2.0, 0, 0))
+    write_json(folder / "mirrored.json", poses_with(-1.0, 0, 0))
+    write_json(folder / "sheared.json", poses_with(0.5, 3, 0))
+    write_json(folder / "unseen.json", poses_with(9.0, 0, 3))
+    (folder / "both.toml").write_text("jpeg_quality = 90\nh264_crf = 20\n", encoding="utf-8")
+    (folder / "mirrors.toml").write_text("sag_mm = 0.1\n", encoding="utf-8")
+    (folder / "mine" / "truth").mkdir(parents=True)
+    before = contents(folder)
+    arguments = ["render", "layout.json", "--board", "board.toml", "--base-frames", "0", *options.split()]
+    assert cli.main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("mirrorcam: ")
+    assert complaint in said
+    assert said.count("\n") == 1
+    assert contents(folder) == before
+    assert not (folder / "output").exists()
+
+
+def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Path, finished: Path) -> None:
+    resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
+    room = 12_000  # for one file, which is less than a frame
+
+    def little_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    assert len(contents(finished)["frames/0000.jpg"]) > room
+    options = f"{OPTIONS} --no-maps --workers 1"
+    with command(options, preexec_fn=little_room) as running:
+        _, said = running.communicate(timeout=60)
+    assert (running.returncode, said.count("\n")) == (2, 1)
+    assert "cannot be written: File too large" in said
+    assert not [name for name in contents(folder / "set") if name.endswith(".jpg") or "/." in f"/{name}"]
+
+
+def test_a_mirror_that_shows_no_board_is_named(finished: Path) -> None:
+    dataset = Dataset.load(finished)
+    none = Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
+    blind = dataset.replaced(reaches=(none, *dataset.reaches[1:7], none, dataset.reaches[8]))
+    assert reach_text(blind) == "mirror 0, 7 shows too few corners in every frame"
+    near = Reach(nearest_mm=250, farthest_mm=400, tilt_deg=50)
+    far = Reach(nearest_mm=300, farthest_mm=500, tilt_deg=40)
+    both = dataset.replaced(reaches=(near, far))
+    assert reach_text(both) == "every mirror shows boards from 300 to 400 mm away and tilted by up to 40°"
+
+
+def test_texts_become_tolerances_and_sensors() -> None:
+    assert tolerances_from_text("") == Tolerances()
+    assert tolerances_from_text("none") == Tolerances.none()
+    assert tolerances_from_text("tilt_deg=0.5,centre_px=2") == Tolerances(tilt_deg=0.5, centre_px=2.0)
+    assert sensor_from_text("poor") == SENSORS["poor"]

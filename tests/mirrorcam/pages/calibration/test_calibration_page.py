@@ -1,0 +1,336 @@
+"""The report of a calibration: its verdict notices what is wrong, its figures are true, and it needs nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.pages.calibration.calibration_page import report_html, write_report
+from mirrorcam.pages.calibration.inline_svg import Scale, coordinate, tick_text
+from mirrorcam.pages.calibration.verdict import Verdict, empty_region, judge, sigma_px
+from mirrorcam.pages.calibration.view_statistics import board_normals, cell_means, view_figures
+from tests.mirrorcam.pages.test_run_report import outline
+from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
+from tests.optics.conftest import faceted_parabola
+
+BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
+NOISE_PX = 0.05
+
+
+@pytest.fixture(scope="module")
+def truth() -> Layout:
+    camera = Camera.c920()
+    return as_built(faceted_parabola(camera, DesignSpec(camera=camera, rows=2, cols=2), fill=0.9), seed=3)
+
+
+@pytest.fixture(scope="module")
+def poses() -> tuple[list[FloatArray], list[FloatArray]]:
+    return mirrored_poses(BOARD, 12, tilt_deg=30, seed=1), direct_poses(BOARD, 5, tilt_deg=30, seed=2)
+
+
+@pytest.fixture(scope="module")
+def calibration(truth: Layout, poses: tuple[list[FloatArray], list[FloatArray]]) -> Calibration:
+    camera = Camera.c920()
+    nominal = faceted_parabola(camera, DesignSpec(camera=camera, rows=2, cols=2), fill=0.9)
+    views = views_of(truth, BOARD, *poses, noise_px=NOISE_PX)
+    return calibrate_corners(views.seen, views.base, nominal, BOARD.corners_in_board_mm)
+
+
+def verdict_of(calibration: Calibration) -> Verdict:
+    return judge(calibration, view_figures(calibration))
+
+
+def rows_of(calibration: Calibration, keep: np.ndarray) -> Calibration:
+    """The same with only some of the corners (n,)."""
+    return replace(
+        calibration,
+        observations=calibration.observations.where(keep),
+        residuals_px=calibration.residuals_px[keep],
+        inliers=calibration.inliers[keep],
+    )
+
+
+def test_a_sound_calibration_is_good_to_use(calibration: Calibration) -> None:
+    verdict = verdict_of(calibration)
+    assert verdict.state == "good", verdict.reasons
+    assert verdict.reasons == verdict.advice == ()
+    assert all(check.metric.limit is not None for check in verdict.checks)
+    page = outline(report_html(calibration, command="mirrorcam calibrate"))
+    assert "Good to use" in page.text
+    assert "FAIL" not in page.text
+
+
+def many_outliers(calibration: Calibration) -> Calibration:
+    inliers = calibration.inliers.copy()
+    inliers[::20] = False
+    return replace(calibration, inliers=inliers)
+
+
+def heavy_tails(calibration: Calibration) -> Calibration:
+    residuals = calibration.residuals_px.copy()
+    residuals[::25] *= 6.0
+    return replace(calibration, residuals_px=residuals)
+
+
+def a_shifted_view(calibration: Calibration) -> Calibration:
+    residuals = calibration.residuals_px.copy()
+    residuals[calibration.observations.view == 1] += [0.0, 3.0 * NOISE_PX]
+    return replace(calibration, residuals_px=residuals)
+
+
+def a_noisy_view(calibration: Calibration) -> Calibration:
+    residuals = calibration.residuals_px.copy()
+    residuals[calibration.observations.view == 1, 0] *= 1.8
+    return replace(calibration, residuals_px=residuals)
+
+
+def a_noisy_direct_view(calibration: Calibration) -> Calibration:
+    residuals = calibration.residuals_px.copy()
+    residuals[calibration.observations.view == DIRECT, 1] *= 1.8
+    return replace(calibration, residuals_px=residuals)
+
+
+def bad_on_others(calibration: Calibration) -> Calibration:
+    worse = {f"held_out_rms_{a}_px": Metric(value=2.0 * NOISE_PX, unit="px") for a in "xy"}
+    return replace(calibration, metrics={**calibration.metrics, **worse})
+
+
+def split_halves(calibration: Calibration) -> Calibration:
+    assert calibration.evidence is not None
+    splits = tuple(replace(split, overall_ratio=3.0) for split in calibration.evidence.splits)
+    return replace(calibration, evidence=replace(calibration.evidence, splits=splits))
+
+
+def vague_depth(calibration: Calibration) -> Calibration:
+    assert calibration.evidence is not None
+    depth = calibration.evidence.depth
+    vague = replace(depth, calibration_mm=100.0 * depth.calibration_mm)
+    return replace(calibration, evidence=replace(calibration.evidence, depth=vague))
+
+
+def half_a_view(calibration: Calibration) -> Calibration:
+    """Mirror 2 without the right part of its sub-image."""
+    seen = calibration.observations
+    left, right = np.sort(calibration.layout.outline_px(2)[:, 0])[[0, -1]]
+    return rows_of(calibration, (seen.view != 2) | (seen.pixels[:, 0] < left + 0.4 * (right - left)))
+
+
+def few_frames(calibration: Calibration) -> Calibration:
+    seen = calibration.observations
+    return rows_of(calibration, (seen.view != 3) | (seen.frame < 3))
+
+
+def one_tilt(calibration: Calibration) -> Calibration:
+    poses = calibration.rig_from_board.copy()
+    poses[:, :3, :3] = poses[0, :3, :3]
+    return replace(calibration, rig_from_board=poses)
+
+
+def one_distance(calibration: Calibration) -> Calibration:
+    return replace(
+        calibration, rig_from_board=np.repeat(calibration.rig_from_board[:1], len(calibration.rig_from_board), 0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "advice"),
+    [
+        (many_outliers, r"5\.\d% of the corners fit nothing", "Look for glare"),
+        (heavy_tails, r"\d\.\d% of the residuals are beyond 3", "Leave out blurred"),
+        (a_shifted_view, r"residuals agree in \d+% of all places", "Look where needles are red"),
+        (a_noisy_view, r"mirror 1 fits \d\.\d times as badly in x as .* in [xy]", "Look at mirror 1"),
+        (a_noisy_direct_view, r"the direct view fits \d\.\d times as badly in y", "Look at the direct view"),
+        (bad_on_others, r"frames left out are predicted \d\.\d+ times as badly", "Take more pictures"),
+        (split_halves, r"calibrations differ 3\.0 times", "Trust no stated uncertainty"),
+        (vague_depth, "depth is less sure by calibration", "Take more pictures with tilted boards"),
+        (half_a_view, r"corners fill \d+% of mirror 2", "Show the board at the .*right of mirror 2"),
+        (few_frames, "mirror 3 shows the board in 3 frames", "Take 2 pictures more with the board in mirror 3"),
+        (one_tilt, "no two boards are turned by more than 0°", "Tilt the board more"),
+        (one_distance, r"mirror \d shows boards at nearly one distance", r"nearer to and farther from mirror \d"),
+    ],
+)
+def test_every_check_fails_on_what_it_is_for(
+    calibration: Calibration, spoil: Callable[[Calibration], Calibration], reason: str, advice: str
+) -> None:
+    spoiled = spoil(calibration)
+    verdict = verdict_of(spoiled)
+    assert verdict.state == "look"
+    assert any(re.search(reason, words) for words in verdict.reasons), verdict.reasons
+    assert any(re.search(advice, words) for words in verdict.advice), verdict.advice
+    page = outline(report_html(spoiled, command="mirrorcam calibrate"))
+    assert "Look at this before you use it" in page.text
+    assert "FAIL" in page.text
+
+
+def test_an_alarm_forbids_the_use(calibration: Calibration) -> None:
+    assert calibration.evidence is not None
+    alarmed = replace(calibration, evidence=replace(calibration.evidence, alarms=("the mirrors <bend>",)))
+    verdict = verdict_of(alarmed)
+    assert verdict.state == "stop"
+    assert verdict.reasons[0] == "the mirrors <bend>"
+    assert "what moved or bent" in verdict.advice[0]
+    page = report_html(alarmed, command="mirrorcam calibrate")
+    assert "Do not use it" in page
+    assert "The mirrors &lt;bend&gt;." in page
+    assert "<bend>" not in page
+
+
+def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibration) -> None:
+    evidence = calibration.evidence
+    assert evidence is not None
+    for name, advice in (("joint+bend", "Calibrate again as joint+bend"), ("joint+glass", "coated behind")):
+        rung = replace(evidence.rungs[-1], name=name, against="joint", supported=True, information_gain=50.0)
+        alarmed = replace(evidence, level="joint", rungs=(*evidence.rungs, rung), alarms=("something",))
+        verdict = verdict_of(replace(calibration, evidence=alarmed))
+        assert advice in verdict.advice[0]
+
+
+def test_without_evidence_it_says_so(calibration: Calibration) -> None:
+    bare = replace(calibration, evidence=None)
+    verdict = verdict_of(bare)
+    assert verdict.state == "look"
+    assert "nothing checked whether the model is right" in verdict.reasons
+    page = outline(report_html(bare, command="mirrorcam calibrate"))
+    assert "How sure depth is" not in page.text
+    assert "of direction" in page.text
+
+
+def test_a_view_that_fits_nothing_and_depth_that_nobody_knows_are_said(calibration: Calibration) -> None:
+    assert calibration.evidence is not None
+    depth = calibration.evidence.depth
+    unknown = np.full(len(depth.range_mm), np.nan)
+    blind = replace(
+        calibration,
+        inliers=calibration.inliers & (calibration.observations.view != 2),
+        evidence=replace(calibration.evidence, depth=replace(depth, matching_mm=unknown, calibration_mm=unknown)),
+    )
+    page = outline(report_html(blind, command=""))
+    assert "Look at this before you use it" in page.text
+    assert "mirror 2 shows the board in 0 frames".capitalize() in page.text
+    assert "this layout tells no depth there" in page.text
+    assert "nan" not in page.text.replace("Not found", "")
+
+
+def test_one_file_holds_everything(calibration: Calibration, tmp_path: Path) -> None:
+    write_report(calibration, tmp_path / "report.html", command="mirrorcam calibrate set/frames")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = outline(text)
+    assert page.targets == []
+    assert "http" not in re.sub(r'xmlns="[^"]*"', "", text)
+    assert "@import" not in text
+    assert not re.search(r"url\((?!#)", text)
+    assert "mirrorcam calibrate set/frames" in page.text
+    names = re.findall(r' id="([^"]*)"', text)
+    assert len(set(names)) == len(names)
+    assert set(re.findall(r"url\(#([^)]*)\)", text)) <= set(names)
+    assert not re.search(r"\bnan\b|\binf\b", text)
+    assert text == report_html(calibration, command="mirrorcam calibrate set/frames")
+
+
+def test_the_page_states_the_uncertainty_that_the_layout_carries(calibration: Calibration) -> None:
+    known, evidence = calibration.layout.uncertainty, calibration.evidence
+    assert known is not None
+    assert evidence is not None
+    text = outline(report_html(calibration, command="")).text
+    place = known.parameters.index("fx_px")
+    assert f"{calibration.layout.camera.fx_px:.3f}{np.sqrt(known.covariance[place, place]):.2g}" in text
+    for number, mirror in enumerate(calibration.layout.mirrors):
+        assert f"mirror {number}{mirror.distance_mm:.3f}{evidence.mirrors.distance_mm[number]:.2g}" in text
+
+
+def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
+    page = report_html(replace(calibration, notes=("frame 3: no <board> & nothing",)), command="a <b>")
+    assert "Frame 3: no &lt;board&gt; &amp; nothing." in page
+    assert "a &lt;b&gt;" in page
+
+
+def test_distances_and_tilts_are_those_of_the_board(
+    calibration: Calibration, truth: Layout, poses: tuple[list[FloatArray], list[FloatArray]]
+) -> None:
+    """Against the true poses and virtual centres; the calibration is right to far less than the tolerance."""
+    seen = calibration.observations
+    for view in view_figures(calibration):
+        centre = np.zeros(3) if view.view == DIRECT else truth.virtual_centres_in_rig_mm[view.view]
+        for frame, distance, tilt in zip(
+            np.unique(seen.frame[seen.view == view.view]), view.distances_mm, view.tilts_deg, strict=True
+        ):
+            pose = [*poses[0], *poses[1]][frame]
+            corners = seen.corner[(seen.view == view.view) & (seen.frame == frame)]
+            rays = transform(pose, BOARD.corners_in_board_mm[corners]) - centre
+            lengths = np.linalg.norm(rays, axis=1)
+            assert distance == pytest.approx(np.median(lengths), rel=2e-3)
+            cosines = np.abs(rays @ pose[:3, 2]) / lengths
+            assert tilt == pytest.approx(np.median(np.degrees(np.arccos(cosines))), abs=0.3)
+
+
+def test_normals_are_in_view_axes_before_mirrors_only(
+    calibration: Calibration, poses: tuple[list[FloatArray], list[FloatArray]]
+) -> None:
+    normals, mirrored = board_normals(calibration)
+    assert mirrored.tolist() == [True] * 12 + [False] * 5
+    expected = [calibration.layout.view_from_rig @ pose[:3, 2] for pose in poses[0]]
+    np.testing.assert_allclose(normals[:12], expected, atol=1e-3)
+    np.testing.assert_allclose(normals[12:], [pose[:3, 2] for pose in poses[1]], atol=1e-3)
+    assert (normals[:, 2] > 0.5).all()
+
+
+def test_cells_of_noise_are_seldom_systematic_and_shifted_ones_are(calibration: Calibration) -> None:
+    random = np.random.default_rng(0)
+    sigma = 0.05
+    noise = random.normal(0.0, sigma, (40, *calibration.residuals_px.shape))
+    found = [
+        cell_means(replace(calibration, residuals_px=residuals), 0, sigma).systematic.mean() for residuals in noise
+    ]
+    assert np.mean(found) == pytest.approx(0.01, abs=0.003)
+    shifted = replace(calibration, residuals_px=noise[0] + 5.0 * sigma)
+    assert cell_means(shifted, 0, sigma).systematic.mean() > 0.95
+
+
+@pytest.mark.parametrize(("corner", "words"), [((0, 0), "at the top left"), ((1, 1), "at the bottom right")])
+def test_the_empty_region_is_where_no_corner_was_seen(
+    calibration: Calibration, corner: tuple[int, int], words: str
+) -> None:
+    seen, outline_px = calibration.observations, calibration.layout.outline_px(0)
+    low, high = outline_px.min(axis=0), outline_px.max(axis=0)
+    place = (seen.pixels - low) / (high - low)
+    near = (np.abs(place - corner) < 0.45).all(axis=1)
+    views = view_figures(rows_of(calibration, (seen.view != 0) | ~near))
+    assert empty_region(views[0]) == words
+    assert views[0].coverage < 0.9 * view_figures(calibration)[0].coverage
+
+
+def test_sigma_is_that_of_the_fit(calibration: Calibration) -> None:
+    assert sigma_px(calibration) == calibration.metrics["sigma_px"].value
+    bare = replace(calibration, metrics={})
+    assert sigma_px(bare) == pytest.approx(NOISE_PX, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "about", "expected"),
+    [
+        (0.0, 1.0, 5, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
+        (200.0, 1000.0, 9, [200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0, 1000.0]),
+        (-3.2, 4.1, 4, [-2.0, 0.0, 2.0, 4.0]),
+    ],
+)
+def test_ticks_are_round_and_within(low: float, high: float, about: int, expected: list[float]) -> None:
+    assert Scale(low, high, 0.0, 1.0).ticks(about) == pytest.approx(expected)
+
+
+def test_numbers_of_drawings_are_short() -> None:
+    assert [coordinate(value) for value in (1.0, 1.25, 0.001, -0.5)] == ["1", "1.25", "0", "-0.5"]
+    assert [tick_text(value) for value in (-0.0, 0.30000000000000004, -2.0)] == ["0", "0.3", "\N{MINUS SIGN}2"]

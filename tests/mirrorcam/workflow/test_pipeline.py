@@ -1,0 +1,106 @@
+"""The chain of stages: what it reads, what it says, and when it fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow import pipeline
+from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, scaled, stages
+from mirrorcam.workflow.progress import Advance
+from mirrorcam.workflow.stages import Stage
+
+
+def test_a_scaled_camera_sees_each_point_at_the_same_place_of_its_sensor() -> None:
+    camera = Camera.c920().replaced(cx_px=931.25, cy_px=566.5, distortion=[0.05, -0.1, 1e-3, -1e-3, 0.01])
+    half = scaled(camera, 0.5)
+    assert (half.width_px, half.height_px) == (960, 540)
+    points = np.random.default_rng(0).uniform([-200, -100, 300], [200, 100, 600], (50, 3))
+    np.testing.assert_allclose((half.project(points) + 0.5) * 2.0 - 0.5, camera.project(points), atol=1e-9)
+
+
+@pytest.mark.parametrize("recipe", [full_recipe(0), quick_recipe(0)], ids=["full", "quick"])
+def test_each_stage_reads_only_what_stages_before_it_have_made(recipe: pipeline.Recipe) -> None:
+    root, made = Path("root"), set[str]()
+    for stage in stages(recipe, root):
+        assert {path.relative_to(root).parts[0] for path in stage.reads} <= made
+        made.add(stage.name)
+    assert len(made) == 6
+
+
+def test_the_seed_decides_about_the_set_alone() -> None:
+    root = Path("root")
+    for one, other in zip(stages(full_recipe(0), root), stages(full_recipe(1), root), strict=True):
+        assert (one.parameters == other.parameters) == (one.name != "set")
+
+
+@pytest.fixture
+def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[str, Metric]:
+    """Replaces the rooms by stages that write their metrics; those of the validation are returned, to be changed."""
+    truth = {"normal_error_max_deg": Metric(value=0.01, unit="deg", limit=0.02)}
+    part = {"seat_error_mm": Metric(value=0.0, unit="mm", limit=0.001)}
+
+    def fake(recipe: pipeline.Recipe, root: Path) -> tuple[Stage, ...]:
+        def design(folder: Path, advance: Advance) -> None:
+            small_layout.save(folder / "layout.json")
+
+        def cad(folder: Path, advance: Advance) -> None:
+            write_metrics(folder / "checks.json", part)
+
+        def validation(folder: Path, advance: Advance) -> None:
+            write_metrics(folder / "metrics.json", truth)
+
+        values = {name: metric.value for name, metric in truth.items()}
+        return Stage("design", design), Stage("cad", cad), Stage("validation", validation, parameters=values)
+
+    monkeypatch.setattr(pipeline, "stages", fake)
+    monkeypatch.setattr(pipeline, "write_page", lambda root, **about: (root / "index.html").touch())
+    monkeypatch.setattr(pipeline, "require", lambda *extras: None)
+    return truth
+
+
+def test_all_figures_of_the_rooms_are_written_together(short_chain: dict[str, Metric], tmp_path: Path) -> None:
+    assert run_all(full_recipe(0), tmp_path / "out", "mirrorcam run")
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["validation.normal_error_max_deg"] == {
+        "value": 0.01,
+        "unit": "deg",
+        "limit": 0.02,
+        "lower_is_better": True,
+    }
+    assert "mirrorcam.cad.seat_error_mm" in metrics
+
+
+def test_a_figure_past_its_limit_fails_the_run_every_time_and_the_page_is_written(
+    short_chain: dict[str, Metric], tmp_path: Path
+) -> None:
+    short_chain["normal_error_max_deg"] = Metric(value=0.03, unit="deg", limit=0.02)
+    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    assert (tmp_path / "index.html").exists()
+    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    short_chain["normal_error_max_deg"] = Metric(value=0.02, unit="deg", limit=0.02)
+    assert run_all(full_recipe(0), tmp_path, "mirrorcam run")
+
+
+def test_a_second_run_says_what_it_reuses(
+    short_chain: dict[str, Metric], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    assert "re-used" not in capsys.readouterr().out
+    run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    said = capsys.readouterr().out
+    assert [line.split()[0] for line in said.splitlines() if "re-used" in line] == ["design", "cad", "validation"]
+
+
+def test_a_missing_extra_stops_the_run_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: None if module == "mitsuba" else object())
+    with pytest.raises(InputError, match=r'mitsuba not installed.*pip install -e "\.\[render\]"'):
+        run_all(full_recipe(0), tmp_path / "out", "mirrorcam run")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,109 @@
+"""Long work speaks in plain lines when nobody watches a terminal."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.workflow import progress
+
+
+@pytest.fixture
+def log(monkeypatch: pytest.MonkeyPatch) -> StringIO:
+    stream = StringIO()
+    monkeypatch.setattr(progress, "console", lambda: Console(file=stream, markup=False, highlight=False, width=200))
+    return stream
+
+
+def test_plain_lines_in_a_log(log: StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 1.0, 6.0, 7.0, 12.0])
+    monkeypatch.setattr("mirrorcam.workflow.progress.time.monotonic", lambda: next(clock))
+    with progress.long_work("render", "3 frames", "frames") as advance:
+        for done in range(1, 4):
+            advance(done, 3)
+    assert log.getvalue().splitlines() == [
+        "render       3 frames ...",
+        "render       2/3 frames after 6 s",
+        "render       done in 12.0 s",
+    ]
+
+
+def test_failed_work_does_not_say_that_it_is_done(log: StringIO) -> None:
+    with pytest.raises(ValueError, match="no"), progress.long_work("render", "3 frames"):
+        raise ValueError("no")
+    assert "done" not in log.getvalue()
+
+
+def test_paths_with_brackets_are_printed_as_they_are(log: StringIO) -> None:
+    progress.say("design", "out[bold]/layout.json")
+    assert "out[bold]/layout.json" in log.getvalue()
+
+
+def test_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = StringIO()
+    terminal = Console(file=stream, force_terminal=True, width=100)
+    monkeypatch.setattr(progress, "console", lambda: terminal)
+    with progress.long_work("render", "3 frames", "frames") as advance:
+        advance(2, 3)
+    assert "2/3" in stream.getvalue()
+    assert "done in" in stream.getvalue()
+
+
+def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
+    parabola = {"grid_error": Metric(value=0.4, unit="1")}
+    optimised = {
+        "grid_error": Metric(value=0.105, unit="1", limit=0.11),
+        "efficiency": Metric(value=0.4, unit="1", limit=0.5, lower_is_better=False),
+    }
+    progress.print_metrics({"parabola": parabola, "optimised": optimised})
+    lines = [line.split() for line in log.getvalue().splitlines()]
+    assert lines[0] == ["parabola", "optimised", "unit", "limit"]
+    assert lines[1] == ["grid", "error", "0.4", "0.105", "1", "≤", "0.11", "pass"]
+    assert lines[2] == ["efficiency", "0.4", "1", "≥", "0.5", "FAIL"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.105, "0.105"), (123456.7, "123457"), (-0.00012345, "-0.0001234"), (2e-7, "2.0e-7"), (41, "41")],
+)
+def test_figures_as_people_read_them(value: float, text: str) -> None:
+    assert progress.figure_text(value) == text
+
+
+def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
+    near = Metric(value=1e5, unit="mm or more")
+    progress.print_metrics(
+        {
+            "parabola": {"depth_farthest_mm": near},
+            "optimised": {
+                "other": Metric(value=1.0, unit="1"),
+                "depth_farthest_mm": Metric(value=900.0, unit="mm"),
+                "pixel_efficiency_300mm": Metric(value=0.5, unit="1"),
+            },
+        },
+        {"depth": ("depth_",), "empty": ("nothing",), "share": ("pixel_",)},
+    )
+    assert [line.rstrip() for line in log.getvalue().splitlines()[1:]] == [
+        "depth",
+        "  depth farthest              100000 mm or more        900  mm",
+        "share",
+        "  pixel efficiency at 300 mm                           0.5  1",
+        "other                                                    1  1",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("grid_error", "grid error"),
+        ("fov_x_deg", "fov x"),
+        ("smallest_area_mm2", "smallest area"),
+        ("overlap_iou_1e+06mm", "overlap iou at 1e+06 mm"),
+        ("common_area_300.5mm", "common area at 300.5 mm"),
+    ],
+)
+def test_names_as_people_read_them(name: str, text: str) -> None:
+    assert progress.label_text(name) == text

@@ -1,0 +1,148 @@
+"""Frozen values: what they refuse, and that equal ones are equal everywhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydantic import Field, ValidationError
+
+from mirrorcam.optics.base.values import InputError, Metric, Points3, Shaped, SquareMatrix, Value, Vector3
+
+
+class Thing(Value):
+    """A value with one of everything."""
+
+    point: Vector3
+    size_mm: float = Field(default=1.0, gt=0)
+    notes: dict[str, float] = Field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("shape", "value", "message"),
+    [
+        ((3,), [1.0, 2.0], r"shape \(2,\), expected \(3\)"),
+        ((3,), [[1.0, 2.0, 3.0]], r"shape \(1, 3\), expected \(3\)"),
+        ((None, 3), [[1.0, 2.0]], r"shape \(1, 2\), expected \(n, 3\)"),
+        ((None, 3), [], r"shape \(0,\), expected \(n, 3\)"),
+        ((3,), 4.0, r"shape \(\), expected \(3\)"),
+        ((3,), None, r"shape \(\), expected \(3\)"),
+        ((3,), [1.0, float("nan"), 3.0], "NaN or infinite, expected finite numbers"),
+        ((3,), [1.0, float("inf"), 3.0], "NaN or infinite, expected finite numbers"),
+        ((3,), ["a", "b", "c"], r"not an array of numbers, expected shape \(3\)"),
+        ((None, 3), [[1.0, 2.0, 3.0], [4.0]], r"not an array of numbers, expected shape \(n, 3\)"),
+        ((3,), {"x": 1}, r"not an array of numbers"),
+        ((3,), [10**400, 0, 0], r"not an array of numbers, expected shape \(3\)"),
+        ((3,), [1j, 0, 0], r"not an array of numbers"),
+    ],
+)
+def test_arrays_of_another_shape_or_content_are_refused(shape: Any, value: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Shaped(shape).check(value)
+
+
+def test_arrays_are_copied_and_read_only() -> None:
+    given_array = np.array([1.0, 2.0, 3.0])
+    thing = Thing(point=given_array)
+    given_array[0] = 9
+    assert thing.point.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match="read-only"):
+        thing.point[0] = 5
+    assert thing.point.dtype == np.float64
+
+
+def test_any_length_stands_where_none_is_given() -> None:
+    assert Shaped((None, None)).check([[1, 2, 3]]).shape == (1, 3)
+    assert Shaped((None, 2)).check(np.zeros((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("fields", "where"),
+    [
+        ({"point": [0, 0, 0], "colour": "red"}, "colour"),
+        ({"point": [0, 0, 0], "size_mm": float("nan")}, "size_mm"),
+        ({"point": [0, 0, 0], "size_mm": float("inf")}, "size_mm"),
+        ({"point": [0, 0, 0], "size_mm": 0}, "size_mm"),
+        ({"point": [0, 0, 0], "notes": {"a": float("nan")}}, "notes"),
+        ({}, "point"),
+    ],
+)
+def test_values_refuse_by_name(fields: dict[str, Any], where: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Thing(**fields)
+    assert caught.value.errors()[0]["loc"][0] == where
+
+
+def test_values_are_frozen_and_copies_check_themselves() -> None:
+    thing = Thing(point=[1, 2, 3])
+    with pytest.raises(ValidationError, match="frozen"):
+        thing.size_mm = 3.0  # type: ignore[misc]  # the very thing that must fail
+    assert thing.replaced(size_mm=2.0).size_mm == 2.0
+    assert thing.replaced(size_mm=2.0).point.tolist() == [1, 2, 3]
+    assert thing.size_mm == 1.0
+    with pytest.raises(ValidationError, match="greater than 0"):
+        thing.replaced(size_mm=-1.0)
+    with pytest.raises(ValidationError, match="Extra inputs"):
+        thing.replaced(length=1.0)
+
+
+def test_equal_values_are_equal_and_hash_alike() -> None:
+    first = Thing(point=[0.0, 1.0, 2.0], notes={"a": 1.0, "b": 2.0})
+    same = Thing(point=[-0.0, 1.0, 2.0], notes={"b": 2.0, "a": 1.0})
+    assert first == same
+    assert hash(first) == hash(same)
+    assert len({first, same}) == 1
+    assert first != Thing(point=[0.0, 1.0, 2.5], notes=first.notes)
+    assert first != "thing"
+
+
+def test_values_of_another_type_are_never_equal() -> None:
+    class Other(Thing):
+        pass
+
+    assert Thing(point=[0, 0, 0]) != Other(point=[0, 0, 0])
+
+
+@given(arrays(np.float64, (4, 3), elements=st.floats(allow_nan=False, allow_infinity=False)))
+def test_arrays_survive_json_to_the_bit(points: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    class Cloud(Value):
+        points: Points3
+
+    text = Cloud(points=points).model_dump_json()
+    assert Cloud.model_validate_json(text).points.tobytes() == points.tobytes()
+
+
+def test_a_square_matrix_may_have_any_size() -> None:
+    class Holder(Value):
+        matrix: SquareMatrix
+
+    assert Holder(matrix=np.eye(5)).matrix.shape == (5, 5)
+    assert Holder.model_json_schema()["properties"]["matrix"]["type"] == "array"
+
+
+def test_bad_input_is_a_value_error() -> None:
+    assert issubclass(InputError, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "lower_is_better", "passed"),
+    [
+        (1.0, None, True, True),
+        (1.0, 1.0, True, True),
+        (1.1, 1.0, True, False),
+        (1.0, 1.0, False, True),
+        (0.9, 1.0, False, False),
+    ],
+)
+def test_metrics_pass_at_their_limit(value: float, limit: float | None, lower_is_better: bool, passed: bool) -> None:
+    assert Metric(value=value, unit="px", limit=limit, lower_is_better=lower_is_better).passed is passed
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_metric_is_a_number(value: float) -> None:
+    with pytest.raises(ValidationError, match="finite number"):
+        Metric(value=value, unit="px")

@@ -1,0 +1,161 @@
+"""Whole frames: boards by their mirrors, in any order of work, and from the cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, direct_view, sub_images
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from tests.optics.conftest import faceted_parabola
+from tests.optics.synthetic import posed, render
+
+CAMERA = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+NOMINAL = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fill=0.92)
+BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
+PLAIN = Checkerboard(cols=8, rows=6, square_mm=10.0)
+
+
+def tilted(tilt_deg: float) -> Layout:
+    """The nominal layout with each mirror tilted by this much, every one another way."""
+    mirrors = tuple(
+        mirror.moved(
+            Rotation.from_rotvec(
+                np.radians(tilt_deg) * mirror.rig_from_plane[:3, :2] @ [np.cos(turn), np.sin(turn)]
+            ).as_matrix(),
+            np.zeros(3),
+        )
+        for mirror, turn in zip(NOMINAL.mirrors, (0.4, 2.1, 3.5, 5.2), strict=True)
+    )
+    return NOMINAL.replaced(kind="as-built", mirrors=mirrors)
+
+
+TILTED = tilted(2.0)
+
+
+def frame(
+    target: Charuco | Checkerboard, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
+) -> tuple[Grey, FloatArray]:
+    """A picture by way of mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
+    pose = posed(target, np.array(middle), np.array(turn_deg), direct=False)
+    points = target.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    truth = np.array([TILTED.project(points, index) for index in range(len(TILTED.mirrors))])
+    return render(CAMERA, TILTED, target, pose, noise_grey=2.0), truth
+
+
+def errors(seen: Observations, truth: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(seen.pixels - truth[seen.view, seen.corner], axis=1))
+
+
+@pytest.fixture(scope="module")
+def charuco_frame() -> tuple[Grey, FloatArray]:
+    return frame(BOARD, (20.0, 15.0, 5.0), (0.0, 290.0, 85.0))
+
+
+def test_mirrors_tilted_by_two_degrees_show_corners_exactly(charuco_frame: tuple[Grey, FloatArray]) -> None:
+    grey, truth = charuco_frame
+    moved = truth - [NOMINAL.project(_points(), i) for i in range(4)]
+    assert np.nanmedian(np.linalg.norm(moved, axis=2)) > 30.0  # what the tilt does to the picture
+    seen = sub_images(grey, NOMINAL, BOARD)
+    assert (np.bincount(seen.view, minlength=4) > 60).all()
+    assert errors(seen, truth).max() < 0.1
+
+
+def _points() -> FloatArray:
+    pose = posed(BOARD, np.array([0.0, 290.0, 85.0]), np.array([20.0, 15.0, 5.0]), direct=False)
+    return np.asarray(BOARD.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3])
+
+
+def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_given_to_that_mirror() -> None:
+    grey, truth = frame(BOARD, (0.0, 10.0, 3.0), (-110.0, 300.0, 130.0))
+    seen = sub_images(grey, NOMINAL, BOARD)
+    assert (np.bincount(seen.view, minlength=4) > 10).all()
+    assert errors(seen, truth).max() < 0.15
+
+
+def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame: tuple[Grey, FloatArray]) -> None:
+    grey, truth = charuco_frame
+    whole = sub_images(grey, NOMINAL, BOARD)
+    spoilt = grey.astype(np.float32)
+    y, x = np.mgrid[:540, :960]
+    for u, v, size in ((200.0, 150.0, 25.0), (650.0, 400.0, 40.0)):
+        spoilt += 400.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2.0 * size**2))
+    cv2.rectangle(spoilt, (100, 380), (260, 430), (90.0,), -1)
+    seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD)
+    assert 0.6 * len(whole) < len(seen) < 0.97 * len(whole)
+    assert errors(seen, truth).max() < 0.3
+    hidden = (seen.pixels > [104, 384]).all(axis=1) & (seen.pixels < [256, 426]).all(axis=1)
+    assert not hidden.any()
+
+
+def test_a_plain_board_has_the_same_corner_numbers_in_every_mirror() -> None:
+    assert PLAIN.looks_same_upside_down
+    grey, truth = frame(PLAIN, (10.0, 15.0, 5.0), (0.0, 300.0, 85.0))
+    seen = sub_images(grey, NOMINAL, PLAIN)
+    assert len(set(seen.view.tolist())) == 4
+    over = truth[:, ::-1]
+    assert min(errors(seen, truth).max(), errors(seen, over).max()) < 0.15
+
+
+def test_no_board_no_corners() -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (540, 960), dtype=np.uint8)
+    for picture in (noise, np.zeros((540, 960), np.uint8), np.full((540, 960), 255, np.uint8)):
+        assert len(sub_images(picture, NOMINAL, BOARD)) == 0
+        assert len(direct_view(picture, BOARD)) == 0
+
+
+def test_frames_come_in_order_whatever_works_and_from_the_cache(
+    charuco_frame: tuple[Grey, FloatArray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blank = np.zeros((540, 960), np.uint8)
+    frames = [charuco_frame[0], blank, charuco_frame[0][::-1, ::-1].copy()]
+    heard: list[int] = []
+    alone = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, on_frame=lambda found: heard.append(len(found)))
+    assert heard == [1, 2, 3]
+    together = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path, workers=2)
+
+    def same(a: list[Observations], b: list[Observations]) -> None:
+        for one, other in zip(a, b, strict=True):
+            assert one.pixels.tobytes() == other.pixels.tobytes()
+            assert one.corner.tolist() == other.corner.tolist()
+            assert one.view.tolist() == other.view.tolist()
+
+    same(alone, together)
+    kept = sorted(tmp_path.iterdir())
+    assert len(kept) == 3
+    # A file that is cut short is found again, and written anew.
+    whole = kept[0].read_bytes()
+    kept[0].write_bytes(whole[: len(whole) // 2])
+    same(alone, detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path))
+    assert kept[0].read_bytes() == whole
+
+    def not_again(*_: object, **__: object) -> None:
+        raise AssertionError("looked for what is kept")
+
+    monkeypatch.setattr("mirrorcam.optics.calibration.detection.detect_boards.find_boards", not_again)
+    same(alone, detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path))
+    # All that decides what is found: the board, the device and the programs.
+    other = BOARD.replaced(square_mm=15.0)
+    with pytest.raises(AssertionError, match="looked for"):
+        detect_frames(iter(frames), NOMINAL, other, mirrored=True, folder=tmp_path)
+    with pytest.raises(AssertionError, match="looked for"):
+        detect_frames(iter(frames), TILTED, BOARD, mirrored=True, folder=tmp_path)
+    monkeypatch.setattr("mirrorcam.optics.calibration.detection.detection_cache.version", lambda: "another")
+    with pytest.raises(AssertionError, match="looked for"):
+        detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path)
+
+
+def test_a_picture_of_another_size_is_refused() -> None:
+    frames = [np.zeros((540, 960), np.uint8), np.zeros((480, 640), np.uint8)]
+    with pytest.raises(InputError, match="frame 1 is 640x480 px, the layout's camera 960x540"):
+        detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True)

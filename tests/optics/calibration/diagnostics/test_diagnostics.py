@@ -1,0 +1,109 @@
+"""All evidence about one calibration, from corners to the value that its report shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence, gather, reference_of
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_uncertainty
+from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.calibration.diagnostics.conftest import BOARD, NOISE_PX, Scene, behind_glass, scene_of
+
+
+def gathered(scene: Scene, seed: int, level: str | None = None) -> Evidence:
+    seen = scene.noisy(seed)
+    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level=level)
+    return gather(reached, seen, scene.calibrated(reached.solution))
+
+
+@pytest.fixture(scope="module")
+def evidence(scene: Scene) -> Evidence:
+    return gathered(scene, 4)
+
+
+def test_a_good_calibration_has_nothing_against_it(evidence: Evidence) -> None:
+    assert evidence.level == "joint"
+    assert evidence.alarms == ()
+    assert evidence.notes == ()
+    assert evidence.widened == 1.0
+    assert len(evidence.splits) == 2
+    assert len(evidence.weak) == 3
+
+
+def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(evidence: Evidence, device: Layout) -> None:
+    assert [shown.view for shown in evidence.projection] == [0, 1, 2, 3]
+    assert evidence.reference == device.central_index == 3
+    assert all(shown.range_mm == evidence.range_mm for shown in evidence.projection)
+
+
+def test_the_figures_are_those_of_the_parts(evidence: Evidence) -> None:
+    figures = evidence.metrics
+    assert figures["alarms"].value == 0
+    assert figures["mirror_to_mirror_normal_sigma_deg"].value == evidence.mirrors.relative_normal_deg.max()
+    worst = max(shown.in_rig_px.max() for shown in evidence.projection)
+    assert 0.0 < figures["projection_against_reference_sigma_px"].value < figures["projection_sigma_px"].value < worst
+    assert evidence.depth.range_mm[0] < evidence.range_mm < evidence.depth.range_mm[-1]
+    near, far = evidence.depth.calibration_mm[[0, -1]]
+    assert near < figures["depth_calibration_sigma_mm"].value < far
+    assert figures["unexplained_px"].value < 0.1 * NOISE_PX
+    assert {"split_halves_ratio", "split_near_ratio"} <= figures.keys()
+    assert all(np.isfinite(metric.value) for metric in figures.values())
+
+
+def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
+    """Boards that bow: the ladder, the free views and a split each say so."""
+    found = gathered(scene_of(device, warp_mm=0.3), 0, level="joint")
+    assert any("joint+warp" in alarm for alarm in found.alarms)
+    assert any(alarm.startswith("split") for alarm in found.alarms)
+    assert found.metrics["alarms"].value == len(found.alarms) >= 2
+
+
+def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None:
+    reached = climb(scene.start, scene.clean, BOARD.corners_in_board_mm)
+    assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
+    found = gather(reached, scene.clean, scene.calibrated(reached.solution))
+    assert found.alarms == ()
+    assert found.notes == ("not split: the corners have no noise that halves could differ by",)
+
+
+def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
+    scene = scene_of(device, warp_mm=0.3)
+    seen = scene.noisy(0)
+    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level="joint")
+    found = gather(reached, seen, scene.calibrated(reached.solution))
+    assert found.widened == max(reached.widened, *(split.widening for split in found.splits)) > reached.widened
+    layout = scene.calibrated(reached.widened_to(found.widened).solution)
+    again = mirror_uncertainty(layout, lever_mm=found.range_mm)
+    np.testing.assert_allclose(found.mirrors.normal_deg, again.normal_deg, rtol=1e-9)
+    assert (found.depth.calibration_mm > depth_of(scene, reached, found)).all()
+
+
+def depth_of(scene: Scene, reached: Climb, found: Evidence) -> FloatArray:
+    layout = scene.calibrated(reached.solution)
+    depth = found.depth
+    return depth_uncertainty(
+        layout, depth.range_mm, reference=found.reference, at_px=depth.at_px, matching_px=depth.matching_px
+    ).calibration_mm
+
+
+def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
+    truth = scene_of(behind_glass(device, 2.0))
+    flat = Scene(device, truth.poses, truth.clean)
+    found = gathered(flat, 0)
+    assert found.level == "joint"
+    assert found.alarms[0].startswith("the mirrors look like glass coated behind")
+    assert any(alarm.startswith("split") for alarm in found.alarms)
+
+
+def test_a_board_seen_directly_beside_its_image_makes_the_direct_view_the_reference(
+    scene: Scene, device: Layout
+) -> None:
+    seen = scene.clean
+    assert reference_of(seen, device) == 3
+    beside = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
+    assert reference_of(Observations.join([seen, beside]), device) == DIRECT

@@ -1,0 +1,87 @@
+"""Sigmas of mirrors: against sampling, and the common motion apart from that of each mirror."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
+    common_motion,
+    mirror_covariance,
+    mirror_uncertainty,
+    normal_and_distance_sigmas,
+    rigid_motions,
+)
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+
+LEVER_MM = 400.0
+
+
+def with_covariance(layout: Layout, covariance: FloatArray) -> Layout:
+    names = tuple(f"mirror {m} {axis}_mm" for m in range(len(layout.mirrors)) for axis in "xyz")
+    return layout.replaced(uncertainty=Uncertainty(parameters=names, covariance=covariance))
+
+
+def moved_as_one_body(layout: Layout, turn_rad: FloatArray, shift_mm: FloatArray) -> FloatArray:
+    """Virtual centres (3 m,) after the mirrors turned and shifted together, from points and normals."""
+    middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
+    rotation = Rotation.from_rotvec(turn_rad).as_matrix()
+    centres = []
+    for mirror in layout.mirrors:
+        point = rotation @ (mirror.outline_in_rig_mm[0] - middle) + middle + shift_mm
+        normal = rotation @ mirror.normal_in_rig
+        centres.append(2.0 * (normal @ point) * normal)
+    return np.concatenate(centres)
+
+
+@pytest.mark.parametrize("k", range(6))
+def test_motions_of_one_body_are_the_derivatives_of_moving_it(device: Layout, k: int) -> None:
+    h = 1e-5
+    step = h * np.eye(6)[k]
+    ahead, back = (moved_as_one_body(device, sign * step[:3], sign * step[3:]) for sign in (1.0, -1.0))
+    found = rigid_motions(device)[:, k]
+    np.testing.assert_allclose(found, (ahead - back) / (2 * h), atol=1e-6 * np.abs(found).max())
+
+
+def test_a_motion_of_one_body_is_all_common(device: Layout) -> None:
+    motions = rigid_motions(device)
+    np.testing.assert_allclose(common_motion(device, lever_mm=LEVER_MM) @ motions, np.eye(6), atol=1e-8)
+    turn = np.radians(0.01) * motions[:, 0]
+    found = mirror_uncertainty(with_covariance(device, np.outer(turn, turn)), lever_mm=LEVER_MM)
+    np.testing.assert_allclose(found.common_turn_deg, [0.01, 0.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(found.common_shift_mm, 0.0, atol=1e-8)
+    np.testing.assert_allclose(found.relative_normal_deg, 0.0, atol=1e-8)
+    np.testing.assert_allclose(found.relative_distance_mm, 0.0, atol=1e-8)
+
+
+def test_one_mirror_that_moves_alone_is_not_taken_for_all(device: Layout) -> None:
+    covariance = np.zeros((12, 12))
+    covariance[3:6, 3:6] = 1e-4 * np.eye(3)
+    found = mirror_uncertainty(with_covariance(device, covariance), lever_mm=LEVER_MM)
+    assert found.normal_deg.argmax() == 1
+    assert (found.normal_deg[[0, 2, 3]] == 0.0).all()
+    assert found.relative_normal_deg.argmax() == 1
+    assert found.relative_normal_deg[1] > 0.3 * found.normal_deg[1]
+
+
+def test_sigmas_are_what_sampling_shows(calibrated: Layout) -> None:
+    assert calibrated.uncertainty is not None
+    covariance = mirror_covariance(calibrated.uncertainty)
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in calibrated.mirrors])
+    tilts, distances = normal_and_distance_sigmas(centres, covariance)
+    draws = np.random.default_rng(0).multivariate_normal(centres.ravel(), covariance, size=4000).reshape(-1, 4, 3)
+    lengths = np.linalg.norm(draws, axis=2)
+    np.testing.assert_allclose(np.std(lengths / 2.0, axis=0), distances, rtol=0.05)
+    normals = -draws / lengths[:, :, None]
+    for m in range(4):
+        worst = np.sqrt(np.linalg.eigvalsh(np.cov(normals[:, m].T))[-1])
+        assert worst == pytest.approx(tilts[m], rel=0.05)
+
+
+def test_what_all_mirrors_share_is_known_less_than_what_sets_them_apart(calibrated: Layout) -> None:
+    """All sub-images look about the same way, so that only the camera tells how they turned together."""
+    found = mirror_uncertainty(calibrated, lever_mm=LEVER_MM)
+    assert (found.relative_normal_deg < found.normal_deg).all()
+    assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_turn_deg)

@@ -1,0 +1,197 @@
+"""The ladder of models: each cause is named, noise alone is not, and a model that is too small is called so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb, levels_of
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.calibration.diagnostics.conftest import (
+    BOARD,
+    NOISE_PX,
+    Scene,
+    behind_glass,
+    bent,
+    scene_of,
+)
+
+
+def climbed(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> Climb:
+    """The climb from a layout that says no more of the mirrors than `nominal` does."""
+    start = Estimate.of(nominal.camera, nominal.mirrors, scene.poses)
+    return climb(start, scene.noisy(seed), BOARD.corners_in_board_mm, level=level)
+
+
+@pytest.fixture(scope="module")
+def warped(device: Layout) -> Scene:
+    return scene_of(device, warp_mm=0.2)
+
+
+@pytest.fixture(scope="module")
+def of_warped(warped: Scene, device: Layout) -> Climb:
+    return climbed(warped, device, 0)
+
+
+def check_noise_alone(scene: Scene, nominal: Layout, seeds: range) -> None:
+    found = [climbed(scene, nominal, seed) for seed in seeds]
+    quiet = [climb for climb in found if climb.level == "joint" and not climb.alarms]
+    assert len(quiet) >= 0.95 * len(found)
+
+
+def test_noise_alone_needs_no_further_level_and_raises_no_alarm(scene: Scene, device: Layout) -> None:
+    check_noise_alone(scene, device, range(6))
+
+
+@pytest.mark.slow
+def test_noise_alone_is_taken_for_nothing_else_in_19_of_20_sets(scene: Scene, device: Layout) -> None:
+    check_noise_alone(scene, device, range(100, 200))
+
+
+def test_outliers_are_taken_for_nothing_else(scene: Scene, device: Layout) -> None:
+    seen = scene.noisy(7)
+    random = np.random.default_rng(7)
+    bad = random.random(len(seen)) < 0.01
+    shift = 20.0 * NOISE_PX * np.sign(random.normal(size=(len(seen), 2))) * bad[:, None]
+    start = Estimate.of(device.camera, device.mirrors, scene.poses)
+    found = climb(start, replace(seen, pixels=seen.pixels + shift), BOARD.corners_in_board_mm)
+    assert (found.level, found.alarms) == ("joint", ())
+
+
+def test_a_warped_board_is_named(of_warped: Climb) -> None:
+    assert of_warped.level == "joint+warp"
+    assert of_warped.alarms == ()
+    np.testing.assert_allclose(of_warped.solution.estimate.shape, [0.2, 0.0], atol=0.02)
+
+
+def test_bent_mirrors_are_named(device: Layout) -> None:
+    truth = bent(device, 0.1)
+    found = climbed(scene_of(truth), device, 0)
+    assert found.level == "joint+bend"
+    assert found.alarms == ()
+    expected = np.array([mirror.curvature_per_m for mirror in truth.mirrors])
+    np.testing.assert_allclose(found.solution.estimate.curvature_per_m, expected, atol=2e-3)
+
+
+def test_a_sheet_of_another_thickness_is_named(device: Layout) -> None:
+    found = climbed(scene_of(behind_glass(device, 2.0)), behind_glass(device, 1.7), 0)
+    assert found.level == "joint+sheet"
+    assert found.alarms == ()
+    place = found.solution.parameters.index("sheet_mm")
+    sigma = np.sqrt(found.solution.covariance[place, place])
+    assert abs(found.solution.estimate.thickness_mm[0] - 2.0) < 3 * sigma < 0.2
+
+
+def test_sheets_and_a_warped_board_are_both_named(device: Layout) -> None:
+    found = climbed(scene_of(behind_glass(device, 2.0), warp_mm=0.2), behind_glass(device, 1.7), 0)
+    assert set(found.level.split("+")) == {"joint", "sheet", "warp"}
+
+
+def test_glass_in_front_of_mirrors_said_to_be_coated_in_front_raises_the_alarm(device: Layout) -> None:
+    found = climbed(scene_of(behind_glass(device, 2.0)), device, 0)
+    assert found.level == "joint", "what the layout says is not overruled, but doubted"
+    assert found.alarms[0].startswith("the mirrors look like glass coated behind, 2.0")
+    assert found.alarms[1].startswith("mirrors as joint describes them leave 0.00")
+    assert found.free_views is not None
+    assert found.free_views.unexplained_px > 0.004
+
+
+def test_a_level_that_is_asked_for_is_kept_and_the_one_above_recommended(warped: Scene, device: Layout) -> None:
+    found = climbed(warped, device, 0, level="joint")
+    assert found.level == "joint"
+    assert "the data support a further level, joint+warp" in found.alarms
+    assert len(found.solution.parameters) == 9 + 12
+
+
+def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> None:
+    found = climbed(scene_of(bent(device, 0.02)), device, 0, level="joint+bend")
+    assert found.level == "joint+bend"
+    assert found.alarms == ()
+    assert len(found.solution.parameters) == 9 + 12 + 12
+
+
+def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: Climb) -> None:
+    """What the board's bow puts on the corners of a frame is shared: sigmas must cover it, and it is said."""
+    wrong = climbed(warped, device, 0, level="joint")
+    assert wrong.widened > 1.5
+    assert any("corners of a frame share errors" in note for note in wrong.notes)
+    assert of_warped.widened == 1.0
+    plain = wrong.solution.covariance / wrong.widened**2
+    np.testing.assert_allclose(wrong.widened_to(1.0).solution.covariance, wrong.solution.covariance)
+    np.testing.assert_allclose(wrong.widened_to(10.0).solution.covariance, 100.0 * plain)
+
+
+def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
+    found = climbed(scene, device, 0, level="paper")
+    assert found.level == "paper"
+    assert found.alarms == (), "the camera it holds is the true one"
+    assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
+    assert found.solution.estimate.camera == device.camera
+    assert len(found.solution.parameters) == 12
+
+
+def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
+    camera = device.camera.replaced(fx_px=1.005 * device.camera.fx_px, cx_px=device.camera.cx_px + 3.0)
+    found = climbed(scene, device.replaced(camera=camera), 0, level="paper")
+    assert found.level == "paper"
+    assert "the data support a further level, joint" in found.alarms
+
+
+def test_a_camera_that_corners_do_not_tell_is_held_and_it_is_said(scene: Scene, device: Layout) -> None:
+    """Thirteen corners: 26 numbers for 12 of the mirrors and 6 of the pose, but not for 9 of a lens as well."""
+    seen = scene.noisy(1)
+    first = seen.where(seen.frame == 0)
+    of_views = [np.flatnonzero(first.view == view) for view in range(4)]
+    few = np.concatenate([rows[[0, len(rows) // 2 + 3, -1]] for rows in of_views] + [of_views[0][[4]]])
+    first = first.where(np.isin(np.arange(len(first)), few))
+    start = Estimate.of(device.camera, device.mirrors, scene.poses[:1])
+    found = climb(start, first, BOARD.corners_in_board_mm)
+    assert found.level == "paper"
+    assert found.notes[0].startswith("the corners leave the intrinsics open")
+    with pytest.raises(UndeterminedError):
+        climb(start, first, BOARD.corners_in_board_mm, level="joint")
+
+
+def test_two_frames_cannot_be_held_out_and_support_no_further_level(warped: Scene, device: Layout) -> None:
+    seen = warped.noisy(0)
+    seen = seen.where(seen.frame < 2)
+    found = climb(Estimate.of(device.camera, device.mirrors, warped.poses[:2]), seen, BOARD.corners_in_board_mm)
+    assert found.level == "joint"
+    assert all(np.isnan(rung.held_out_gain) and not rung.supported for rung in found.rungs[1:])
+
+
+def test_evidence_of_each_rung_adds_up(of_warped: Climb) -> None:
+    rungs = {rung.name: rung for rung in of_warped.rungs}
+    taken, left = rungs["joint+warp"], rungs["joint+warp+bend"]
+    assert taken.against == "joint"
+    assert taken.parameters == rungs["joint"].parameters + 2
+    assert taken.supported
+    assert taken.chance < 1e-6
+    assert taken.information_gain > 100
+    assert taken.held_out_gain > 2
+    assert taken.held_out_rms_px < 1.1 * NOISE_PX
+    corners = of_warped.solution.inliers.sum()
+    squares = [2 * corners * rung.rms_px**2 for rung in (taken, left)]
+    assert left.drop == pytest.approx((squares[0] - squares[1]) / left.sigma_px**2, rel=1e-4)
+    assert left.chance == pytest.approx(chi2.sf(left.drop, 12), rel=0.05)
+    assert left.information_gain == pytest.approx(
+        2 * corners * np.log(squares[0] / squares[1]) - 12 * np.log(2 * corners), rel=1e-4
+    )
+    assert not left.supported
+
+
+@pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
+def test_a_level_that_is_none_is_refused(level: str) -> None:
+    with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
+        levels_of(level)
+
+
+def test_a_sheet_is_not_asked_of_mirrors_without_one(scene: Scene, device: Layout) -> None:
+    with pytest.raises(InputError, match="the layout has no second-surface mirror"):
+        climbed(scene, device, 0, level="joint+sheet")

@@ -1,0 +1,283 @@
+"""Calibration from pictures to a layout, against the layout that made the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import direct_view, sub_images
+from mirrorcam.optics.calibration.result import Calibration, mirror_sigmas
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from tests.optics.conftest import faceted_parabola
+from tests.optics.synthetic import posed, render
+
+# The renderer of these tests errs by a thousandth of a pixel, which less noise than this would bring to light.
+NOISE_GREY = 8.0
+BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
+CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+
+
+TURNS_DEG = [
+    (20.0, 15.0, 5.0),
+    (-22.0, 10.0, -8.0),
+    (5.0, -28.0, 12.0),
+    (-8.0, 25.0, 0.0),
+    (25.0, -18.0, -15.0),
+    (-25.0, -20.0, 7.0),
+    (0.0, 5.0, 25.0),
+]
+
+
+def mirrored_pose(number: int) -> FloatArray:
+    return posed(BOARD, np.array([0.0, 280.0 + 10 * number, 85.0]), np.array(TURNS_DEG[number]), direct=False)
+
+
+@dataclass(frozen=True)
+class Set:
+    nominal: Layout
+    truth: Layout
+    frames: list[Grey]
+    base: list[Grey]
+
+
+def draw(nominal: Layout, seed: int) -> Layout:
+    """An as-built layout: mirrors tilted by 0.3 deg and shifted by 0.3 mm, another lens."""
+    random = np.random.default_rng(seed)
+    mirrors = tuple(
+        mirror.moved(
+            Rotation.from_rotvec(np.radians(0.3) * random.normal(size=3)).as_matrix(),
+            0.3 * random.normal() * mirror.normal_in_rig,
+        )
+        for mirror in nominal.mirrors
+    )
+    camera = nominal.camera.replaced(
+        fx_px=684.0, fy_px=685.0, cx_px=476.0, cy_px=272.0, distortion=[0.04, -0.09, 4e-4, -3e-4, 0.0]
+    )
+    return nominal.replaced(kind="as-built", mirrors=mirrors, camera=camera)
+
+
+@pytest.fixture(scope="module")
+def small_set() -> Set:
+    nominal = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fill=0.92)
+    truth = draw(nominal, seed=4)
+    frames, base = [], []
+    for number, turn in enumerate(TURNS_DEG):
+        frames.append(render(truth.camera, truth, BOARD, mirrored_pose(number), noise_grey=NOISE_GREY, seed=number))
+        bare = posed(BOARD, np.array([0.0, 0.0, 200.0 + 15 * number]), np.array(turn), direct=True)
+        base.append(render(truth.camera, None, BOARD, bare, noise_grey=NOISE_GREY, seed=100 + number))
+    judged = nominal.replaced(verdict={"blocked_light": Metric(value=0.0, unit="of the light", limit=0.0)})
+    return Set(judged, truth, frames, base)
+
+
+@pytest.fixture(scope="module")
+def corners(small_set: Set) -> tuple[list[Observations], list[Observations]]:
+    """What is found in the frames with and without mirrors, for tests that look at the solving alone."""
+    seen = [sub_images(frame, small_set.nominal, BOARD) for frame in small_set.frames]
+    return seen, [direct_view(frame, BOARD) for frame in small_set.base]
+
+
+@pytest.fixture(scope="module")
+def calibrated(small_set: Set) -> Calibration:
+    return calibrate(small_set.frames, small_set.base, small_set.nominal, BOARD)
+
+
+def test_a_calibrated_layout_does_not_keep_the_verdict_on_its_design(small_set: Set, calibrated: Calibration) -> None:
+    assert small_set.nominal.verdict
+    assert calibrated.layout.verdict == {}
+
+
+def angles_deg(a: Layout, b: Layout) -> FloatArray:
+    crosses = np.cross([m.normal_in_rig for m in a.mirrors], [m.normal_in_rig for m in b.mirrors])
+    return np.degrees(np.linalg.norm(crosses, axis=1))
+
+
+def test_the_truth_is_found_from_the_nominal_layout(small_set: Set, calibrated: Calibration) -> None:
+    assert angles_deg(small_set.nominal, small_set.truth).max() > 0.2
+    assert angles_deg(calibrated.layout, small_set.truth).max() < 0.02
+    for found, true in zip(calibrated.layout.mirrors, small_set.truth.mirrors, strict=True):
+        assert found.distance_mm == pytest.approx(true.distance_mm, abs=0.1)
+    assert calibrated.layout.camera.fx_px == pytest.approx(684.0, abs=0.5)
+    assert calibrated.layout.kind == "calibrated"
+    for axis in "xy":
+        assert calibrated.metrics[f"held_out_rms_{axis}_px"].value < 0.1
+    assert calibrated.metrics["held_out_spatial_rms_mm"].value < 0.1
+    assert calibrated.notes == ()
+
+
+def test_errors_are_what_the_layout_says_they_may_be(small_set: Set, calibrated: Calibration) -> None:
+    sigmas = mirror_sigmas(calibrated.layout)
+    tilts = np.radians(angles_deg(calibrated.layout, small_set.truth))
+    for (tilt, distance), error, found, true in zip(
+        sigmas, tilts, calibrated.layout.mirrors, small_set.truth.mirrors, strict=True
+    ):
+        assert 0 < error < 5 * tilt * np.sqrt(2)
+        assert 0 < abs(found.distance_mm - true.distance_mm) < 5 * distance
+
+
+def test_a_calibrated_layout_survives_its_file(calibrated: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "layout.json"
+    calibrated.layout.save(path)
+    assert Layout.load(path) == calibrated.layout
+    uncertainty = calibrated.layout.uncertainty
+    assert uncertainty is not None
+    assert uncertainty.parameters[:2] == ("fx_px", "fy_px")
+    assert "mirror 3 z_mm" in uncertainty.parameters
+    assert (np.linalg.eigvalsh(uncertainty.covariance) > 0).all()
+
+
+def test_same_pictures_same_bytes(
+    small_set: Set, calibrated: Calibration, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    again = calibrate_corners(*corners, small_set.nominal, BOARD.corners_in_board_mm)
+    assert again.layout.model_dump_json() == calibrated.layout.model_dump_json()
+
+
+def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
+    pose = mirrored_pose(0)
+    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+    points = BOARD.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    for mirror in range(4):
+        rows = seen.view == mirror
+        assert rows.sum() > 15
+        error = small_set.truth.project(points[seen.corner[rows]], mirror) - seen.pixels[rows]
+        assert np.sqrt(np.mean(error**2)) < 0.06
+
+
+def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
+    even = Checkerboard(cols=8, rows=6, square_mm=9.0)
+    pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even)
+    assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
+    points = even.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    way_up = set()
+    for mirror in range(4):
+        rows = seen.view == mirror
+        expected = small_set.truth.project(points[seen.corner[rows]], mirror)
+        turned = small_set.truth.project(points[::-1][seen.corner[rows]], mirror)
+        errors = [float(np.abs(p - seen.pixels[rows]).max()) for p in (expected, turned)]
+        assert min(errors) < 0.3
+        way_up.add(int(np.argmin(errors)))
+    assert len(way_up) == 1
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(6, 9), (8, 7)])
+def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_set: Set, cols: int, rows: int) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0) if cols == 6 else Checkerboard(cols=7, rows=8, square_mm=9.0)
+    exchanged = Checkerboard(cols=cols, rows=rows, square_mm=9.0)
+    assert (exchanged.cols, exchanged.rows) == (drawn.rows, drawn.cols)
+    pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
+    seen = sub_images(frame, small_set.nominal, exchanged)
+    assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
+    points = drawn.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    places = {}
+    for mirror in range(4):
+        rows_of = seen.view == mirror
+        apart = small_set.truth.project(points, mirror)[None] - seen.pixels[rows_of][:, None]
+        distance = np.linalg.norm(apart, axis=2)
+        assert distance.min(axis=1).max() < 0.3
+        places[mirror] = dict(zip(seen.corner[rows_of].tolist(), distance.argmin(axis=1).tolist(), strict=True))
+    # Whichever way up it was taken for, it is the same in all mirrors, and a rigid turn of the board that was drawn.
+    for corner in set.intersection(*(set(found) for found in places.values())):
+        assert len({found[corner] for found in places.values()}) == 1
+    shared = sorted(places[0])
+    was, now = drawn.corners_in_board_mm[[places[0][c] for c in shared]], exchanged.corners_in_board_mm[shared]
+    spans = [np.linalg.norm(a[:, None] - a[None], axis=2) for a in (was, now)]
+    np.testing.assert_allclose(spans[0], spans[1], atol=1e-9)
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(10, 6), (9, 7), (12, 9)])
+def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
+    small_set: Set, cols: int, rows: int
+) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
+    pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
+    frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
+    assert len(sub_images(frame, small_set.nominal, drawn))
+    with pytest.raises(InputError, match="no corner of the board found in any of 1 frames"):
+        calibrate([frame], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(8, 6), (9, 5), (7, 5)])
+def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_not_believed(
+    small_set: Set, cols: int, rows: int
+) -> None:
+    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
+    frames = [
+        render(small_set.truth.camera, small_set.truth, drawn, posed(drawn, np.array(at), np.array(turn), direct=False))
+        for at, turn in (([0.0, 330.0, 85.0], [10.0, 12.0, 20.0]), ([10.0, 350.0, 80.0], [-15.0, 20.0, 0.0]))
+    ]
+    with pytest.raises(InputError):
+        calibrate(frames, [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+
+
+def test_a_frame_without_a_board_is_named_and_left_out(
+    small_set: Set, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    seen, base = corners
+    assert len(sub_images(np.full_like(small_set.frames[0], 60), small_set.nominal, BOARD)) == 0
+    found = calibrate_corners([Observations.none(), *seen[:5]], base, small_set.nominal, BOARD.corners_in_board_mm)
+    assert found.notes == ("frame 0: no board found, not used",)
+    assert len(found.rig_from_board) == 5 + len(base)
+
+
+def test_without_base_frames_the_note_says_so(
+    small_set: Set, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    found = calibrate_corners(corners[0], [], small_set.nominal, BOARD.corners_in_board_mm)
+    assert any("no frame without mirrors" in note for note in found.notes)
+    assert angles_deg(found.layout, small_set.truth).max() < 0.2
+
+
+def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
+    blank = np.full_like(small_set.frames[0], 60)
+    with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):
+        calibrate([blank, blank], small_set.base, small_set.nominal, BOARD)
+    with pytest.raises(InputError, match="frame 0 is 100x50 px, the layout's camera 960x540"):
+        calibrate([blank[:50, :100]], small_set.base, small_set.nominal, BOARD)
+    hidden = small_set.frames[0].copy()
+    hidden[:270, :480] = 0
+    with pytest.raises(InputError, match="mirror 2 shows 0 corners in 1 frames, expected 20"):
+        calibrate([hidden], small_set.base, small_set.nominal, BOARD)
+    with pytest.raises(InputError, match="2 views show the board, expected at least 3"):
+        calibrate(small_set.frames[:1], small_set.base[:2], small_set.nominal, BOARD)
+
+
+def test_a_layout_that_is_wrong_about_its_coating_is_told_so(small_set: Set) -> None:
+    second = small_set.nominal.replaced(
+        mirrors=tuple(mirror.replaced(surface="second") for mirror in small_set.nominal.mirrors)
+    )
+    found = calibrate(small_set.frames, small_set.base, second, BOARD)
+    assert found.evidence is not None
+    assert found.evidence.level == "joint+sheet"
+    assert any("look coated in front" in alarm for alarm in found.evidence.alarms)
+
+
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(small_set: Set) -> None:
+    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+    alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
+    with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
+        calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)
+
+
+def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(small_set: Set) -> None:
+    nominal, target = small_set.nominal.mirrors[0], small_set.truth.mirrors[0].virtual_centre_in_rig_mm
+    moved = moved_to(nominal, target)
+    np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, target, atol=1e-9)
+
+    def sides(outline: FloatArray) -> FloatArray:
+        return np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1)
+
+    np.testing.assert_allclose(sides(moved.outline_in_rig_mm), sides(nominal.outline_in_rig_mm), atol=1e-9)
+    assert np.abs(moved.outline_in_rig_mm - nominal.outline_in_rig_mm).max() < 2.0

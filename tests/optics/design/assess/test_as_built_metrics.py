@@ -1,0 +1,165 @@
+"""Figures of devices against those of their design, closed forms, and the decoder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.design.assess.as_built_metrics import yardstick
+from mirrorcam.optics.design.assess.as_built_views import built_views
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.perturbations import Strays, draw_strays
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.optics.light_field.decoder import Decoder
+
+DEPTHS_MM = (300.0, 500.0)
+
+
+def exact(layout: Layout) -> Strays:
+    return draw_strays(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
+
+
+def figures(layout: Layout, strays: Strays, depths_mm: tuple[float, ...] = DEPTHS_MM) -> dict[str, FloatArray]:
+    return yardstick(layout, depths_mm).figures(built_views(layout, strays))
+
+
+def side_by_side() -> Layout:
+    """Two mirrors at 45 degrees in one plane, 80 mm up, that show the camera what lies to the left and the right."""
+    middle, normal = np.array([0.0, 0.0, 80.0]), np.array([0.0, 1.0, -1.0])
+    mirrors = []
+    for left, right in ((-0.25, -0.01), (0.01, 0.25)):
+        rays = np.array([[left, -0.15, 1], [right, -0.15, 1], [right, 0.15, 1], [left, 0.15, 1]])
+        outline = rays * (middle @ normal / (rays @ normal))[:, None]
+        mirrors.append(Mirror.from_plane(middle, normal, outline_in_rig_mm=outline))
+    return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=tuple(mirrors))
+
+
+def looking_at_one_point(half: float) -> Layout:
+    """Three small mirrors in a row, all of which show the point (0, 300, 80) mm in the middle of their picture."""
+    target, mirrors = np.array([0.0, 300.0, 80.0]), []
+    for u in (-0.3, 0.0, 0.3):
+        ray = np.array([u, 0.0, 1.0])
+        middle = 80.0 * ray
+        normal = (target - middle) / np.linalg.norm(target - middle) - ray / np.linalg.norm(ray)
+        rays = np.array([[u + x * half, y * half, 1.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        outline = rays * (middle @ normal / (rays @ normal))[:, None]
+        mirrors.append(Mirror.from_plane(middle, normal, outline_in_rig_mm=outline))
+    return Layout(rows=1, cols=3, camera=Camera.c920(), mirrors=tuple(mirrors))
+
+
+@pytest.mark.parametrize("fixture", ["default_layout", "crooked_layout"])
+def test_a_device_without_a_fault_has_the_figures_of_its_design(fixture: str, request: pytest.FixtureRequest) -> None:
+    layout: Layout = request.getfixturevalue(fixture)
+    depths_mm = (350.0, 600.0)
+    found, designed = figures(layout, exact(layout), depths_mm), evaluate(layout, depths_mm)
+    shared = [name for name in found if name in designed]
+    assert len(shared) == 9
+    for name in shared:
+        assert found[name] == pytest.approx(designed[name].value, rel=1e-9), name
+    for name in set(found) - set(shared) - {"usable_window", "off_sensor"}:
+        assert found[name] == 0.0, name
+    assert found["off_sensor"] == pytest.approx(0.0, abs=1e-6) or fixture == "crooked_layout"
+
+
+def test_the_usable_window_is_what_the_decoder_finds_valid(default_layout: Layout) -> None:
+    """Of the design: its decoder's window is the box of what all views share at the reference depth."""
+    decoder = Decoder(default_layout, margin_px=0.0)
+    counted = (decoder.weights > 0).all(axis=(0, 1)).mean()
+    assert figures(default_layout, exact(default_layout))["usable_window"] == pytest.approx(counted, abs=0.005)
+
+
+def test_a_tilted_mirror_turns_its_view_by_twice_as_much() -> None:
+    """About its middle M, so a point D behind M is seen as if turned about M by 2 alpha, L + D from the pupil."""
+    layout = looking_at_one_point(half=0.004)
+    design = figures(layout, exact(layout), (300.0,))
+    assert design["overlap_iou_300mm"] > 0.3
+    for alpha in (1e-4, 0.01, 0.05):
+        strays = exact(layout)
+        strays.tilts[0, 1, 0] = alpha
+        found = figures(layout, strays, (300.0,))
+        shift_px = 1360.38 * 300.0 * np.sin(2 * alpha) / (80.0 + 300.0 * np.cos(2 * alpha))
+        # One of three views is off; the region is small, not a point.
+        assert found["uncalibrated_error_300mm"] == pytest.approx(shift_px / np.sqrt(3), rel=0.01)
+        # Of three views one strays by e and two do not: less the mean, 2/3 e once and -1/3 e twice.
+        assert found["misregistration_300mm"] == pytest.approx(shift_px * np.sqrt(2) / 3, rel=0.12)
+
+
+def test_a_principal_point_elsewhere_is_an_error_of_as_many_pixels(default_layout: Layout) -> None:
+    """All views move alike, but for mirrors not being parallel: little of it is misregistration."""
+    found = figures(default_layout, replace(exact(default_layout), centre_px=np.array([[3.0, -4.0]])))
+    for depth_mm in (300, 500):
+        assert found[f"uncalibrated_error_{depth_mm}mm"] == pytest.approx(5.0)
+        assert 0.1 < found[f"misregistration_{depth_mm}mm"] < 2.5
+
+
+def test_a_thicker_sheet_moves_all_views_towards_the_pupil() -> None:
+    layout = looking_at_one_point(half=0.001)
+    found = figures(layout, replace(exact(layout), sheets_mm=np.array([0.2])), (300.0,))
+    target = np.array([0.0, 300.0, 80.0])
+    shifts = [
+        layout.camera.project(reflect(target, (1.0 - 0.2 / m.distance_mm) * m.virtual_centre_in_rig_mm))
+        - layout.camera.project(m.reflect(target))
+        for m in layout.mirrors
+    ]
+    expected = np.sqrt(np.mean(np.sum(np.square(shifts), axis=1)))
+    assert 0.5 < expected < 2.0
+    assert found["uncalibrated_error_300mm"] == pytest.approx(expected, rel=0.01)
+
+
+def test_what_leaves_the_sensor_is_counted() -> None:
+    layout = looking_at_one_point(half=0.004)
+    left_px = 959.5 - 0.3 * 1360.38
+    found = figures(layout, replace(exact(layout), centre_px=np.array([[-left_px - 0.5, 0.0]])), (300.0,))
+    assert found["off_sensor"] == pytest.approx(1.0 / 6.0)  # one half of one of three
+    nothing = figures(layout, replace(exact(layout), centre_px=np.array([[-5000.0, 0.0]])), (300.0,))
+    assert nothing["off_sensor"] == pytest.approx(1.0)
+    for name in ("pixel_efficiency_300mm", "overlap_iou_300mm", "fov_x_deg", "fov_y_deg", "usable_window"):
+        assert nothing[name] == 0.0, name
+
+
+def test_baselines_are_those_of_the_mirrored_pupils() -> None:
+    layout = looking_at_one_point(half=0.004)
+    moved = np.array([0.8, -0.5, 0.3])
+    found = figures(layout, replace(exact(layout), camera_shifts_mm=moved[None]), (300.0,))
+    pupils = [mirror.reflect(moved)[0] for mirror in layout.mirrors]
+    assert found["baseline_x_mm"] == pytest.approx(abs(pupils[2] - pupils[0]))
+    assert "baseline_y_mm" not in found
+
+
+def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
+    """The rms error of a crooked device, from a few points in the region and from ten thousand."""
+    strays = draw_strays(Tolerances.hobby().times(0.2), 9, 1, np.random.default_rng(3))
+    ideal, views = yardstick(default_layout, DEPTHS_MM), built_views(default_layout, strays)
+    region = ideal.design.common_regions(300.0)[0][0]
+    left, low, right, high = region.bounds
+    grid = np.stack(np.meshgrid(np.linspace(left, right, 120), np.linspace(low, high, 120)), axis=-1).reshape(-1, 2)
+    inside = grid[shapely.contains_xy(region, *grid.T)]
+    points, mirrors = np.column_stack([inside, np.full(len(inside), 300.0)]), np.arange(9)[:, None]
+    shifts = views.pixels(points, np.array(0), mirrors) - ideal.design.pixels(points, np.array(0), mirrors)
+    rms = np.sqrt(np.mean(np.sum(shifts**2, axis=-1)))
+    assert ideal.figures(views)["uncalibrated_error_300mm"] == pytest.approx(rms, rel=1e-3)
+    assert len(ideal.probes[0].weights) < 40
+
+
+def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None:
+    """The lens folds just beyond the sensor, and a turn of the camera takes points there that the design can see."""
+    strays = replace(
+        exact(default_layout), lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]), camera_turns=np.array([[0.0, 0.25, 0.0]])
+    )
+    ideal, views = yardstick(default_layout, DEPTHS_MM), built_views(default_layout, strays)
+    known = np.isfinite(views.pixels(ideal.probes[0].points, np.array(0), np.arange(9)[:, None]))
+    assert 0.3 < known.mean() < 0.97
+    for name, values in ideal.figures(views).items():
+        assert np.isfinite(values).all(), name
+
+
+def test_a_design_whose_views_share_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match="the views share nothing at 300 mm, expected a layout whose views overlap"):
+        yardstick(side_by_side(), DEPTHS_MM)

@@ -1,0 +1,139 @@
+"""Rays cast from the pupil, against brute force and against a walk in small steps."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.assess import chief_rays
+from mirrorcam.optics.design.assess.chief_rays import blocked_light, sampled, traced
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import (
+    hull_distance,
+    pairs_closer_than,
+    sheet_in_rig_mm,
+    smallest_gap_mm,
+    stacked,
+)
+
+COARSE = 12
+
+
+def crowded(layout: Layout, seed: int, *, surface: str = "first") -> tuple[Mirror, ...]:
+    """The mirrors of a layout, each from another distance and thickness than it was designed for."""
+    random = np.random.default_rng(seed)
+    mirrors = []
+    for mirror in layout.mirrors:
+        along, thickness_mm = random.uniform(0.75, 1.2), random.uniform(0.5, 6.0)
+        centre, outline = mirror.virtual_centre_in_rig_mm * along, mirror.outline_in_rig_mm * along
+        if surface == "first":
+            mirrors.append(
+                Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, thickness_mm=thickness_mm)
+            )
+        else:
+            mirrors.append(Mirror.second_surface(centre, outline, thickness_mm=thickness_mm, refractive_index=1.49))
+    return tuple(mirrors)
+
+
+def walked(mirrors: tuple[Mirror, ...], light_of: int, sheet_of: int, depth_mm: float) -> dict[str, float]:
+    """Part of the light that a sheet stops, found by walking along rays and asking at each step which side of the sheet
+    the point is on: from its corners, not from its faces."""
+    mirror, sheet = mirrors[light_of], mirrors[sheet_of]
+    met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, COARSE))
+    forward = directions[:, 1] > 1e-9
+    met, leaving, directions = met[forward], leaving[forward], directions[forward]
+    end = leaving + directions * ((depth_mm - leaving[:, 1]) / directions[:, 1])[:, None]
+    # Beyond the first third of the way out there are no mirrors.
+    steps = np.linspace(0.0, 1.0, 2001)[:, None, None]
+    frame, flat = sheet.rig_from_plane, sheet.outline_in_plane_mm
+    turns = 1.0 if Polygon(flat).exterior.is_ccw else -1.0
+    below, above = (-sheet.thickness_mm, 0.0) if sheet.surface == "first" else (0.0, sheet.thickness_mm)
+    found = {}
+    for leg, starts, ends in (("in", np.zeros_like(met), met), ("out", leaving, leaving + (end - leaving) / 3.0)):
+        points = (starts + steps * (ends - starts) - frame[:3, 3]) @ frame[:3, :3]
+        inside = (points[..., 2] > below) & (points[..., 2] < above)
+        for a, b in zip(flat, np.roll(flat, -1, axis=0), strict=True):
+            edge, to = b - a, points[..., :2] - a
+            inside &= turns * (edge[0] * to[..., 1] - edge[1] * to[..., 0]) > 0
+        found[leg] = float(inside.any(axis=0).mean())
+    return found
+
+
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_what_is_stopped_is_what_a_walk_along_the_rays_meets(default_layout: Layout, surface: str) -> None:
+    mirrors = crowded(default_layout, 5, surface=surface)
+    found: dict[tuple[int, int, str], float] = {
+        (b.light_of, b.sheet_of, b.leg): b.fraction for b in blocked_light(mirrors, 500.0, COARSE)
+    }
+    pairs = [(i, j) for i, j in ((0, 1), (1, 0), (4, 1), (1, 4), (4, 7), (7, 4), (3, 4), (4, 5), (6, 3), (2, 6))]
+    met = 0
+    for light_of, sheet_of in pairs:
+        for leg, fraction in walked(mirrors, light_of, sheet_of, 500.0).items():
+            assert found.get((light_of, sheet_of, leg), 0.0) == pytest.approx(fraction, abs=0.02)
+            met += fraction > 0
+    assert met >= 3
+
+
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_culling_loses_nothing(default_layout: Layout, surface: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mirrors = crowded(default_layout, 8, surface=surface)
+    culled = blocked_light(mirrors, 500.0)
+    seen = []
+
+    def everything(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
+        seen.append(len(bodies))
+        return np.ones(len(bodies), dtype=bool)
+
+    monkeypatch.setattr(chief_rays, "_may_meet", everything)
+    assert blocked_light(mirrors, 500.0) == culled
+    assert len(seen) == 2 * len(mirrors)
+    assert culled
+
+
+def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout: Layout) -> None:
+    # Turned half about the vertical, the central mirror sends its light away from the scene.
+    centre = default_layout.mirrors[4]
+    flip = np.diag([-1.0, -1.0, 1.0])
+    away = Mirror(
+        virtual_centre_in_rig_mm=centre.virtual_centre_in_rig_mm @ flip,
+        outline_in_rig_mm=centre.outline_in_rig_mm @ flip,
+    )
+    # Lines of its light made longer backwards, to the depth of the scene, would meet this one.
+    beyond = centre.moved(np.eye(3), np.array([0.0, 60.0, 0.0]))
+    assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.light_of == 0)
+
+
+def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
+    sheets = [sheet_in_rig_mm(mirror) for mirror in default_layout.mirrors]
+    gaps = {(i, j): hull_distance(sheets[i], sheets[j]) for i, j in combinations(range(len(sheets)), 2)}
+    assert smallest_gap_mm(default_layout) == min(gaps.values())
+    for gap_mm in (0.5, 1.2, 5.0, 30.0):
+        assert pairs_closer_than(default_layout.mirrors, gap_mm) == sorted(p for p, gap in gaps.items() if gap < gap_mm)
+    assert len(pairs_closer_than(default_layout.mirrors, 30.0)) > 10
+
+
+def test_bodies_of_different_numbers_of_corners_stack() -> None:
+    both = stacked([np.eye(3), np.arange(6.0).reshape(2, 3)])
+    assert both.shape == (2, 3, 3)
+    assert (both[1, 2] == both[1, 1]).all()
+
+
+def test_light_goes_as_far_as_the_depth_along_the_view_axis(default_layout: Layout) -> None:
+    # A small sheet across the chief ray of the central mirror, 200 mm from the pupil along another axis than +y.
+    mirror = default_layout.mirrors[4]
+    axis = np.array([0.0, np.sin(np.radians(110.0)), np.cos(np.radians(110.0))])
+    _, (leaving,), (direction,) = traced(mirror, mirror.outline_normalized.mean(axis=0, keepdims=True))
+    middle = leaving + direction * (200.0 - leaving @ axis) / (direction @ axis)
+    across, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, axis[2], -axis[1]])
+    corners = middle + 15.0 * np.array([-across - down, across - down, across + down, -across + down])
+    screen = Mirror.from_plane(middle, axis, outline_in_rig_mm=corners)
+    legs = [
+        {found.leg for found in blocked_light((mirror, screen), depth_mm, view_axis=axis) if found.light_of == 0}
+        for depth_mm in (199.0, 202.0)
+    ]
+    assert legs == [set(), {"out"}]

@@ -1,0 +1,331 @@
+"""Figures of merit against closed forms and brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+from shapely import Polygon, contains_xy
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.design.assess.layout_metrics import FARTHEST_MM, evaluate, fitted_grid, grid_error
+from mirrorcam.optics.design.program.seeds import faceted_parabola, mirrors_of
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.mirror_gaps import hull_distance, sheet_in_rig_mm, smallest_gap_mm
+from mirrorcam.optics.geometry.sub_images import common_region, pixel_efficiency
+
+DEPTH_MM = 300.0
+
+
+def mirror_seeing(rectangle: tuple[float, float, float, float], height_mm: float, across_mm: float = 0.0) -> Mirror:
+    """A mirror with the virtual centre (across, -height, height) that sees just x0..x1, z0..z1 of the plane y = 300 mm.
+
+    In the middle, where across is 0, it stands at 45 degrees and its image is upright.
+    """
+    x0, x1, z0, z1 = rectangle
+    centre = np.array([across_mm, -height_mm, height_mm])
+    scene = np.array([[x0, DEPTH_MM, z0], [x1, DEPTH_MM, z0], [x1, DEPTH_MM, z1], [x0, DEPTH_MM, z1]])
+    image = reflect(scene, centre)
+    normalized = image[:, :2] / image[:, 2:]
+    rays = np.column_stack([normalized, np.ones(4)])
+    outline = rays * (0.5 * centre @ centre / (rays @ centre))[:, None]
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline)
+
+
+@pytest.fixture
+def two_rectangles() -> Layout:
+    """Two parallel views from different heights whose fields share 50 mm x 15 mm."""
+    upper = mirror_seeing((-40.0, 30.0, 90.0, 160.0), 80.0)
+    lower = mirror_seeing((-20.0, 50.0, 20.0, 105.0), 100.0)
+    return Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper))
+
+
+def grid_layout(shifts_mm: FloatArray) -> Layout:
+    """Four small mirrors whose virtual centres are 40 mm x 30 mm apart, each shifted by (4, 3) mm in the rig."""
+    spec = DesignSpec(rows=2, cols=2)
+    centres = np.array([[x, -80.0, z] for z in (95.0, 65.0) for x in (-20.0, 20.0)])
+    quad = 0.03 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    corners = np.array([quad + np.array([u, v]) for v in (0.2, -0.2) for u in (-0.3, 0.3)])
+    mirrors = mirrors_of(spec, (centres + shifts_mm) @ spec.view_from_rig.T, corners)
+    return Layout(rows=2, cols=2, camera=spec.camera, mirrors=mirrors)
+
+
+def test_overlap_and_efficiency_of_two_rectangles(two_rectangles: Layout) -> None:
+    region, footprints = common_region(two_rectangles, DEPTH_MM)
+    assert [seen.area for seen in footprints] == pytest.approx([70.0 * 85.0, 70.0 * 70.0])
+    assert region.symmetric_difference(Polygon([(-20, -90), (30, -90), (30, -105), (-20, -105)])).area < 1e-6
+    metrics = evaluate(two_rectangles, [DEPTH_MM])
+    assert metrics["overlap_iou_300mm"].value == pytest.approx(750.0 / (4900.0 + 5950.0 - 750.0))
+    pixels = 750.0 * 1360.38**2 * (1.0 / 380.0**2 + 1.0 / 400.0**2)
+    assert metrics["pixel_efficiency_300mm"].value == pytest.approx(pixels / (1920 * 1080))
+
+
+def test_field_of_view_is_the_angle_of_the_common_region(two_rectangles: Layout) -> None:
+    metrics = evaluate(two_rectangles, [DEPTH_MM])
+    across = np.degrees(np.arctan(30.0 / 390.0) + np.arctan(20.0 / 390.0))
+    upwards = np.degrees(np.arctan(15.0 / 390.0) - np.arctan(0.0))
+    assert metrics["fov_x_deg"].value == pytest.approx(across)
+    assert metrics["fov_y_deg"].value == pytest.approx(upwards)
+
+
+def test_views_that_share_nothing_score_zero() -> None:
+    upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
+    metrics = evaluate(Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper)), [DEPTH_MM])
+    assert metrics["pixel_efficiency_300mm"].value == 0.0
+    assert metrics["overlap_iou_300mm"].value == 0.0
+    assert metrics["fov_x_deg"].value == 0.0
+
+
+def test_one_mirror_sees_all_that_it_sees() -> None:
+    layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
+    metrics = evaluate(layout, [DEPTH_MM])
+    assert metrics["overlap_iou_300mm"].value == pytest.approx(1.0)
+    assert metrics["pixel_efficiency_300mm"].value == pytest.approx(80 * 60 * (1360.38 / 380) ** 2 / (1920 * 1080))
+    assert metrics["grid_error"].value == 0.0
+    assert "smallest_gap_mm" not in metrics
+
+
+def test_what_the_sensor_cuts_off_does_not_count() -> None:
+    wide = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-400, 400, 60, 120), 80.0),))
+    assert pixel_efficiency(wide, DEPTH_MM) == pytest.approx(60.0 * 1360.38 / 380.0 / 1080.0)
+
+
+@pytest.mark.parametrize("fold_deg", [80.0, 90.0, 105.0])
+def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg: float) -> None:
+    camera = Camera.c920().replaced(distortion=[0.08, -0.15, 0.001, -0.002, 0.02])
+    cosine, sine = np.cos(np.radians(fold_deg)), np.sin(np.radians(fold_deg))
+    across, down, axis = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    layout = faceted_parabola(DesignSpec(camera=camera)).replaced(view_from_rig=np.array([across, down, axis]))
+    region, _ = common_region(layout, 500.0)
+    step = 4
+    pixels = np.stack(np.meshgrid(np.arange(1.5, 1920, step), np.arange(1.5, 1080, step)), axis=-1).reshape(-1, 2)
+    rays = camera.unproject(pixels)
+    seeing = np.zeros(len(pixels), dtype=bool)
+    for mirror in layout.mirrors:
+        on_mirror = mirror.cut(rays[:, :2])
+        leaving = on_mirror - mirror.virtual_centre_in_rig_mm
+        at = on_mirror + leaving * ((500.0 - on_mirror @ axis) / (leaving @ axis))[:, None]
+        here = contains_xy(Polygon(mirror.outline_normalized), rays[:, :2])
+        seeing |= here & contains_xy(region, at @ across, at @ down)
+    assert seeing.mean() > 0.01
+    assert pixel_efficiency(layout, 500.0) == pytest.approx(seeing.mean(), abs=5e-4)
+
+
+def test_a_perfect_grid_has_no_error() -> None:
+    layout = grid_layout(np.zeros((4, 3)))
+    assert grid_error(layout) < 1e-12
+    metrics = evaluate(layout, [DEPTH_MM])
+    assert metrics["baseline_x_mm"].value == pytest.approx(40.0)
+    assert metrics["baseline_y_mm"].value == pytest.approx(30.0)
+
+
+def test_grid_error_of_one_view_out_of_the_plane() -> None:
+    shifts = np.zeros((4, 3))
+    shifts[1, 1] = 6.0
+    # The best plane takes a quarter of the shift: residuals 3/4 of it once and 1/4 three times.
+    assert grid_error(grid_layout(shifts)) == pytest.approx(6.0 * np.sqrt(12.0 / 64.0) / np.sqrt(40.0 * 30.0))
+
+
+def test_grid_error_takes_the_best_rectangular_grid() -> None:
+    shifts = np.random.default_rng(3).normal(0.0, 3.0, (4, 3))
+    layout = grid_layout(shifts)
+    columns, rows = np.tile([-0.5, 0.5], 2), np.repeat([-0.5, 0.5], 2)
+    zero, one = np.zeros(4), np.ones(4)
+    design = np.concatenate(
+        [
+            np.column_stack([one, zero, zero, columns, zero]),
+            np.column_stack([zero, one, zero, zero, rows]),
+            np.column_stack([zero, zero, one, zero, zero]),
+        ]
+    )
+    centres = layout.virtual_centres_in_view_mm.reshape(4, 3).T.ravel()
+    solution, _, _, _ = np.linalg.lstsq(design, centres, rcond=None)
+    rms = np.sqrt(np.sum((design @ solution - centres) ** 2) / 4)
+    assert grid_error(layout) == pytest.approx(rms / np.sqrt(solution[3] * solution[4]))
+    assert_allclose(fitted_grid(layout)[1], solution[3:])
+
+
+def test_grid_error_is_the_same_at_any_scale() -> None:
+    errors = [grid_error(faceted_parabola(DesignSpec(scale_mm=s, spacing_mm=s / 80))) for s in (40.0, 80.0)]
+    assert errors[0] == pytest.approx(errors[1], abs=1e-3)
+
+
+CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+
+
+@pytest.mark.parametrize(
+    ("shift", "distance"),
+    [
+        ((3, 0.2, 0.1), 2.0),
+        ((2, 2, 0), np.sqrt(2)),
+        ((2, 2, 2), np.sqrt(3)),
+        ((0.5, 0.5, 0.5), 0.0),
+        ((1e3, 0, 0), 999.0),
+    ],
+)
+def test_distance_between_cubes(shift: tuple[float, float, float], distance: float) -> None:
+    assert hull_distance(CUBE, CUBE + np.array(shift)) == pytest.approx(distance, abs=1e-9)
+
+
+def test_gap_between_crossing_edges() -> None:
+    along_x, along_y = np.array([[-1.0, 0, 0], [1, 0, 0]]), np.array([[0, -1.0, 0.7], [0, 1, 0.7]])
+    assert hull_distance(along_x, along_y) == pytest.approx(0.7)
+
+
+def test_smallest_gap_counts_the_thickness_of_sheets() -> None:
+    # Two coplanar mirrors: the gap is that of their outlines, whatever the thickness. Once the planes lean towards
+    # each other at the back, thicker sheets come closer there.
+    flat = Layout(
+        rows=1,
+        cols=2,
+        camera=Camera.c920(),
+        mirrors=(mirror_seeing((-60, -19, 60, 120), 80.0), mirror_seeing((19, 60, 60, 120), 80.0)),
+    )
+    gap_mm = 2.0 * 19.0 / 380.0 * float(flat.mirrors[0].outline_in_rig_mm[:, 2].min())
+    assert smallest_gap_mm(flat) == pytest.approx(gap_mm)
+    assert smallest_gap_mm(with_thickness(flat, 4.0)) == pytest.approx(gap_mm)
+    parabola = faceted_parabola(DesignSpec(rows=1, cols=2, spacing_mm=3.0))
+    in_front = [mirror.replaced(surface="second") for mirror in with_thickness(parabola, 4.0).mirrors]
+    assert hull_distance(*(sheet_in_rig_mm(mirror) for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
+
+
+def with_thickness(layout: Layout, thickness_mm: float) -> Layout:
+    return layout.replaced(mirrors=tuple(mirror.replaced(thickness_mm=thickness_mm) for mirror in layout.mirrors))
+
+
+def test_views_in_one_place_are_no_grid(two_rectangles: Layout) -> None:
+    with pytest.raises(InputError, match="apart along an axis of the grid"):
+        grid_error(two_rectangles.replaced(rows=1, cols=2))
+
+
+def test_a_depth_nearer_than_the_mirrors_is_refused() -> None:
+    layout = faceted_parabola(DesignSpec())
+    with pytest.raises(InputError, match=r"depth 20 mm is nearer than the mirrors, which reach 47\.\d mm"):
+        evaluate(layout, [20.0])
+
+
+def two_views(spacing_mm: float, half_tangent: float) -> Layout:
+    """Views 40 mm up, `spacing_mm` apart, that see the same square of the plane y = 300 mm, 380 mm before them."""
+    half_mm = 380.0 * half_tangent
+    square = (-half_mm, half_mm, 80.0 - half_mm, 80.0 + half_mm)
+    mirrors = tuple(mirror_seeing(square, 80.0, side * spacing_mm / 2.0) for side in (-1.0, 1.0))
+    return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
+
+
+def test_depth_range_of_two_views_that_meet() -> None:
+    # Fields of upright views are rectangles at every depth: what they share, and how many pixels see it, are a matter
+    # of intervals.
+    heights, (low, high, half) = (70.0, 100.0), (80.0, 100.0, 30.0)
+    mirrors = tuple(mirror_seeing((-half, half, low, high), height) for height in reversed(heights))
+    layout = Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=mirrors)
+
+    def share(depth_mm: float) -> float:
+        fields = [(h, (depth_mm + h) / (DEPTH_MM + h)) for h in heights]
+        across = 2.0 * min(half * wider for _, wider in fields)
+        upwards = min(h + (high - h) * w for h, w in fields) - max(h + (low - h) * w for h, w in fields)
+        return max(upwards, 0.0) * across * sum(1.0 / (depth_mm + h) ** 2 for h in heights)
+
+    nearest, farthest = (
+        brentq(lambda depth_mm: share(depth_mm) - share(DEPTH_MM) / 2.0, *between, xtol=1e-6)
+        for between in ((120.0, 299.0), (301.0, 2000.0))
+    )
+    metrics = evaluate(layout, [DEPTH_MM])
+    assert metrics["depth_nearest_mm"].value == pytest.approx(nearest, rel=2e-4)
+    assert metrics["depth_farthest_mm"].value == pytest.approx(farthest, rel=2e-4)
+    assert 150.0 < nearest < 280.0 < 350.0 < farthest < 1000.0
+    assert metrics["depth_farthest_mm"].unit == "mm"
+
+
+def test_depth_range_is_around_the_best_working_depth() -> None:
+    alone, beside = (evaluate(two_views(60.0, 0.05), depths) for depths in ([DEPTH_MM], [DEPTH_MM, 250.0]))
+    for name in ("depth_nearest_mm", "depth_farthest_mm"):
+        assert beside[name] == alone[name]
+
+
+def test_a_depth_range_without_end_says_so() -> None:
+    # The fields drift apart by b (1 - D / 380) and are 2 a D wide, a / b > 1 / 380: at infinity half is common still.
+    metrics = evaluate(two_views(60.0, 0.18), [DEPTH_MM])
+    assert (metrics["depth_farthest_mm"].value, metrics["depth_farthest_mm"].unit) == (FARTHEST_MM, "mm or more")
+    assert metrics["depth_nearest_mm"].value < 150.0
+
+
+def test_a_depth_range_ends_at_the_mirrors() -> None:
+    layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
+    reach_mm = float(layout.mirrors[0].outline_in_rig_mm[:, 1].max())
+    assert evaluate(layout, [DEPTH_MM])["depth_nearest_mm"].value == pytest.approx(reach_mm, rel=1e-5)
+
+
+def test_views_that_share_nothing_have_no_depth_range() -> None:
+    upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
+    metrics = evaluate(Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper)), [DEPTH_MM])
+    assert not [name for name in metrics if name.startswith("depth_nearest") or name.startswith("depth_farthest")]
+
+
+def test_disparity_and_depth_resolution_of_a_grid() -> None:
+    metrics = evaluate(grid_layout(np.zeros((4, 3))), [DEPTH_MM, 500.0])
+    f = 1360.38
+    assert metrics["disparity_s_300mm"].value == pytest.approx(f * 40.0 / 380.0)
+    assert metrics["disparity_t_500mm"].value == pytest.approx(f * 30.0 / 580.0)
+    assert metrics["depth_resolution_300mm"].value == pytest.approx(380.0**2 / (f * 40.0))
+    assert metrics["depth_resolution_fine_500mm"].value == pytest.approx(0.25 * 580.0**2 / (f * 40.0))
+
+
+def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
+    # Against what is infinitely far (here: 10^7 mm), in views that look the same way, as the project defines it.
+    layout = grid_layout(np.zeros((4, 3)))
+    metrics = evaluate(layout, [DEPTH_MM])
+    left, right = layout.virtual_centres_in_view_mm[1]
+    shifts = []
+    for depth_mm in (DEPTH_MM, 1e7):
+        point = np.array([7.0, -90.0, depth_mm])
+        pixels = [1360.38 * (point - c)[:2] / (point - c)[2] for c in (left, right)]
+        shifts.append(pixels[0][0] - pixels[1][0])
+    assert metrics["disparity_s_300mm"].value == pytest.approx(shifts[0] - shifts[1], rel=1e-4)
+    # One pixel more of it over the whole baseline is one depth resolution nearer, to first order.
+    nearer = evaluate(layout, [DEPTH_MM - metrics["depth_resolution_fine_300mm"].value])
+    gained = (
+        next(m.value for n, m in nearer.items() if n.startswith("disparity_s")) - metrics["disparity_s_300mm"].value
+    )
+    assert gained == pytest.approx(0.25, rel=0.01)
+
+
+def test_a_single_view_tells_no_depth() -> None:
+    layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
+    assert not [name for name in evaluate(layout, [DEPTH_MM]) if "disparity" in name or "resolution" in name]
+
+
+def test_sizes_of_mirrors() -> None:
+    corners = np.array([[-5.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 12.0, 12.0], [-5.0, 12.0, 12.0]])
+    mirror = Mirror(virtual_centre_in_rig_mm=[0.0, -80.0, 80.0], outline_in_rig_mm=corners + np.array([0, 0, 80.0]))
+    metrics = evaluate(Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror,)), [DEPTH_MM])
+    found = [metrics[name].value for name in ("shortest_edge_mm", "longest_edge_mm", "smallest_area_mm2")]
+    assert found == pytest.approx([10.0, 12.0 * np.sqrt(2), 120.0 * np.sqrt(2)])
+    assert metrics["largest_area_mm2"].value == metrics["smallest_area_mm2"].value
+
+
+def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
+    plain = faceted_parabola(DesignSpec(rows=2, cols=2, spacing_mm=3.0))
+
+    def behind(thickness_mm: float) -> Layout:
+        slabs = [
+            Mirror.second_surface(
+                m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
+            )
+            for m in plain.mirrors
+        ]
+        return plain.replaced(mirrors=tuple(slabs))
+
+    before, thin, thick = (evaluate(layout, [DEPTH_MM]) for layout in (plain, behind(0.01), behind(3.0)))
+    assert "slab_stray_mm" not in before
+    for name in ("grid_error", "baseline_x_mm", "baseline_y_mm", "disparity_s_300mm"):
+        assert thick[name].value == pytest.approx(before[name].value, rel=1e-9), name
+    assert thin["pixel_efficiency_300mm"].value == pytest.approx(before["pixel_efficiency_300mm"].value, abs=2e-3)
+    # The rim of a slab shows nothing, and its light strays.
+    assert thick["pixel_efficiency_300mm"].value < before["pixel_efficiency_300mm"].value - 0.02
+    assert 0.05 < thick["slab_stray_mm"].value < 1.0
+    distance_mm = DEPTH_MM - float(plain.virtual_centres_in_rig_mm[:, 1].max())
+    assert thick["slab_stray_px"].value == pytest.approx(1360.38 * thick["slab_stray_mm"].value / distance_mm)

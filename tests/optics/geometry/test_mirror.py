@@ -1,0 +1,214 @@
+"""Flat mirrors: the laws of reflection, and the outlines that are refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+
+CENTRES = st.tuples(*[st.floats(-200, 200)] * 3).map(np.array).filter(lambda c: bool(np.linalg.norm(c) > 1))
+POINTS: st.SearchStrategy[FloatArray] = st.lists(st.tuples(*[st.floats(-1000, 1000)] * 3), min_size=1).map(np.array)
+QUAD = ((-0.1, -0.1), (0.1, -0.1), (0.12, 0.1), (-0.08, 0.1))
+
+
+def mirror(normalized: Any = QUAD, centre: Any = (3.0, -80.0, 82.0), **fields: Any) -> Mirror:
+    """The mirror of a virtual centre whose outline is seen at normalized image coordinates."""
+    centre, rays = np.array(centre), np.column_stack([normalized, np.ones(len(normalized))])
+    points = rays * (centre @ centre / 2 / (rays @ centre))[:, None]
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=points, **fields)
+
+
+def refusal(**changes: Any) -> str:
+    with pytest.raises(ValidationError) as caught:
+        mirror().replaced(**changes)
+    return str(caught.value.errors()[0]["msg"])
+
+
+@given(POINTS, CENTRES)
+def test_reflecting_twice_changes_nothing(points: FloatArray, centre: FloatArray) -> None:
+    assert np.allclose(reflect(reflect(points, centre), centre), points, atol=1e-8)
+
+
+@given(POINTS, CENTRES)
+def test_the_pupil_and_its_virtual_centre_are_each_others_reflection(points: FloatArray, centre: FloatArray) -> None:
+    assert np.allclose(reflect(np.zeros(3), centre), centre)
+    assert np.allclose(reflect(centre, centre), 0, atol=1e-9)
+    # A point is as far from the pupil as its reflection is from the virtual centre.
+    there = np.linalg.norm(reflect(points, centre) - centre, axis=-1)
+    assert np.allclose(there, np.linalg.norm(points, axis=-1), atol=1e-8)
+
+
+@given(POINTS, CENTRES)
+def test_points_on_the_plane_stay(points: FloatArray, centre: FloatArray) -> None:
+    unit = centre / np.linalg.norm(centre)
+    on_plane = points - np.outer(points @ unit, unit) + centre / 2
+    assert np.allclose(reflect(on_plane, centre), on_plane, atol=1e-8)
+
+
+@given(CENTRES)
+def test_the_linear_part_is_a_reflection(centre: FloatArray) -> None:
+    assume(centre[2] > 0.1 * np.linalg.norm(centre))
+    linear = mirror(centre=centre, normalized=((-0.01, 0), (0.01, 0), (0, 0.01))).reflection
+    assert np.linalg.det(linear) == pytest.approx(-1)
+    assert np.allclose(linear @ linear, np.eye(3))
+    assert np.allclose(linear, linear.T)
+    assert np.allclose(linear @ centre, -centre)
+
+
+def test_reflecting_is_the_linear_part_about_the_plane() -> None:
+    one = mirror()
+    points = np.random.default_rng(1).normal(size=(4, 5, 3)) * 100
+    expected = points @ one.reflection.T + one.virtual_centre_in_rig_mm
+    assert np.allclose(one.reflect(points), expected)
+    assert one.reflect(points).shape == points.shape
+
+
+def test_many_mirrors_reflect_many_points_at_once() -> None:
+    centres = np.random.default_rng(2).normal(size=(4, 1, 3)) * 50
+    points = np.random.default_rng(3).normal(size=(1, 6, 3)) * 50
+    found = reflect(points, centres)
+    assert found.shape == (4, 6, 3)
+    assert np.allclose(found[2, 5], reflect(points[0, 5], centres[2, 0]))
+
+
+def test_the_textbook_45_degree_fold() -> None:
+    fold = mirror(centre=(0.0, -80.0, 80.0))
+    assert fold.distance_mm == pytest.approx(80 / np.sqrt(2))
+    assert np.allclose(fold.normal_in_rig, np.array([0, 1, -1]) / np.sqrt(2))
+    assert np.allclose(fold.reflection @ [0, 0, 1], [0, 1, 0])  # up the optical axis, then forward
+    assert np.allclose(fold.reflect(np.array([0.0, 0.0, 80.0])), [0, 0, 80])
+    assert fold.normal_in_rig @ fold.normal_in_rig == pytest.approx(1)
+    assert np.allclose(fold.outline_in_rig_mm @ fold.normal_in_rig, -fold.distance_mm)
+
+
+@given(CENTRES, st.floats(0.1, 10), st.sampled_from([-1, 1]))
+def test_a_plane_gives_its_mirror_whatever_the_length_and_sign_of_its_normal(
+    centre: FloatArray, length: float, sign: int
+) -> None:
+    assume(centre[2] > 0.1 * np.linalg.norm(centre))
+    given_mirror = mirror(centre=centre, normalized=((-0.01, 0), (0.01, 0), (0, 0.01)))
+    found = Mirror.from_plane(
+        given_mirror.outline_in_rig_mm[1],
+        sign * length * given_mirror.normal_in_rig,
+        outline_in_rig_mm=given_mirror.outline_in_rig_mm,
+    )
+    assert np.allclose(found.virtual_centre_in_rig_mm, centre, rtol=1e-9, atol=1e-9)
+
+
+def test_viewing_rays_are_cut_where_the_plane_is() -> None:
+    one = mirror()
+    assert np.allclose(one.outline_normalized, QUAD)
+    assert np.allclose(one.cut(np.array(QUAD)), one.outline_in_rig_mm)
+    inside = one.cut(np.zeros((2, 7, 2)))
+    assert inside.shape == (2, 7, 3)
+    assert np.allclose(inside @ one.normal_in_rig, -one.distance_mm)
+
+
+def test_its_own_frame_is_rigid_lies_in_the_plane_and_faces_the_pupil() -> None:
+    one = mirror()
+    turn, origin = one.rig_from_plane[:3, :3], one.rig_from_plane[:3, 3]
+    assert np.allclose(turn.T @ turn, np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1)
+    assert np.allclose(turn[:, 2], one.normal_in_rig)
+    assert -origin @ one.normal_in_rig > 0  # the pupil is on the side z points to
+    assert turn[0, 0] > 0.9
+    assert np.allclose(origin, one.outline_in_rig_mm.mean(axis=0))
+    flat = np.column_stack([one.outline_in_plane_mm, np.zeros(4)])
+    assert np.allclose(flat @ turn.T + origin, one.outline_in_rig_mm)
+    edges = [np.linalg.norm(np.roll(points, 1, axis=0) - points, axis=1) for points in (flat, one.outline_in_rig_mm)]
+    assert np.allclose(*edges)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_mirror_that_faces_sideways_has_a_frame_too(side: float) -> None:
+    wall = Mirror.from_plane(
+        np.array([50.0 * side, 0, 0]),
+        np.array([1.0, 0, 0]),
+        outline_in_rig_mm=np.array([[50 * side, -9, 50], [50 * side, 9, 50], [50 * side, 9, 90]]),
+    )
+    turn = wall.rig_from_plane[:3, :3]
+    assert np.allclose(turn.T @ turn, np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1)
+    assert np.allclose(turn[:, 2], [-side, 0, 0])
+
+
+def test_moving_a_mirror_moves_its_plane_and_its_outline_as_one_body() -> None:
+    one = mirror(surface="second", thickness_mm=3.0, refractive_index=1.5)
+    turn = Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix()
+    shift = np.array([1.0, -2.0, 0.5])
+    moved = one.moved(turn, shift)
+    centre = one.outline_in_rig_mm.mean(axis=0)
+    assert np.allclose(moved.outline_in_rig_mm, (one.outline_in_rig_mm - centre) @ turn.T + centre + shift)
+    assert np.allclose(moved.normal_in_rig, turn @ one.normal_in_rig)
+    assert np.allclose(moved.outline_in_rig_mm @ moved.normal_in_rig, -moved.distance_mm)
+    assert (moved.surface, moved.thickness_mm, moved.refractive_index) == ("second", 3.0, 1.5)
+    assert np.allclose(one.moved(np.eye(3), np.zeros(3)).outline_in_rig_mm, one.outline_in_rig_mm)
+
+
+def test_a_slide_along_the_plane_leaves_the_plane() -> None:
+    one = mirror()
+    moved = one.moved(np.eye(3), 4.0 * one.rig_from_plane[:3, 0])
+    assert np.allclose(moved.virtual_centre_in_rig_mm, one.virtual_centre_in_rig_mm)
+
+
+CROSSING = [QUAD[0], QUAD[2], QUAD[1], QUAD[3]]
+DENT = [*QUAD[:2], (0.0, 0.0), *QUAD[2:]]
+
+
+@pytest.mark.parametrize(
+    ("normalized", "message"),
+    [
+        (QUAD[:2], "outline has 2 corners, expected at least 3"),
+        (CROSSING, "outline crosses itself, expected a convex polygon"),
+        (DENT, "outline is not convex, expected a convex polygon"),
+        ([(-0.1, 0.0), (0.0, 0.0), (0.1, 0.0)], "expected a convex polygon"),
+        ([(-0.1, 0.1), (0.0, 0.0), (0.1, -0.1)], "expected a convex polygon"),
+        ([(-0.1, 0.0), (0.0, 1e-9), (0.1, 0.0)], "outline has no area, expected a convex polygon"),
+        ([(0.0, 0.0)] * 3, "expected a convex polygon"),
+    ],
+)
+def test_outlines_that_cannot_be_cut_are_refused(normalized: Any, message: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        mirror(normalized=normalized)
+    assert message in caught.value.errors()[0]["msg"]
+
+
+def test_either_order_of_corners_and_more_than_four_are_fine() -> None:
+    angle = np.linspace(0, 2 * np.pi, 9)[:-1]
+    octagon = 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    assert len(mirror(octagon).outline_in_rig_mm) == len(mirror(octagon[::-1]).outline_in_rig_mm) == 8
+
+
+def test_a_corner_on_a_straight_edge_is_fine() -> None:
+    assert len(mirror([(-0.1, -0.1), (0.0, -0.1), (0.1, -0.1), (0.0, 0.1)]).outline_in_rig_mm) == 4
+
+
+def test_mirrors_refuse_what_cannot_be() -> None:
+    lifted = mirror().outline_in_rig_mm + np.array([0, 0, 1e-3])
+    assert "outline leaves the mirror plane by" in refusal(outline_in_rig_mm=lifted)
+    corners = [[0, -50, -1], [9, -50, 5], [0, -50, 9]]
+    with pytest.raises(ValidationError, match="outline has a corner behind the camera, expected z > 0"):
+        Mirror.from_plane(np.array([0.0, -50, 0]), np.array([0.0, 1, 0]), outline_in_rig_mm=corners)
+    assert "lies in the pupil" in refusal(virtual_centre_in_rig_mm=[0.0, 0.0, 1e-4])
+    assert "NaN or infinite" in refusal(virtual_centre_in_rig_mm=[np.nan, -80, 80])
+    assert "shape (2,), expected (3)" in refusal(virtual_centre_in_rig_mm=[-80, 80])
+    assert "shape (3, 2), expected (n, 3)" in refusal(outline_in_rig_mm=np.zeros((3, 2)))
+    assert "'first' or 'second'" in refusal(surface="third")
+    assert "greater than 0" in refusal(thickness_mm=0.0)
+    assert "greater than or equal to 1" in refusal(refractive_index=0.9)
+    assert "Extra inputs" in refusal(tilt_deg=45.0)
+
+
+def test_a_mirror_survives_json_to_the_bit() -> None:
+    one = mirror(centre=(1 / 3, -80 * np.pi, 81.7))
+    back = Mirror.model_validate_json(one.model_dump_json())
+    assert back == one
+    assert back.outline_in_rig_mm.tobytes() == one.outline_in_rig_mm.tobytes()

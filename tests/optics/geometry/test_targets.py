@@ -1,0 +1,132 @@
+"""Targets: corners where OpenCV finds them on the printed picture, and boards that cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, default_board, load_board, save_board
+
+CHARUCO = Charuco(cols=7, rows=5, square_mm=12.5, marker_mm=9.0)
+PLAIN = Checkerboard(cols=8, rows=7, square_mm=3.0)
+
+
+@pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board()])
+def test_corners_run_row_by_row_from_the_top_left(board: Charuco | Checkerboard) -> None:
+    corners = board.corners_in_board_mm
+    assert corners.shape == ((board.rows - 1) * (board.cols - 1), 3)
+    assert corners[0].tolist() == [board.square_mm, board.square_mm, 0]
+    assert corners[1].tolist() == [2 * board.square_mm, board.square_mm, 0]
+    assert corners[board.cols - 1].tolist() == [board.square_mm, 2 * board.square_mm, 0]
+    width, height = board.size_mm
+    assert corners[-1].tolist() == [width - board.square_mm, height - board.square_mm, 0]
+
+
+def test_opencv_agrees_on_the_charuco_corners() -> None:
+    assert np.allclose(CHARUCO.opencv.getChessboardCorners(), CHARUCO.corners_in_board_mm)
+    assert CHARUCO.opencv.getChessboardSize() == (7, 5)
+
+
+@pytest.mark.parametrize("board", [CHARUCO, default_board()])
+def test_charuco_corners_are_found_where_they_were_printed(board: Charuco) -> None:
+    px, border = 40, 20
+    image = np.pad(board.image(px), border, constant_values=255)
+    assert board.image(px).shape == (board.rows * px, board.cols * px)
+    found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv).detectBoard(image)
+    assert sorted(np.ravel(ids)) == list(range(len(board.corners_in_board_mm)))
+    # The printed edge between pixels 39 and 40 lies at 39.5 where pixel centres are whole numbers.
+    expected = board.corners_in_board_mm[np.ravel(ids), :2] / board.square_mm * px - 0.5 + border
+    assert np.abs(np.asarray(found).reshape(-1, 2) - expected).max() < 0.25
+
+
+def test_the_checkerboard_is_found_where_it_was_printed() -> None:
+    px, border = 20, 20
+    image = np.pad(PLAIN.image(px), border, constant_values=255)
+    found, corners = cv2.findChessboardCornersSB(image, (7, 6))
+    assert found
+    expected = PLAIN.corners_in_board_mm[:, :2] / PLAIN.square_mm * px - 0.5 + border
+    points = np.asarray(corners).reshape(-1, 2)
+    assert min(np.abs(points - expected).max(), np.abs(points[::-1] - expected).max()) < 0.1
+
+
+@pytest.mark.parametrize("board", [CHARUCO, PLAIN])
+def test_the_top_left_square_is_black_and_squares_alternate(board: Charuco | Checkerboard) -> None:
+    image = board.image(40)
+    # A square's border ring shows its colour: a marker leaves it free.
+    ring = image.reshape(board.rows, 40, board.cols, 40)[:, 2, :, 20]
+    row, col = np.indices(ring.shape)
+    assert np.array_equal(ring, np.where((row + col) % 2 == 0, 0, 255))
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(8, 7), (7, 8), (8, 6), (7, 5)])
+def test_which_boards_look_the_same_upside_down(cols: int, rows: int) -> None:
+    board = Checkerboard(cols=cols, rows=rows, square_mm=1.0)
+    image = board.image(3)
+    assert board.looks_same_upside_down is np.array_equal(image, image[::-1, ::-1])
+
+
+@pytest.mark.parametrize("name", list(DICTIONARIES))
+def test_the_dictionaries_are_those_of_opencv(name: str) -> None:
+    number, modules = DICTIONARIES[name]
+    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    assert dictionary.markerSize + 2 == modules
+    assert len(dictionary.bytesList) == int(name.rsplit("_", 1)[1])
+
+
+@pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board(), Checkerboard(cols=3, rows=3, square_mm=1 / 3)])
+def test_a_board_survives_its_file(board: Charuco | Checkerboard, tmp_path: Path) -> None:
+    save_board(tmp_path / "board.toml", board)
+    back = load_board(tmp_path / "board.toml")
+    assert type(back) is type(board)
+    assert back == board
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("cols = 8\nrows = 7\nsquare_mm = 3.0\n", "'kind'"),
+        ('kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n', "expected tags: 'checkerboard', 'charuco'"),
+        ('kind = "checkerboard"\ncols = 8\nrows = 7\n', "checkerboard.square_mm: Field required"),
+        ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = nan\n', "square_mm: Input should be a finite number"),
+        ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\n', "marker_mm: Extra inputs"),
+        (
+            'kind = "checkerboard"\ncols = 2\nrows = 7\nsquare_mm = 3\n',
+            "cols: Input should be greater than or equal to 3",
+        ),
+        ('kind = "charuco"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 3\n', "marker_mm 3.0 is not smaller than"),
+        (
+            'kind = "charuco"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\ndictionary = "DICT_9X9"\n',
+            "dictionary 'DICT_9X9' is unknown, expected one of DICT_4X4_50,",
+        ),
+        (
+            'kind = "charuco"\ncols = 12\nrows = 10\nsquare_mm = 3\nmarker_mm = 2\ndictionary = "DICT_4X4_50"\n',
+            "60 markers are needed, DICT_4X4_50 has 50",
+        ),
+        ("cols == 8", "not valid TOML"),
+    ],
+)
+def test_board_files_are_refused_in_one_line(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "board.toml"
+    path.write_text(content)
+    with pytest.raises(InputError) as caught:
+        load_board(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_board_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"board\.toml: no such file$"):
+        load_board(tmp_path / "board.toml")
+
+
+@pytest.mark.parametrize("changes", [{"square_mm": 0.0}, {"rows": 2}, {"cols": 3.5}, {"colour": "red"}])
+def test_boards_refuse_what_cannot_be(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        PLAIN.replaced(**changes)

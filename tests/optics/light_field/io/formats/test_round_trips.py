@@ -1,0 +1,176 @@
+"""Every format gives back what was written; and none lets a bad file pass."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, FORMATS, format_of, named, read_any, write_any
+from mirrorcam.optics.light_field.io.formats.views_file import Assumed
+from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.depth.surfaces import grid_views
+from tests.optics.light_field.io.formats.planes import plane, with_gaps
+
+READABLE = [name for name in FORMATS if name != "ply"]
+EXACT = ["npz", "zarr", "lftoolbox", "plenpy", "plenopticam"]
+
+
+def noise(rows: int, cols: int, *, channels: int = 3, kind: Any = np.uint8) -> LightField:
+    """Random samples and weights of uneven views, with pixels that have no sample."""
+    views = grid_views(rows, cols, width_px=23, height_px=17, centre_px=np.array([-2.5, 8.0]))
+    random = np.random.default_rng(rows + 10 * cols)
+    shape = (rows, cols, 17, 23)
+    opacity = random.choice([0, 1, 128, 255], shape, p=[0.2, 0.1, 0.1, 0.6])
+    samples: Any = random.integers(0, 256, (*shape, channels)).astype(np.uint8)
+    if kind == np.float32:
+        samples = random.random((*shape, channels), dtype=np.float32)
+    samples[opacity == 0] = 0
+    return LightField.of(views, samples, opacity.astype(np.float32) / np.float32(255))
+
+
+def assert_same(found: LightField, expected: LightField) -> None:
+    for field in fields(LightField):
+        one, other = getattr(found, field.name), getattr(expected, field.name)
+        assert np.asarray(one).dtype == np.asarray(other).dtype, field.name
+        assert np.array_equal(one, other), field.name
+
+
+@pytest.mark.parametrize("to", READABLE)
+@pytest.mark.parametrize(("size", "channels"), [((3, 3), 3), ((2, 2), 1)])
+def test_what_was_written_comes_back(tmp_path: Path, to: Any, size: tuple[int, int], channels: int) -> None:
+    expected = noise(*size, channels=channels)
+    if to in ("hci", "colmap"):
+        # Their masks know only samples and none.
+        expected = LightField.of(expected, expected.samples, (expected.weights > 0).astype(np.float32))
+    path = tmp_path / f"a{ENDINGS[to]}"
+    write_any(path, expected, to)
+    assert format_of(path) == to
+    assert named(path) == "a"
+    assert_same(read_any(path)[0], expected)
+
+
+@pytest.mark.parametrize("to", [name for name in READABLE if name != "plenopticam"])
+def test_grids_of_one_row_come_back(tmp_path: Path, to: Any) -> None:
+    expected = with_gaps(plane(1, 3, 1.0))
+    path = tmp_path / f"a{ENDINGS[to]}"
+    write_any(path, expected, to)
+    assert_same(read_any(path)[0], expected)
+
+
+@pytest.mark.parametrize("to", EXACT)
+def test_float_samples_come_back(tmp_path: Path, to: Any) -> None:
+    expected = noise(3, 3, kind=np.float32)
+    path = tmp_path / f"a{ENDINGS[to]}"
+    write_any(path, expected, to)
+    found = read_any(path)[0]
+    assert found.samples.dtype == np.float32
+    # PlenoptiCam's range is that of 16 bits.
+    assert np.abs(found.samples.astype(float) - expected.samples).max() < (1e-7 if to == "plenopticam" else 1e-30)
+    assert np.array_equal(found.weights, expected.weights)
+
+
+@pytest.mark.parametrize("to", [name for name in READABLE if name not in ("npz", "zarr")])
+def test_the_same_light_field_gives_the_same_bytes(tmp_path: Path, to: Any) -> None:
+    light_field = noise(2, 2)
+    for name in ("a", "b"):
+        write_any(tmp_path / name / f"x{ENDINGS[to]}", light_field, to)
+    files = sorted(file for file in (tmp_path / "a").rglob("*") if file.is_file())
+    assert files
+    for file in files:
+        assert file.read_bytes() == (tmp_path / "b" / file.relative_to(tmp_path / "a")).read_bytes(), file.name
+
+
+@pytest.mark.parametrize("to", [name for name in FORMATS if "." not in ENDINGS[name]])
+def test_folders_with_something_in_them_are_left_alone(tmp_path: Path, to: Any) -> None:
+    (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="expected a new or empty folder"):
+        write_any(tmp_path, noise(2, 2), to)
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.mat").write_bytes(b"not MATLAB")
+    (tmp_path / "a.png").write_bytes(b"not PNG")
+    (tmp_path / "empty").mkdir()
+    for path, message in (
+        (tmp_path / "a.mat", "not a .mat file"),
+        (tmp_path / "a.png", "not an image"),
+        (tmp_path / "empty", "a folder of no known format"),
+        (tmp_path / "missing.mat", "no such file"),
+        (tmp_path / "a.txt", "no light field by its name"),
+    ):
+        with pytest.raises(InputError, match=message) as refused:
+            read_any(path)
+        assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match="has one frame"):
+        read_any(tmp_path / "a.mat", frame=2)
+
+
+@pytest.mark.parametrize("to", ["eslf", "tiles", "stanford", "plenpy", "plenopticam"])
+def test_without_our_file_the_geometry_must_be_given(tmp_path: Path, to: Any) -> None:
+    light_field = plane(3, 3, 1.0)
+    path = tmp_path / f"a{ENDINGS[to]}"
+    write_any(path, light_field, to)
+    (path.with_suffix(".json") if path.is_file() else path / "views.json").unlink()
+    with pytest.raises(InputError, match=r"does not say its (rows|step_mm|focal_px), .* expected --"):
+        read_any(path)
+    given = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0)
+    found = read_any(path, given)[0]
+    assert np.allclose(found.positions_mm, light_field.positions_mm)
+    assert found.reference_distance_mm == pytest.approx(light_field.reference_distance_mm)
+    if to == "plenpy" or (to == "plenopticam" and found.samples.dtype == np.float32):
+        assert np.abs(found.samples.astype(float) * 255 - light_field.samples).max() < 1e-3
+    else:
+        assert np.array_equal(found.samples, light_field.samples)
+
+
+def test_views_files_of_something_else_are_refused(tmp_path: Path) -> None:
+    write_any(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
+    for text, message in (
+        ("{}", "expected the schema"),
+        ("[1, 2]", "expected the schema"),
+        ("{", "does not describe views"),
+        ('{"schema": "mirrorcam.views/1"}', "does not describe views"),
+        ('{"schema": "mirrorcam.views/1", "views": {"width_px": 3}}', "does not describe views"),
+    ):
+        (tmp_path / "a_tiles.json").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            read_any(tmp_path / "a_tiles.png")
+
+
+def test_pictures_that_are_missing_or_of_another_size_are_refused(tmp_path: Path) -> None:
+    light_field = noise(2, 2)
+    for to, picture in (
+        ("stanford", "out_00_00_*.png"),
+        ("nerfstudio", "images/view_00_00.png"),
+        ("colmap", "images/view_00_00/0000.png"),
+    ):
+        folder = tmp_path / to
+        write_any(folder, light_field, to)  # type: ignore[arg-type]
+        file = next(folder.glob(picture))
+        other = next(each for each in folder.glob("**/*.png") if each != file and "masks" not in each.parts)
+        good = other.read_bytes()
+        from mirrorcam.optics.base.files import write_image
+
+        write_image(other, np.zeros((5, 6, 3), np.uint8))
+        with pytest.raises(InputError, match="6x5 px, expected"):
+            read_any(folder)
+        other.write_bytes(good)
+        file.unlink()
+        with pytest.raises(InputError, match=r"lacks view|no such file"):
+            read_any(folder)
+
+
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    for to, array in (("plenpy", "light_field.npy"), ("plenopticam", "vp_img_arr.npy")):
+        write_any(tmp_path / to, noise(2, 2), to)  # type: ignore[arg-type]
+        values = np.load(tmp_path / to / array)
+        values[0, 0, 0, 0, 0] = np.nan
+        np.save(tmp_path / to / array, values)
+        with pytest.raises(InputError, match="NaN or infinite"):
+            read_any(tmp_path / to)

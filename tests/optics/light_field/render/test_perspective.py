@@ -1,0 +1,234 @@
+"""Pictures by depth: everything sharp, from between the views, and past what stands in the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, landed, referred_to, without_nearer
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, met, photograph
+from tests.optics.light_field.render.test_refocusing import psnr, truth
+
+WALL = Surface(560.0, slope=(0.2, -0.3), seed=1)
+CARD = Surface(400.0, bounds=(-16.0, -22.0, 8.0, 14.0), seed=2, mean=0.65)
+SCENE = [WALL, CARD]
+POST = Surface(400.0, bounds=(-6.0, -60.0, 4.0, 60.0), seed=2, mean=0.65)
+
+
+def behind_mm(views: Views) -> float:
+    return views.reference_depth_mm - views.reference_distance_mm
+
+
+def true_depths(views: Views, surfaces: list[Surface]) -> ViewDepths:
+    grid = views.pixel_grid()
+    distance = np.array([[met(views, (t, s), grid, surfaces)[1] for s in range(views.cols)] for t in range(views.rows)])
+    return ViewDepths.of_depths(views, distance + behind_mm(views))
+
+
+def seen_at(views: Views, place: FloatArray, surfaces: list[Surface]) -> FloatArray:
+    """What a pinhole at a place sees, without noise."""
+    positions = np.stack([views.positions_mm[1, 1], place])[None]
+    pair = replace(views, positions_mm=positions)
+    shifts = np.stack(np.meshgrid([-0.25, 0.25], [-0.25, 0.25]), axis=-1).reshape(-1, 2)
+    return np.asarray(np.mean([met(pair, (0, 1), views.pixel_grid() + shift, surfaces)[0] for shift in shifts], axis=0))
+
+
+def inside(shape: tuple[int, ...], margin: int = 8) -> NDArray[np.bool_]:
+    where = np.zeros(shape, dtype=bool)
+    where[margin:-margin, margin:-margin] = True
+    return where
+
+
+def test_pixels_land_where_views_see_their_points() -> None:
+    views = grid_views()
+    start, end = (0, 2), (2, 0)
+    points = views.plane_points_in_rig(410.0, np.array([[31.0, 52.0], [77.0, 11.0]]), start)
+    nearness = np.full((90, 120), 1.0 / (410.0 - behind_mm(views)), np.float32)
+    u, v = landed(views, start, views.positions_mm[end], nearness)
+    expected = views.project(points)[end]
+    np.testing.assert_allclose([[u[52, 31], v[52, 31]], [u[11, 77], v[11, 77]]], expected, atol=1e-3)
+    # What is infinitely far moves by f x (1 / Z0 - 0).
+    u, _ = landed(views, (1, 1), np.array([20.0, 0.0, 0.0]), np.zeros((90, 120), np.float32))
+    moved = views.focal_px * 20.0 / views.reference_distance_mm
+    np.testing.assert_allclose(u - np.arange(120), moved, atol=1e-3)
+
+
+def test_any_view_can_be_the_reference() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    moved = referred_to(light_field, (0, 2))
+    assert (moved.positions_mm[0, 2] == 0).all()
+    points = np.random.default_rng(4).uniform(-40.0, 40.0, (20, 3)) + np.array([0.0, 400.0, 90.0])
+    np.testing.assert_allclose(moved.project(points), light_field.project(points), atol=1e-9)
+    np.testing.assert_allclose(moved.matrices, light_field.matrices, atol=1e-9)
+
+
+def test_everything_is_sharp_with_less_noise() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE, noise=0.04)[0]
+    true = truth(views, SCENE)
+    picture = all_in_focus(light_field, true_depths(views, SCENE))
+    where = inside(true.shape[:2])
+    assert picture.valid.all()
+    central = psnr(light_field.samples[1, 1] / 255.0, true, where)
+    assert psnr(picture.image, true, where) > central + 6.0
+    # No plane has it all.
+    for depth in (CARD.distance_mm, WALL.distance_mm):
+        assert psnr(refocus(light_field, FocalPlane((0, 0, 1 / depth))).image, true, where) < central
+
+
+def test_by_measured_depth_it_is_nearly_as_sharp() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE, noise=0.02)[0]
+    depths = ViewDepths.measured(light_field)
+    true = truth(views, SCENE)
+    where = inside(true.shape[:2])
+    picture = all_in_focus(light_field, depths)
+    assert psnr(picture.image, true, where) > psnr(light_field.samples[1, 1] / 255.0, true, where) + 3.0
+    known = depths.sure & inside(true.shape[:2])
+    assert known.mean() > 0.6
+    expected = true_depths(views, SCENE)
+    off = np.abs(depths.depth_mm(views) / expected.depth_mm(views) - 1.0)[known]
+    assert np.median(off) < 0.01
+    assert np.mean(off > 0.05) < 0.03
+
+
+@pytest.mark.parametrize("place", [(12.0, -7.0, 0.0), (-8.0, 14.0, 0.0)])
+def test_between_the_views_it_looks_as_from_there(place: tuple[float, float, float]) -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    true = seen_at(views, np.array(place), SCENE)
+    where = inside(true.shape[:2])
+    picture = seen_from(light_field, true_depths(views, SCENE), np.array(place))
+    assert picture.valid.all()
+    assert psnr(picture.image, true, where) > 33.0
+    by_measured = seen_from(light_field, ViewDepths.measured(light_field), np.array(place))
+    assert psnr(by_measured.image, true, where) > 26.0
+    nearest = psnr(light_field.samples[1, 1] / 255.0, true, where)
+    assert nearest < 20.0
+
+
+def test_from_a_views_own_place_it_looks_like_that_view() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE, noise=0.0)[0]
+    picture = seen_from(light_field, true_depths(views, SCENE), views.positions_mm[1, 2])
+    assert psnr(picture.image, light_field.samples[1, 2] / 255.0, picture.valid) > 45.0
+
+
+def test_what_stands_in_the_way_is_left_out() -> None:
+    views = grid_views(step_mm=32.0)
+    light_field = photograph(views, [WALL, POST])[0]
+    true = truth(views, [WALL])
+    hidden = met(views, (1, 1), views.pixel_grid(), [WALL, POST])[2] == 1
+    assert 0.05 < hidden.mean() < 0.2
+    cut = 460.0 + behind_mm(views)
+    plane = FocalPlane((-0.2 / 560.0, 0.3 / 560.0, 1.0 / 560.0))
+    for depths, least_db in ((true_depths(views, [WALL, POST]), 34.0), (ViewDepths.measured(light_field), 28.0)):
+        without = without_nearer(light_field, depths, cut)
+        assert (without.weights[1, 1][hidden] == 0).mean() > 0.97
+        picture = all_in_focus(without, depths)
+        assert (picture.valid & hidden).sum() > 0.9 * hidden.sum()
+        assert psnr(picture.image, true, picture.valid & hidden) > least_db
+        # So does a plane behind it, where with the post it shows the post's blur.
+        past = refocus(without, plane)
+        assert psnr(past.image, true, past.valid & hidden) > least_db
+        assert psnr(refocus(light_field, plane).image, true, hidden) < 25.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_that_look_unlike_still_fill_what_the_central_one_lacks() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    samples, weights = light_field.samples.copy(), light_field.weights.copy()
+    samples[1, 1] = 255
+    weights[1, 1, 30:50, 40:70], samples[1, 1, 30:50, 40:70] = 0.0, 0
+    picture = all_in_focus(LightField.of(views, samples, weights), true_depths(views, SCENE))
+    assert picture.valid.all()
+    assert np.isfinite(picture.image).all()
+    lacking = np.zeros((90, 120), dtype=bool)
+    lacking[31:49, 41:69] = True
+    assert psnr(picture.image, truth(views, SCENE), lacking) > 30.0
+
+
+def test_what_no_view_sees_stays_without_sample() -> None:
+    views = grid_views()
+    wide = Surface(400.0, bounds=(-60.0, -22.0, 60.0, 14.0), seed=2, mean=0.65)
+    light_field = photograph(views, [WALL, wide])[0]
+    depths = true_depths(views, [WALL, wide])
+    without = without_nearer(light_field, depths, 460.0 + behind_mm(views))
+    picture = all_in_focus(without, depths)
+    assert 0.02 < (~picture.valid).mean() < 0.4
+    assert (picture.image[~picture.valid] == 0).all()
+
+
+def test_the_way_around_stays_between_the_views() -> None:
+    views = grid_views()
+    light_field, places = photograph(views, SCENE)[0], np.array(list(orbit(views, 12)))
+    assert places.shape == (12, 3)
+    low, high = (edge(views.positions_mm.reshape(-1, 3), axis=0) for edge in (np.min, np.max))
+    assert ((places >= low - 1e-9) & (places <= high + 1e-9))[:, :2].all()
+    assert np.ptp(places[:, 0]) > 30.0
+    assert np.ptp(places[:, 1]) > 30.0
+    with pytest.raises(InputError, match=r"place \(90, 0\) mm lies outside the views"):
+        seen_from(light_field, true_depths(views, SCENE), np.array([90.0, 0.0, 0.0]))
+
+
+def test_bad_depths_are_refused() -> None:
+    views = grid_views()
+    light_field = photograph(views, [WALL])[0]
+    with pytest.raises(InputError, match="depths have shape"):
+        ViewDepths.of_depths(views, np.ones((3, 3, 5, 5)))
+    with pytest.raises(InputError, match="expected all beyond"):
+        ViewDepths.of_depths(views, np.full((3, 3, 90, 120), behind_mm(views) - 1.0))
+    nothing = ViewDepths.of_depths(views, np.full((3, 3, 90, 120), np.nan))
+    with pytest.raises(InputError, match="no depth is known in any view"):
+        all_in_focus(light_field, nothing)
+    with pytest.raises(InputError, match="nothing lies nearer"):
+        without_nearer(light_field, nothing, behind_mm(views) - 5.0)
+
+
+def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE, noise=0.0)[0]
+    depths = true_depths(views, SCENE)
+    wrong = ViewDepths(depths.nearness.copy(), depths.sure.copy())
+    wrong.nearness[1, 1, 20:60, 30:90] *= np.float32(0.7)
+    wrong.sure[1, 1, 20:60, 30:90] = False
+    picture = all_in_focus(light_field, wrong)
+    patch = np.zeros((90, 120), dtype=bool)
+    patch[20:60, 30:90] = True
+    assert psnr(picture.image, light_field.samples[1, 1] / 255.0, patch) > 35.0
+    stray = light_field.samples.copy()
+    stray[1, 1, 20:60, 30:90] = 128
+    picture = all_in_focus(LightField.of(views, stray, light_field.weights), wrong)
+    assert np.abs(picture.image[patch] - 128.0 / 255.0).mean() < 0.02
+
+
+def test_what_other_views_do_not_confirm_is_not_sure() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    samples = light_field.samples.copy()
+    samples[1, 1, 20:70, 70:110] = np.random.default_rng(2).integers(0, 256, (50, 40, 3))
+    depths = ViewDepths.measured(LightField.of(views, samples, light_field.weights))
+    assert depths.sure[1, 1, 20:70, 20:40].mean() > 0.8
+    assert depths.sure[1, 1, 25:65, 75:105].mean() < 0.5
+    assert (depths.nearness[depths.sure] > 0).all()
+
+
+def test_samples_just_around_what_is_left_out_are_too() -> None:
+    views = grid_views()
+    light_field = photograph(views, SCENE)[0]
+    depths = true_depths(views, SCENE)
+    nearer = depths.nearness > 1.0 / 460.0
+    weights = without_nearer(light_field, depths, 460.0 + behind_mm(views)).weights
+    assert (weights[nearer] == 0).all()
+    for shift in ((2, 0), (-2, 0), (0, 2), (0, -2)):
+        assert (weights[np.roll(nearer, shift, axis=(2, 3))] == 0).all()
+    assert (weights[np.roll(nearer, (3, 0), axis=(2, 3))] > 0).any()

@@ -1,0 +1,59 @@
+"""The Mitsuba sensor looks along exactly the rays of the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.variant import use_variant
+
+LENSES = {
+    "pinhole": (0.0, 0.0, 0.0, 0.0, 0.0),
+    "barrel": (-0.25, 0.06, 0.0, 0.0, 0.0),
+    "pincushion": (0.12, 0.05, 0.0, 0.0, 0.0),
+    "all": (0.08, -0.18, 0.001, -0.0005, 0.02),
+    "decentred": (0.05, -0.1, 0.003, -0.002, 0.0),
+}
+
+
+def directions(camera: Camera, px: FloatArray, crop: tuple[int, int, int, int]) -> FloatArray:
+    """Directions (n, 3), z = 1, of the sensor's rays through pixels (n, 2) of a crop."""
+    import mitsuba as mi
+
+    x, y, width, height = crop
+    relative = (px + 0.5 - [x, y]) / [width, height]
+    ray, weight = sensor(camera, crop=crop).sample_ray(
+        0.0, 0.5, mi.Point2f(relative.T.astype(np.float32)), mi.Point2f(0.5)
+    )
+    np.testing.assert_array_equal(np.array(ray.o), 0.0)
+    np.testing.assert_array_equal(np.array(weight), 1.0)
+    found = np.array(ray.d, dtype=np.float64).T
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-6)
+    return found / found[:, 2:]
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_rays_are_those_of_the_camera_to_a_thousandth_of_a_pixel(lens: str) -> None:
+    use_variant()
+    camera = Camera.c920().replaced(distortion=LENSES[lens])
+    grid = np.stack(np.meshgrid(np.linspace(-0.5, 1919.5, 33), np.linspace(-0.5, 1079.5, 19)), axis=-1).reshape(-1, 2)
+    found = directions(camera, grid, (0, 0, 1920, 1080))
+    np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)
+
+
+def test_the_centre_of_a_pixel_is_where_opencv_puts_it() -> None:
+    use_variant()
+    camera = Camera(width_px=100, height_px=80, fx_px=90.0, fy_px=90.0, cx_px=30.0, cy_px=20.0)
+    found = directions(camera, np.array([[30.0, 20.0], [0.0, 0.0]]), (0, 0, 100, 80))
+    np.testing.assert_allclose(found[:, :2], [[0.0, 0.0], [-30 / 90, -20 / 90]], atol=1e-6)
+
+
+def test_a_crop_looks_the_same_way_as_the_whole_sensor() -> None:
+    use_variant()
+    camera = Camera.c920().replaced(distortion=LENSES["all"])
+    px = np.random.default_rng(0).uniform([400, 700], [600, 900], (50, 2))
+    whole, crop = directions(camera, px, (0, 0, 1920, 1080)), directions(camera, px, (400, 700, 200, 200))
+    np.testing.assert_allclose(crop, whole, atol=2e-7)

@@ -1,0 +1,176 @@
+"""Mirrors as the reference traces them: sheets coated behind, and what is wrong about taking those for planes."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene
+from mirrorcam.render_scenes.reference.board_scene import BoardScene
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
+from mirrorcam.render_scenes.variant import SCALAR
+from tests.render_scenes.corners import TARGET, errors_by_mirror, photographed, tilted_board, windows
+
+FAST = RenderSettings(renderer="fast")
+CUT = FAST.subpixels
+SEEN = (0, 7)
+
+Pictures = dict[int, NDArray[np.float32]]
+
+
+@pytest.fixture(scope="module")
+def pose(sheets: Layout) -> FloatArray:
+    return tilted_board(sheets)
+
+
+@pytest.fixture(scope="module")
+def traced(sheets: Layout, pose: FloatArray) -> Pictures:
+    """The windows of some sheets of 2 mm acrylic by the reference."""
+    scene = BoardScene(sheets.camera, sheets.mirrors, TARGET, RenderSettings())
+    scene.place_board(pose)
+    return {i: scene.render(spp=32, seed=1, subpixels=CUT, crop=windows(sheets)[i]) for i in SEEN}
+
+
+@pytest.fixture(scope="module")
+def computed(sheets: Layout, pose: FloatArray) -> Pictures:
+    """The same by formula, each with a sensor that is no larger than the window."""
+    pictures = {}
+    for index in SEEN:
+        x, y, width, height = windows(sheets)[index]
+        camera = sheets.camera.replaced(
+            width_px=width, height_px=height, cx_px=sheets.camera.cx_px - x, cy_px=sheets.camera.cy_px - y
+        )
+        scene = FastScene(camera, (sheets.mirrors[index],), TARGET, FAST)
+        scene.place_board(pose)
+        pictures[index] = scene.render()
+    return pictures
+
+
+def test_sheets_look_the_same_by_both_renderers(
+    sheets: Layout, pose: FloatArray, traced: Pictures, computed: Pictures
+) -> None:
+    """Refraction, Fresnel's losses and the ghosts: flat areas to .5 %, corners to .02 px."""
+    crops, errors = windows(sheets), []
+    for index in SEEN:
+        window, kernel = computed[index], np.ones((3, 3))
+        flat = cv2.dilate(window, kernel) - cv2.erode(window, kernel) < 2e-4
+        assert flat.mean() > 0.4, index
+        np.testing.assert_allclose(traced[index][flat], window[flat], rtol=0.005)
+    for pictures in (traced, computed):
+        found = {index: photographed(picture, CUT) for index, picture in pictures.items()}
+        errors.append(errors_by_mirror(found, crops, sheets, pose, misfit_allowed=0.05))
+    for index in SEEN:
+        assert len(errors[0][index]) >= 6
+        assert np.abs(errors[0][index] - errors[1][index]).max() <= 0.02, index
+
+
+def test_the_maps_tell_where_the_traced_light_left_the_board(sheets: Layout, pose: FloatArray) -> None:
+    """From face to face by Mitsuba's own intersections and BSDFs: the board's place in every pixel, to 1 um."""
+    scene = BoardScene(sheets.camera, sheets.mirrors, TARGET, RenderSettings())
+    scene.place_board(pose)
+    import mitsuba as mi
+
+    step = 8
+    truth = board_maps(pixel_rays(sheets, mirrors=True, step=step), TARGET, pose)
+    y, x = np.nonzero(np.isfinite(truth["board.x"]))
+    assert len(x) > 5000
+    ray = scene.sensor.ray_through(mi.Float(x * step + 0.5), mi.Float(y * step + 0.5))
+    hit = scene.scene.ray_intersect(mi.Ray3f(ray))
+    travelled = np.array(hit.t)
+    for lot in (2.0, 0.0, 2.0):  # through the front, off the coating, through the front
+        sample, _ = hit.bsdf().sample(mi.BSDFContext(), hit, lot, mi.Point2f(0.5))
+        direction = hit.to_world(sample.wo)
+        hit = scene.scene.ray_intersect(mi.Ray3f(hit.p + CLEARANCE_MM * direction, direction))
+        travelled += np.array(hit.t) + CLEARANCE_MM
+    at = (np.array(hit.p).T - pose[:3, 3]) @ pose[:3, :3]
+    inside = np.abs(at[:, 2]) < 1e-3  # light that meets an edge of a sheet has not come to the board
+    assert inside.mean() > 0.99
+    for name, found in (("board.x", at[:, 0]), ("board.y", at[:, 1]), ("path", travelled)):
+        np.testing.assert_allclose(found[inside], truth[name][y, x][inside], atol=1e-3, err_msg=name)
+
+
+def test_corners_of_the_truth_lie_where_the_maps_see_them(sheets: Layout, pose: FloatArray) -> None:
+    """A corner's pixel, followed by rays through the sheet, ends at the corner: solved one way, traced the other."""
+    oracle = Oracle(sheets, TARGET)
+    px, visible = oracle.by_mirrors(pose)
+    assert visible.sum() > 300
+    board_from_rig = pose[:3, :3].T
+    for index, mirror in enumerate(sheets.mirrors):
+        rays = sheets.camera.unproject(px[index][visible[index]])
+        _, start, way, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        start, way = (start - pose[:3, 3]) @ board_from_rig.T, way @ board_from_rig.T
+        at = start[:, :2] - way[:, :2] * (start[:, 2] / way[:, 2])[:, None]
+        np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
+    # The part of a sheet that light enters but does not leave shows nothing.
+    planes = sheets.replaced(mirrors=tuple(mirror.apparent for mirror in sheets.mirrors))
+    assert visible.sum() < Oracle(planes, TARGET).by_mirrors(pose)[1].sum()
+
+
+def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray:
+    """Pixels (n, 2) by which the best-fitting plane misses points that fill a sub-image, at some depths."""
+    mirror, camera = layout.mirrors[index], layout.camera
+    low, high = mirror.usable_normalized.min(axis=0), mirror.usable_normalized.max(axis=0)
+    grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T, [1.0]), axis=-1).reshape(-1, 3)
+    _, start, way, _ = reflected(mirror, grid / np.linalg.norm(grid, axis=1, keepdims=True))
+    start, way = (values[np.isfinite(start).all(axis=1)] @ layout.view_from_rig.T for values in (start, way))
+    depths = np.array(depths_mm)[:, None, None]
+    points = (start + way * ((depths - start[:, 2:]) / way[:, 2:])).reshape(-1, 3) @ layout.view_from_rig
+    truth = camera.project(mirror.image_of(points))
+    assert np.isfinite(truth).all()
+
+    def missed(virtual_centre: FloatArray) -> FloatArray:
+        return np.asarray((camera.project(reflect(points, virtual_centre)) - truth).ravel())
+
+    found = least_squares(missed, mirror.apparent.virtual_centre_in_rig_mm, method="lm", xtol=1e-15, ftol=1e-15)
+    return np.asarray(found.fun.reshape(-1, 2))
+
+
+def test_a_plane_is_not_a_sheet(sheets: Layout) -> None:
+    """What calibration with plane mirrors cannot take away of 2 mm of acrylic: a tenth of a pixel and more."""
+
+    def rms(layout: Layout, *depths_mm: float) -> list[float]:
+        return [float(np.sqrt(np.mean(plane_residuals(layout, index, *depths_mm) ** 2))) for index in range(9)]
+
+    at_one, at_two = rms(sheets, 450.0), rms(sheets, 300.0, 500.0)
+    assert min(at_one) > 0.05
+    assert max(at_one) < 0.2
+    assert np.median(at_one) == pytest.approx(0.14, abs=0.02)
+    assert min(at_two) > 0.08
+    assert max(at_two) < 0.3
+    # It is the sheet: thin ones are planes.
+    thin = sheets.replaced(mirrors=tuple(mirror.replaced(thickness_mm=0.02) for mirror in sheets.mirrors))
+    assert max(rms(thin, 300.0, 500.0)) < 0.004
+
+
+def test_corners_traced_through_a_sheet_are_not_a_planes(sheets: Layout, pose: FloatArray, traced: Pictures) -> None:
+    """In rendered pictures: corners lie where the exact projection has them (ghosts pull a little), not the plane's."""
+    crops, found = windows(sheets), {index: photographed(picture, CUT) for index, picture in traced.items()}
+    planes = sheets.replaced(mirrors=tuple(mirror.apparent for mirror in sheets.mirrors))
+    by_sheet, by_plane = (
+        errors_by_mirror(found, crops, layout, pose, misfit_allowed=0.05) for layout in (sheets, planes)
+    )
+    for index in SEEN:
+        assert np.sqrt(np.mean(by_sheet[index] ** 2)) < 0.02, index
+        assert by_sheet[index].std(axis=0).max() < 0.01, index
+        assert by_plane[index].std(axis=0).max() > 0.04, index
+
+
+def test_the_scalar_variant_traces_sheets_alike(sheets: Layout, pose: FloatArray) -> None:
+    x, y, width, height = windows(sheets)[0]
+    pictures = []
+    for variant in (None, SCALAR):
+        scene = BoardScene(sheets.camera, sheets.mirrors[:1], TARGET, RenderSettings(), variant=variant)
+        scene.place_board(pose)
+        pictures.append(scene.render(spp=2, seed=1, crop=(x + width // 2, y + height // 2, 36, 10)))
+    assert np.ptp(pictures[0]) > 0.5
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)

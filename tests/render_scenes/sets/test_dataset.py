@@ -1,0 +1,97 @@
+"""The manifest of a rendered set."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, Reach, sha256
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
+
+
+def manifest() -> Dataset:
+    return Dataset(
+        layout_identity="0123456789abcdef",
+        target=default_board(),
+        frames=2,
+        base_frames=1,
+        width_px=1920,
+        height_px=1080,
+        tolerances=Tolerances(),
+        settings=RenderSettings(),
+        renderer="mitsuba",
+        coverage=(0.5, 1.0),
+        reaches=(Reach(nearest_mm=281, farthest_mm=560, tilt_deg=44), Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)),
+        base_coverage=0.9,
+        request="abc",
+    )
+
+
+def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
+    dataset = manifest()
+    dataset.save(tmp_path)
+    assert Dataset.load(tmp_path) == dataset
+    assert '"schema": "mirrorcam.dataset/1"' in (tmp_path / MANIFEST).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "named"),
+    [
+        ("mirrorcam.dataset/1", "mirrorcam.dataset/9", "schema"),
+        ('"frames": 2', '"frames": -2', "frames"),
+        ('"tilt_deg": 0.3', '"tilt_deg": NaN', "tilt_deg"),
+        ('"request"', '"requested"', "request"),
+    ],
+)
+def test_what_does_not_belong_is_refused_by_name(tmp_path: Path, before: str, after: str, named: str) -> None:
+    manifest().save(tmp_path)
+    path = tmp_path / MANIFEST
+    path.write_text(path.read_text(encoding="utf-8").replace(before, after), encoding="utf-8")
+    with pytest.raises(InputError, match=named):
+        Dataset.load(tmp_path)
+
+
+def test_a_folder_without_a_manifest_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        Dataset.load(tmp_path)
+
+
+def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
+    picture = tmp_path / "frames" / "0000.png"
+    picture.parent.mkdir()
+    picture.write_bytes(b"picture")
+    dataset = manifest().replaced(files={"frames/0000.png": sha256(picture)})
+    assert dataset.intact(tmp_path, "frames/0000.png")
+    assert not dataset.intact(tmp_path, "frames/0001.png")
+    picture.write_bytes(b"pictur")
+    assert not dataset.intact(tmp_path, "frames/0000.png")
+    picture.unlink()
+    assert not dataset.intact(tmp_path, "frames/0000.png")
+
+
+@pytest.mark.parametrize(("sensor", "suffix"), [("ideal", ".png"), ("c920", ".jpg")])
+def test_it_is_complete_with_every_frame(sensor: SensorName, suffix: str) -> None:
+    dataset = manifest().replaced(settings=RenderSettings(sensor=SENSORS[sensor]))
+    assert dataset.frame_names == (f"frames/0000{suffix}", f"frames/0001{suffix}")
+    assert dataset.base_names == (f"base/0000{suffix}",)
+    most = dict.fromkeys(dataset.frame_names, "0")
+    assert not dataset.replaced(files=most).complete
+    assert dataset.replaced(files=most | {f"base/0000{suffix}": "0"}).complete
+
+
+def test_maps_lie_in_the_truth_under_the_names_of_their_pictures() -> None:
+    dataset = manifest()
+    assert dataset.map_of("frames/0001.jpg") == "truth/maps/frames/0001.exr"
+    assert dataset.map_of("base/0000.png") == "truth/maps/base/0000.exr"
+    assert dataset.replaced(settings=RenderSettings(maps=False)).map_of("frames/0001.jpg") is None
+
+
+def test_the_manifest_needs_no_renderer() -> None:
+    code = "import sys, render_scenes.dataset; sys.exit(any(m in sys.modules for m in ('mitsuba', 'drjit', 'casadi')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

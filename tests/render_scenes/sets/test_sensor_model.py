@@ -1,0 +1,153 @@
+"""From radiance to eight bits: each flaw of a sensor against its closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.sets.sensor_model import photograph
+from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+
+NO_NOISE = SensorModel(lens_blur_px=0.0, read_noise_grey=0.0)
+
+
+def camera_of(width: int, height: int, focal_px: float = 1000.0) -> Camera:
+    middle = {"cx_px": (width - 1) / 2.0, "cy_px": (height - 1) / 2.0}
+    return Camera(width_px=width, height_px=height, fx_px=focal_px, fy_px=focal_px, **middle)
+
+
+def shoot(radiance: FloatArray, cut: int, model: SensorModel, seed: int = 0) -> NDArray[np.uint8]:
+    camera = camera_of(radiance.shape[1] // cut, radiance.shape[0] // cut)
+    return photograph(radiance.astype(np.float32), cut, camera, model, np.random.default_rng(seed))
+
+
+def test_radiance_one_is_white_and_more_is_clipped() -> None:
+    levels = np.array([[0.0, 0.25, 0.5, 1.0, 3.0]])
+    assert shoot(levels, 1, NO_NOISE).tolist() == [[0, 64, 128, 255, 255]]
+
+
+def test_a_pixel_gathers_its_squares() -> None:
+    fine = np.arange(24).reshape(4, 6) / 100.0
+    expected = np.rint(255 * fine.reshape(2, 2, 3, 2).mean(axis=(1, 3)))
+    np.testing.assert_array_equal(shoot(fine, 2, NO_NOISE), expected)
+
+
+@pytest.mark.parametrize("cut", [1, 2])
+def test_the_blur_has_its_sigma_in_pixels_and_its_middle_in_place(cut: int) -> None:
+    point = np.zeros((41 * cut, 61 * cut))
+    point[20 * cut : 21 * cut, 25 * cut : 26 * cut] = 10.0
+    picture = shoot(point, cut, SensorModel(lens_blur_px=1.7, read_noise_grey=0.0)).astype(float)
+    y, x = np.mgrid[:41, :61]
+    weight = picture / picture.sum()
+    assert (weight * x).sum() == pytest.approx(25.0, abs=1e-6)
+    assert (weight * y).sum() == pytest.approx(20.0, abs=1e-6)
+    # With fine squares the pixel's own width adds its variance, 1/12 - 1/12/cut^2.
+    expected = 1.7**2 + (1.0 - 1.0 / cut**2) / 12.0
+    assert (weight * (x - 25.0) ** 2).sum() == pytest.approx(expected, rel=0.03)
+    assert (weight * (y - 20.0) ** 2).sum() == pytest.approx(expected, rel=0.03)
+
+
+def variances_across(paths_mm: list[float], model: SensorModel, across: int) -> list[float]:
+    """The variance (px^2) of pictures of lines, 41 px apart along an axis, whose light has come these ways."""
+    lines = np.full((4000, 41 * len(paths_mm)), 0.1, dtype=np.float32)
+    lines[:, 20::41] += 1.5
+    paths = np.repeat(paths_mm, 41)[None].repeat(4000, axis=0)
+    if across == 0:
+        lines, paths = np.ascontiguousarray(lines.T), paths.T
+    camera = camera_of(lines.shape[1], lines.shape[0])
+    picture = photograph(lines, 1, camera, model, np.random.default_rng(0), paths)
+    x = np.arange(-12.0, 13.0)
+    # The mean of many noisy rows knows more than eight bits of each.
+    light = (picture.mean(axis=1 - across) - 25.5).reshape(len(paths_mm), 41)[:, 8:33]
+    return [float(variance) for variance in (light * x**2).sum(axis=1) / light.sum(axis=1)]
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_what_is_out_of_focus_is_blurred_as_by_the_disc_of_a_thin_lens(across: int) -> None:
+    paths_mm = [150.0, 300.0, 500.0, 1200.0, 5000.0]
+    found = variances_across(paths_mm, SensorModel(lens_blur_px=0.7, aperture_mm=2.0, focus_mm=500.0), across)
+    for path_mm, variance in zip(paths_mm, found, strict=True):
+        # The image of a point at s through a pupil A wide, focused at s0, is f A |1/s0 - 1/s| wide; a disc D wide has
+        # the variance D^2/16 along each axis.
+        disc_px = 1000.0 * 2.0 * abs(1.0 / 500.0 - 1.0 / path_mm)
+        assert variance == pytest.approx(0.7**2 + disc_px**2 / 16.0, rel=0.03, abs=0.04)
+
+
+def test_where_nothing_tells_how_far_light_has_come_it_is_in_focus() -> None:
+    unknown, focused = variances_across([np.nan, 500.0], SensorModel(lens_blur_px=1.0, aperture_mm=3.0), across=1)
+    assert unknown == pytest.approx(focused, abs=0.05)
+    assert unknown == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("exponent", [2.0, 4.0])
+def test_light_away_from_the_axis_falls_as_a_power_of_its_cosine(exponent: float) -> None:
+    camera = camera_of(801, 601, focal_px=500.0)
+    model = NO_NOISE.replaced(vignetting=exponent)
+    light = photograph(np.full((601, 801), 0.9, dtype=np.float32), 1, camera, model, np.random.default_rng(0))
+    for x, y in ((400, 300), (0, 300), (400, 0), (0, 0), (800, 600), (600, 450)):
+        cosine = 500.0 / np.sqrt((x - 400.0) ** 2 + (y - 300.0) ** 2 + 500.0**2)
+        assert light[y, x] == pytest.approx(0.9 * 255.0 * cosine**exponent, abs=0.51)
+    assert light[0, 0] == pytest.approx(229.5 * 0.5 ** (exponent / 2.0), abs=0.51)  # at 45 degrees
+
+
+def test_exposure_scales_the_light_before_it_is_clipped() -> None:
+    levels = np.array([[0.2, 0.5, 1.0, 2.0]])
+    assert shoot(levels, 1, NO_NOISE.replaced(exposure=0.5)).tolist() == [[26, 64, 128, 255]]
+
+
+@pytest.mark.parametrize("exposure", [0.5, 1.0])
+def test_noise_grows_with_the_light_as_counted_electrons_do(exposure: float) -> None:
+    model = NO_NOISE.replaced(full_well_electrons=3000.0, read_noise_grey=1.5, exposure=exposure)
+    for level in (0.1, 0.3, 0.8):
+        picture = shoot(np.full((400, 400), level), 1, model, seed=int(100 * level)).astype(float)
+        mean = 255.0 * exposure * level
+        electrons = mean * 3000.0 / 255.0
+        # A Poisson variance, in grey levels of 3000 / 255 electrons; read noise; rounding to whole levels.
+        expected = electrons * (255.0 / 3000.0) ** 2 + 1.5**2 + 1.0 / 12.0
+        assert picture.mean() == pytest.approx(mean, abs=0.05)
+        assert picture.var() == pytest.approx(expected, rel=0.02)
+
+
+def test_noise_of_neighbours_is_independent() -> None:
+    model = NO_NOISE.replaced(full_well_electrons=3000.0, read_noise_grey=1.5)
+    noise = shoot(np.full((400, 400), 0.5), 1, model).astype(float) - 127.5
+    for shift in ((0, 1), (1, 0), (1, 1), (0, 2)):
+        assert abs((noise * np.roll(noise, shift, axis=(0, 1))).mean() / noise.var()) < 0.01
+
+
+def test_colours_pass_through_the_same_lens_with_noise_of_their_own() -> None:
+    model = NO_NOISE.replaced(lens_blur_px=1.2, vignetting=4.0, aperture_mm=2.0)
+    colour = np.random.default_rng(1).uniform(0.0, 0.9, (60, 80, 3)).astype(np.float32)
+    camera, paths = camera_of(40, 30, 100.0), np.linspace(200.0, 900.0, 1200).reshape(30, 40)
+    together = photograph(colour, 2, camera, model, np.random.default_rng(0), paths)
+    for channel in range(3):
+        one = photograph(np.ascontiguousarray(colour[..., channel]), 2, camera, model, np.random.default_rng(0), paths)
+        np.testing.assert_array_equal(together[..., channel], one)
+    noisy = photograph(colour, 2, camera, model.replaced(read_noise_grey=3.0), np.random.default_rng(0), paths)
+    noise = noisy.astype(float) - together
+    assert abs(np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1]) < 0.1
+
+
+def test_presets_go_from_no_flaw_to_many() -> None:
+    ideal, c920, poor = (SENSORS[name] for name in ("ideal", "c920", "poor"))
+    assert ideal == SensorModel(read_noise_grey=0.0)
+    for name in ("lens_blur_px", "aperture_mm", "vignetting", "read_noise_grey", "readout_ms"):
+        assert getattr(ideal, name) <= getattr(c920, name) < getattr(poor, name), name
+    assert c920.full_well_electrons > poor.full_well_electrons
+    assert c920.jpeg_quality is not None
+    assert poor.jpeg_quality is not None
+    assert ideal.jpeg_quality is None
+    assert c920.jpeg_quality > poor.jpeg_quality
+
+
+def test_noise_has_its_sigma_and_follows_its_seed() -> None:
+    model = SensorModel(lens_blur_px=0.0, read_noise_grey=3.0)
+    flat = np.full((200, 200), 0.5)
+    picture = shoot(flat, 1, model)
+    assert picture.astype(float).std() == pytest.approx(np.sqrt(9.0 + 1.0 / 12.0), rel=0.02)
+    assert picture.astype(float).mean() == pytest.approx(127.5, abs=0.1)
+    np.testing.assert_array_equal(picture, shoot(flat, 1, model))
+    assert (picture != shoot(flat, 1, model, seed=1)).any()

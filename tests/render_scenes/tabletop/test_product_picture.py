@@ -1,0 +1,67 @@
+"""The picture of the device: from the front, its lens is seen in every mirror."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from tests.render_scenes.reference.test_bodies import box, write_glb
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.reference.bodies import Body
+from mirrorcam.render_scenes.tabletop.product_picture import product_picture, views_of
+
+
+def boxed(layout: Layout) -> dict[str, tuple[str, Body]]:
+    """A device of a camera, a wall behind it, and sheets of a millimetre where the layout's mirrors are."""
+    pieces = {
+        "camera": ("camera", box((-40.0, -12.0, -30.0), (40.0, 12.0, 5.0))),
+        "mount": ("part", box((-60.0, -60.0, -40.0), (60.0, -55.0, 150.0))),
+    }
+    for index, mirror in enumerate(layout.mirrors):
+        corners, count = mirror.outline_in_rig_mm, len(mirror.outline_in_rig_mm)
+        fan = np.array([[0, k, k + 1] for k in range(1, count - 1)])
+        body = Body("mirror", "mirror", corners, np.concatenate([fan, fan[:, ::-1]]), None, (0.9, 0.9, 0.9))
+        pieces[f"mirror_{index}"] = ("mirror", body)
+    return pieces
+
+
+def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout) -> None:
+    front, aside = views_of(default_layout, [body for _, body in boxed(default_layout).values()])
+    for mirror in default_layout.mirrors:
+        way = mirror.virtual_centre_in_rig_mm - front.eye_in_rig_mm
+        height, slope = front.eye_in_rig_mm @ mirror.normal_in_rig + mirror.distance_mm, way @ mirror.normal_in_rig
+        at = front.eye_in_rig_mm - way * height / slope
+        frame = mirror.rig_from_plane
+        x, y = (at - frame[:3, 3]) @ frame[:3, :2]
+        # With room for what makes it a lens: its pupil of 3 mm.
+        assert shapely.contains_xy(shapely.Polygon(mirror.outline_in_plane_mm).buffer(-1.5), x, y)
+    for view in (front, aside):
+        np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(view.axes) == pytest.approx(1.0)
+        assert view.axes[1, 2] < 0.0  # upright: down is down
+
+
+def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, default_layout: Layout) -> None:
+    with pytest.raises(InputError, match=r"no assembly\.glb"):
+        product_picture(default_layout, tmp_path, spp=1)
+    write_glb(tmp_path / "assembly.glb", boxed(default_layout))
+    fewer = default_layout.replaced(rows=1, mirrors=default_layout.mirrors[:3])
+    with pytest.raises(InputError, match="parts of another layout"):
+        product_picture(fewer, tmp_path, spp=1)
+    picture = product_picture(default_layout, tmp_path, spp=8, scale=0.25)
+    assert picture.shape == (270, 480, 3)
+    assert picture.dtype == np.uint8
+    front, aside = picture[:, :239], picture[:, 241:]
+    for half in (front, aside):
+        rim = np.concatenate([half[:4].reshape(-1, 3), half[-4:].reshape(-1, 3), half[:, :4].reshape(-1, 3)])
+        assert np.percentile(rim.min(axis=1), 5) > 100  # paper all around
+        assert (half[..., 2] > 1.4 * half[..., 0]).mean() > 0.1  # the blue device amid
+    # From the front, what is dark above the camera are its lenses in the mirrors.
+    dark = cv2.morphologyEx((front[:150].max(axis=2) < 90).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3)))
+    _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
+    assert (stats[1:, cv2.CC_STAT_AREA] > 150).sum() == 9
