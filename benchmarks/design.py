@@ -21,9 +21,8 @@ from matplotlib.figure import Figure
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
 LIMITS_S = {(3, 3): 1.5, (5, 5): 15.0}
 RUNS = {(3, 3): 9, (5, 5): 5}

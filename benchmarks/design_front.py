@@ -25,12 +25,11 @@ from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.optimise import MEETINGS, design
 from mirrorcam.optics.design.program.design_problem import Keep, problem_of, usual_keeps
 from mirrorcam.optics.design.program.nonlinear_program import Outcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import pixel_efficiency
 

@@ -44,9 +44,9 @@ from mirrorcam.commands import (
     sweep,
     validate,
 )
+from mirrorcam.console import interruption
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.workflow import interruption
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.progress import say
 
 
 class BoardOptions(Value):

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import count_text, long_work, print_metrics, say
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
 from mirrorcam.workflow.folders import merged
-from mirrorcam.workflow.progress import count_text, long_work, print_metrics, say
 
 if TYPE_CHECKING:
     from mirrorcam.cad.plan.hardware import Hardware

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.console.progress import Advance, long_work, print_metrics, say
 from mirrorcam.optics.base.values import InputError, Metric, Value
-from mirrorcam.workflow.progress import Advance, long_work, print_metrics, say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.detection.checkerboard import Grey
-    from mirrorcam.optics.calibration.result import Calibration
+    from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
     from mirrorcam.optics.calibration.solver.observations import Observations
 
 PICTURES = (".png", ".jpg", ".jpeg")

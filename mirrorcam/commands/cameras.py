@@ -9,8 +9,8 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.calibrate import pictures_in
+from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
-from mirrorcam.workflow.progress import say
 
 
 class CamerasOptions(Value):

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.console.progress import Advance, count_text, long_work, say
 from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.progress import Advance, count_text, long_work, say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout

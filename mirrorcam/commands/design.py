@@ -8,10 +8,10 @@ from typing import Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.workflow.progress import long_work, print_metrics, say
 
 GROUPS = {
     "what the views share": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),

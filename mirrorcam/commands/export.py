@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.progress import say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.light_field import LightField

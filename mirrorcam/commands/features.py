@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.workflow.progress import count_text, long_work, say
+from mirrorcam.console.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.features import FeatureFinder

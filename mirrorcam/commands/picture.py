@@ -7,9 +7,9 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.progress import say
 
 QUALITY = 85  # of a JPEG
 

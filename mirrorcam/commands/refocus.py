@@ -10,7 +10,7 @@ import tyro
 from pydantic import Field, model_validator
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.workflow.progress import count_text, long_work, say
+from mirrorcam.console.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.light_field import LightField

@@ -11,11 +11,11 @@ import numpy as np
 import tyro
 from pydantic import Field, ValidationError, model_validator
 
+from mirrorcam.console.progress import count_text, long_work, say
 from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.progress import count_text, long_work, say
 
 if TYPE_CHECKING:
     from mirrorcam.render_scenes.sets.dataset import Dataset

@@ -9,9 +9,9 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.render import sensor_from_text, tolerances_from_text
+from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.progress import long_work, say
 
 if TYPE_CHECKING:
     from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh

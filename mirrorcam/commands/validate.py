@@ -7,8 +7,8 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Value
-from mirrorcam.workflow.progress import long_work, print_metrics, say
 
 
 class ValidateOptions(Value):

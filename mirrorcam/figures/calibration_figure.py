@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.pages.calibration.verdict import sigma_px
 from mirrorcam.pages.calibration.view_statistics import ARROWS_ACROSS, cell_means

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from html import escape
 from string import Template
 
+from mirrorcam.console.progress import count_text, figure_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.progress import count_text, figure_text
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 _UNIT_ENDINGS = ("_deg", "_mm", "_px")

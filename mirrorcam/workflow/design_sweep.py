@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import ValidationError
 
+from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import atomic, write_json, write_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.workflow.progress import Advance
 from mirrorcam.workflow.sweep_work import Answer, Record, made_with, record_text
 from mirrorcam.workflow.workers import Died
 

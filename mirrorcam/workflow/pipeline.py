@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mirrorcam.commands.decode import decode_frames
 from mirrorcam.commands.design import write_design
+from mirrorcam.console.progress import Advance, long_work, print_metrics, say
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -15,7 +16,6 @@ from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_boa
 from mirrorcam.pages.run_page import read_metrics, write_page, write_pictures
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.progress import Advance, long_work, print_metrics, say
 from mirrorcam.workflow.stages import Stage, perform, staleness
 from mirrorcam.workflow.workers import cores
 

@@ -19,10 +19,10 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
+from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.folders import clear, replaced
-from mirrorcam.workflow.progress import Advance
 
 MANIFEST = ".stage.json"
 

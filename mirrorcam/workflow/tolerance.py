@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mirrorcam.console.progress import print_metrics, say
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
-from mirrorcam.workflow.progress import print_metrics, say
 
 if TYPE_CHECKING:
     from mirrorcam.optics.design.assess.monte_carlo import Spread, Study

@@ -17,7 +17,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
-from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.transforms import transform

@@ -17,15 +17,15 @@ from pydantic import ValidationError
 
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration import consistency
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined
+from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, fit_metrics, uncertainty
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import gather
 from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb
-from mirrorcam.optics.calibration.result import Calibration, fit_metrics, uncertainty
-from mirrorcam.optics.calibration.screening import screen
+from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations

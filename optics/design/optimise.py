@@ -11,7 +11,6 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import require_passed, verify
-from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
 from mirrorcam.optics.design.program.design_problem import (
     LEAST_EFFICIENCY,
     SLACK_WEIGHTS,
@@ -23,7 +22,7 @@ from mirrorcam.optics.design.program.design_problem import (
 from mirrorcam.optics.design.program.nonlinear_program import Outcome, Solver
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import ELASTIC
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than

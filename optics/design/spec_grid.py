@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field, ValidationError
 
 from mirrorcam.optics.base.values import InputError, Metric, Value
-from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout

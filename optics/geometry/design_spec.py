@@ -8,7 +8,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.camera import Camera
 
 
@@ -53,3 +53,16 @@ class DesignSpec(Value):
         if len(set(self.depths_mm)) != len(self.depths_mm):
             raise ValueError(f"depths_mm {self.depths_mm} names a depth twice")
         return self
+
+
+GAVE_UP = "every"
+"""The constraint named where the search found no layout and cannot say why: that shows nothing about the spec."""
+
+
+class InfeasibleDesign(InputError):
+    """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed."""
+
+    def __init__(self, constraint: str, finding: str) -> None:
+        super().__init__(f"infeasible design, {constraint} constraint: {finding}")
+        self.constraint = constraint
+        self.finding = finding

@@ -17,12 +17,12 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.commands.render import RenderOptions, tolerances_from_text
+from mirrorcam.console.progress import figure_text, long_work
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.workflow.progress import figure_text, long_work
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 

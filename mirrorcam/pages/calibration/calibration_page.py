@@ -9,11 +9,12 @@ from string import Template
 
 import numpy as np
 
+from mirrorcam.console.progress import count_text, figure_text
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
 from mirrorcam.optics.calibration.diagnostics.model_selection import SUPPORTED_CHANCE, Rung
-from mirrorcam.optics.calibration.result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.pages.calibration.drawings import (
@@ -29,7 +30,6 @@ from mirrorcam.pages.calibration.inline_svg import SIGMA
 from mirrorcam.pages.calibration.verdict import STATES, Verdict, judge, sigma_px
 from mirrorcam.pages.calibration.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.pages.run_report import CSS, TIMES, limit_table
-from mirrorcam.workflow.progress import count_text, figure_text
 
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
 UNITS = {"fx_px": "px", "fy_px": "px", "cx_px": "px", "cy_px": "px"}

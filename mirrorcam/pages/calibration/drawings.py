@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import norm
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import ProjectionMap
-from mirrorcam.optics.calibration.result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.pages.calibration.inline_svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.stats import binom
 
 from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.cross_validation import ALARM_RATIO
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
-from mirrorcam.optics.calibration.result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.pages.calibration.inline_svg import SIGMA
 from mirrorcam.pages.calibration.view_statistics import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means

@@ -10,8 +10,8 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.checkerboard import Corners
 from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform

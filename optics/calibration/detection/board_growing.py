@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.checkerboard import Corners, IntArray
 from mirrorcam.optics.calibration.detection.corner_refinement import Copies, Image, Refined, refine
+from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 
 BoolArray = NDArray[np.bool_]

@@ -15,7 +15,8 @@ from mirrorcam.optics.calibration.detection.board_growing import (
     same_board,
     warp_through,
 )
-from mirrorcam.optics.calibration.detection.checkerboard import Corners, Grey, IntArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Charuco
 
 WHITE_PART = 0.995  # of the pixels that are at most as bright as white is taken to be

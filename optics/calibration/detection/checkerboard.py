@@ -7,8 +7,6 @@ followed through a whole frame, by what is printed (`refinement`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,29 +14,17 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 
 CHECKERBOARD_WINDOW = 0.4
-MIN_CORNERS = 6
 LEAST_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
 SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
 FINDER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
-
-
-@dataclass(frozen=True)
-class Corners:
-    """Corners of one target in one image: ids on the target (n,) and pixels (n, 2)."""
-
-    ids: IntArray
-    pixels: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.ids)
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:

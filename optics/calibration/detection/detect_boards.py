@@ -13,9 +13,9 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign
 from mirrorcam.optics.calibration.detection.board_growing import corner_places, grow
-from mirrorcam.optics.calibration.detection.checkerboard import Corners, Grey, find_checkerboards, orderings, spread_out
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings, spread_out
 from mirrorcam.optics.calibration.detection.ghost_images import without_ghosts
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 

@@ -18,9 +18,10 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.calibration.detection.board_growing import again, corner_places, smooth
-from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS, Corners, cell_px
+from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.detection.corner_refinement import HALF, MOST_PX, Copies, Image
 from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import surface_reflectance

@@ -10,10 +10,9 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS, Corners
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES

@@ -9,10 +9,15 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_result import (
+    Calibration,
+    angle_between_mirrors,
+    fit_metrics,
+    uncertainty,
+)
 from mirrorcam.optics.calibration.diagnostics.diagnostics import gather
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
 from mirrorcam.optics.calibration.diagnostics.model_selection import Climb
-from mirrorcam.optics.calibration.result import Calibration, angle_between_mirrors, fit_metrics, uncertainty
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate

@@ -13,9 +13,8 @@ from itertools import combinations
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import Corners
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import Corners, Grey, confirm, find_checkerboards, orderings
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_selection import (
     Climb,
     Fitted,
@@ -27,9 +28,8 @@ from mirrorcam.optics.calibration.diagnostics.model_selection import (
 from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
-from mirrorcam.optics.calibration.result import Calibration
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.mirror import reflect

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS, Corners
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout

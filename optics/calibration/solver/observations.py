@@ -16,6 +16,20 @@ DIRECT = -1
 IntArray = NDArray[np.int64]
 
 
+MIN_CORNERS = 6
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Corners of one target in one image: ids on the target (n,) and pixels (n, 2)."""
+
+    ids: IntArray
+    pixels: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
 @dataclass(frozen=True)
 class Observations:
     """Seen corners, one row each, sorted by frame.

@@ -6,8 +6,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm, smallest_seen_gap

@@ -11,9 +11,8 @@ from scipy.optimize import brentq
 
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.design.infeasible import GAVE_UP, InfeasibleDesign
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm

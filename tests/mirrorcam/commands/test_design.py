@@ -10,8 +10,7 @@ from mirrorcam.cli import main
 from mirrorcam.commands.design import write_design
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
 

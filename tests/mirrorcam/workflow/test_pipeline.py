@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import pipeline
 from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, scaled, stages
-from mirrorcam.workflow.progress import Advance
 from mirrorcam.workflow.stages import Stage
 
 

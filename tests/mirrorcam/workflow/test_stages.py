@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.workflow import stages
-from mirrorcam.workflow.progress import Advance
 from mirrorcam.workflow.stages import MANIFEST, Stage, perform, staleness
 
 

@@ -11,8 +11,7 @@ from shapely import contains_xy
 from shapely.geometry import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform

@@ -13,7 +13,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view, sub_images
-from mirrorcam.optics.calibration.result import Calibration, mirror_sigmas
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -11,11 +11,10 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
 

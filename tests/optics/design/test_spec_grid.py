@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.design import optimise
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.spec_grid import Outcome, grid, pareto_front, rows_of, solve, structure, summary_figures
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
 AXES: dict[str, Any] = {

@@ -248,14 +248,14 @@ def test_a_valid_pixel_comes_from_inside_its_mirror(
         outline = shapely.Polygon(layout.mirrors[index].outline_normalized)
         distance = shapely.distance(outline.exterior, shapely.points(seen))
         assert shapely.contains_xy(outline, seen[:, 0], seen[:, 1]).all()
-        assert distance.min() * camera.fx_px > 0.9 * OUTLINE_MARGIN_PX
+        assert distance.min() * camera.fx_px > 0.9 * decoder.OUTLINE_MARGIN_PX
         # No more is given away than the margin: what lies 1 px further inside is kept.
         kept = layout.project(plane[weights == 0], index)
         kept = kept[((kept >= 0) & (kept <= inner)).all(axis=1)]
         seen = camera.normalized_from_pixels(kept)
         inside = shapely.contains_xy(outline, seen[:, 0], seen[:, 1])
         distance = shapely.distance(outline.exterior, shapely.points(seen[inside]))
-        assert distance.max(initial=0.0) * camera.fx_px < OUTLINE_MARGIN_PX + 1.0
+        assert distance.max(initial=0.0) * camera.fx_px < decoder.OUTLINE_MARGIN_PX + 1.0
 
 
 def test_nothing_is_sampled_where_nothing_is_valid(crooked: Decoder) -> None:

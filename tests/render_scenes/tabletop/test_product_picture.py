@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 import shapely
-from tests.render_scenes.reference.test_bodies import box, write_glb
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference.bodies import Body
 from mirrorcam.render_scenes.tabletop.product_picture import product_picture, views_of
+from tests.render_scenes.reference.test_bodies import box, write_glb
 
 
 def boxed(layout: Layout) -> dict[str, tuple[str, Body]]:

@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.calibration import calibrate_corners
-from mirrorcam.optics.calibration.result import Calibration
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

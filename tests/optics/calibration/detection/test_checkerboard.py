@@ -9,13 +9,13 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import find_boards
 from mirrorcam.optics.calibration.detection.checkerboard import (
-    Corners,
     cell_px,
     confirm,
     find_checkerboards,
     orderings,
     spread_out,
 )
+from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

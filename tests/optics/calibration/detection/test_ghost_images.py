@@ -11,9 +11,9 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection import detect_boards, ghost_images
 from mirrorcam.optics.calibration.detection.board_growing import again
-from mirrorcam.optics.calibration.detection.checkerboard import Corners, Grey
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import sub_images
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.calibration import moved_to
-from mirrorcam.optics.calibration.result import uncertainty
+from mirrorcam.optics.calibration.diagnostics.calibration_result import uncertainty
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model

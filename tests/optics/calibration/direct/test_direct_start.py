@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import Corners
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
+from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.camera import Camera

@@ -13,9 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.checkerboard import Corners
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera

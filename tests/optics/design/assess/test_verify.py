@@ -13,10 +13,9 @@ from shapely.ops import nearest_points
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import blocked_light, length_inside_mm, sampled
 from mirrorcam.optics.design.assess.verify import require_passed, verify
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import half_spaces, sheet_in_rig_mm

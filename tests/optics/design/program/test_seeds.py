@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.design.infeasible import InfeasibleDesign
 from mirrorcam.optics.design.program.seeds import (
     corner_pattern,
     ellipsoid_centres,
@@ -21,7 +20,7 @@ from mirrorcam.optics.design.program.seeds import (
     tiles,
 )
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm

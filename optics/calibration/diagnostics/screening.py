@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration import consistency
+from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import MIN_CORNERS, cell_px
+from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
-from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, IntArray, Observations
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
 from mirrorcam.optics.geometry.layout import Layout
 

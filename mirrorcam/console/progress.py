@@ -16,8 +16,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 from rich.text import Text
 
+from mirrorcam.console import interruption
 from mirrorcam.optics.base.values import Metric
-from mirrorcam.workflow import interruption
 
 SECONDS_BETWEEN_LINES = 5.0
 TITLE_WIDTH = 12

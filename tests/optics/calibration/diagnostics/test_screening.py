@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration import consistency
-from mirrorcam.optics.calibration.screening import screen
+from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -7,8 +7,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from mirrorcam.console import progress
 from mirrorcam.optics.base.values import Metric
-from mirrorcam.workflow import progress
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> StringIO:
 
 def test_plain_lines_in_a_log(log: StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 1.0, 6.0, 7.0, 12.0])
-    monkeypatch.setattr("mirrorcam.workflow.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("mirrorcam.console.progress.time.monotonic", lambda: next(clock))
     with progress.long_work("render", "3 frames", "frames") as advance:
         for done in range(1, 4):
             advance(done, 3)
