@@ -17,7 +17,7 @@ from matplotlib.textpath import TextPath
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Charuco, Target
 
 MM_PER_INCH = 25.4
 PAGES_MM = {
@@ -38,7 +38,7 @@ POINTS = 7  # the size of letters
 FORMATS = (".pdf", ".svg")
 
 
-def page_for(target: Checkerboard | Charuco, page: str) -> tuple[float, float]:
+def page_for(target: Target, page: str) -> tuple[float, float]:
     """Width and height, mm, of a page that holds the board and its footer, upright or across.
 
     `page` is one of `PAGES_MM`, a WIDTHxHEIGHT in mm, taken as it is, or empty: the smallest A page. Raises InputError
@@ -60,7 +60,7 @@ def page_for(target: Checkerboard | Charuco, page: str) -> tuple[float, float]:
     return fitting[0]
 
 
-def needed_mm(target: Checkerboard | Charuco) -> tuple[float, float]:
+def needed_mm(target: Target) -> tuple[float, float]:
     """The least width and height of a page, mm."""
     width, height = target.size_mm
     return max(width, RULER_MM + WORDS_MM) + 2 * EDGE_MM, height + FOOTER_MM + 3 * EDGE_MM
@@ -76,7 +76,7 @@ def _custom(text: str) -> tuple[float, float]:
     return width, height
 
 
-def write_board(target: Checkerboard | Charuco, path: Path, page_mm: tuple[float, float], name: str) -> None:
+def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: str) -> None:
     """Write the sheet atomically in the format of the suffix; the same board gives the same bytes."""
     width, height = page_mm
     figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
@@ -95,7 +95,7 @@ def write_board(target: Checkerboard | Charuco, path: Path, page_mm: tuple[float
         figure.savefig(temporary, format=path.suffix[1:], metadata=metadata[path.suffix])
 
 
-def board_in_page_mm(target: Checkerboard | Charuco, page_mm: tuple[float, float]) -> tuple[float, float]:
+def board_in_page_mm(target: Target, page_mm: tuple[float, float]) -> tuple[float, float]:
     """Where the board's top left corner lies on the page: in the middle of what the footer leaves."""
     width, height = target.size_mm
     return (page_mm[0] - width) / 2.0, (page_mm[1] - FOOTER_MM - EDGE_MM - height) / 2.0
@@ -109,7 +109,7 @@ def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
     axes.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0.0, snap=False, clip_on=False))
 
 
-def _footer(axes: Axes, target: Checkerboard | Charuco, name: str, left: float, top: float) -> None:
+def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> None:
     """A ruler of 100 mm, and beside it what the board is."""
     ticks = [
         shapely.box(

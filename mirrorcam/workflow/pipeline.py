@@ -12,7 +12,7 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board
+from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
 from mirrorcam.pages.run_page import read_metrics, write_page, write_pictures
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.extras import require
@@ -33,7 +33,7 @@ class Recipe:
     """What one run makes."""
 
     spec: DesignSpec
-    target: Charuco | Checkerboard
+    target: Target
     frames: int
     base_frames: int
     settings: RenderSettings

@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
+from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
@@ -135,9 +135,7 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
     return figures
 
 
-def decoded_errors(
-    light_field: LightField, truth: Layout, board: Charuco | Checkerboard, rig_from_board: FloatArray
-) -> FloatArray:
+def decoded_errors(light_field: LightField, truth: Layout, board: Target, rig_from_board: FloatArray) -> FloatArray:
     """Found minus predicted pixels (n, 2) of the corners in all decoded views.
 
     The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field claims.

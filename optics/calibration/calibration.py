@@ -32,7 +32,7 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 
 HOLD_OUT_EVERY = 5
 
@@ -41,7 +41,7 @@ def calibrate(
     frames: Iterable[Grey],
     base_frames: Iterable[Grey],
     layout: Layout,
-    target: Checkerboard | Charuco,
+    target: Target,
     *,
     level: str | None = None,
     detections: Path | None = None,

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import shapely
 
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Target
 
 
-def ink_in_board_mm(target: Checkerboard | Charuco) -> shapely.MultiPolygon:
+def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
     """Black squares and markers in the board's frame, x and y in mm; what touches along an edge is one polygon.
 
     So no viewer shows seams between the modules of a marker. Squares that touch in a corner stay apart.

@@ -111,12 +111,12 @@ def default_board() -> Charuco:
     return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4)
 
 
-def load_board(path: Path) -> Checkerboard | Charuco:
+def load_board(path: Path) -> Target:
     """Read `board.toml`, or raise InputError in one line."""
     return read_model(_BoardFile, path).root
 
 
-def save_board(path: Path, target: Checkerboard | Charuco) -> None:
+def save_board(path: Path, target: Target) -> None:
     """Write `board.toml` atomically."""
     lines = (
         f"{name} = {value!r}" if not isinstance(value, str) else f'{name} = "{value}"'

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, Compiled, Plain
 from mirrorcam.render_scenes.fast.pixel_footprints import Lanes, View, lanes_of, views_of
@@ -98,7 +98,7 @@ class FastScene:
         self,
         camera: Camera,
         mirrors: tuple[Mirror, ...],
-        target: Checkerboard | Charuco,
+        target: Target,
         settings: RenderSettings,
         *,
         finishes: Sequence[MirrorFinish] = (),

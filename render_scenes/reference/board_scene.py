@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import printed_radiance, world_from_sheet
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, even
 from mirrorcam.render_scenes.reference.bodies import Body, body_shapes, near_mm
@@ -37,7 +37,7 @@ class BoardScene:
         self,
         camera: Camera,
         mirrors: tuple[Mirror, ...],
-        target: Checkerboard | Charuco,
+        target: Target,
         settings: RenderSettings,
         *,
         finishes: Sequence[MirrorFinish] = (),

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
@@ -44,7 +44,7 @@ class Plan:
     corners: NDArray[np.int64]
 
 
-def reaches(plan: Plan, target: Checkerboard | Charuco, forward: FloatArray) -> tuple[Reach, ...]:
+def reaches(plan: Plan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
     """How near, far and tilted each view of a plan shows `FEWEST_CORNERS` or more.
 
     Depth is that of the board's middle along a unit vector (3,) in rig, tilt that of its normal against it. In whole
@@ -85,7 +85,7 @@ def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
     return bounds.reshape(2, 2)
 
 
-def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> Plan:
     """Poses before the mirrors, at and around the depths of the spec, printed side toward them.
 
     Raises InputError when the board is too small or too large to be seen.
@@ -111,7 +111,7 @@ def plan_frames(layout: Layout, target: Checkerboard | Charuco, count: int, rand
     return plan
 
 
-def plan_of(layout: Layout, target: Checkerboard | Charuco, poses: FloatArray) -> Plan:
+def plan_of(layout: Layout, target: Target, poses: FloatArray) -> Plan:
     """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
     oracle = Oracle(layout, target)
     cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
@@ -126,7 +126,7 @@ def plan_of(layout: Layout, target: Checkerboard | Charuco, poses: FloatArray) -
     return Plan(poses, _shares(cells, covered), corners)
 
 
-def plan_base_frames(layout: Layout, target: Checkerboard | Charuco, count: int, random: np.random.Generator) -> Plan:
+def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> Plan:
     """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
 
     Raises InputError when the board is too small or too large to be seen.
@@ -163,7 +163,7 @@ def _depths(layout: Layout) -> tuple[float, float]:
 
 
 def _rig_from_board(
-    view_from_rig: FloatArray, target: Checkerboard | Charuco, centre_in_view: FloatArray, numbers: FloatArray
+    view_from_rig: FloatArray, target: Target, centre_in_view: FloatArray, numbers: FloatArray
 ) -> FloatArray:
     """A board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
     tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
@@ -242,7 +242,7 @@ def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
 
 
 def _check_visible(
-    target: Checkerboard | Charuco,
+    target: Target,
     plan: Plan,
     seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
     outlines_px: list[FloatArray],

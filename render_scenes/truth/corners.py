@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards.motion import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
@@ -86,7 +86,7 @@ class Oracle:
     def __init__(
         self,
         layout: Layout,
-        target: Checkerboard | Charuco,
+        target: Target,
         finishes: Sequence[MirrorFinish] = (),
         obstacles: Obstacles | None = None,
     ) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import MARGIN_SQUARES
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.bodies import Obstacles
@@ -114,7 +114,7 @@ def path_lengths(rays: PixelRays, rig_from_board: FloatArray) -> FloatArray:
     return np.where(length > 0.0, rays.before_mm + length, np.nan)
 
 
-def board_maps(rays: PixelRays, target: Checkerboard | Charuco, rig_from_board: FloatArray) -> dict[str, FloatArray]:
+def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
     """What pixels (h, w) show of a board at a rigid 4x4 pose, by the names of `CHANNELS`.
 
     The index of the mirror, x and y on the board in mm and the way of the light from there to the pupil in mm; NaN, but

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 
 SUPERSAMPLING = 2
 PX_PER_SQUARE = 48
@@ -44,7 +44,7 @@ def rays_through(camera: Camera) -> FloatArray:
 def render(
     camera: Camera,
     layout: Layout | None,
-    target: Checkerboard | Charuco,
+    target: Target,
     rig_from_board: FloatArray,
     *,
     blur_px: float = 0.7,
@@ -84,9 +84,7 @@ def render(
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def posed(
-    target: Checkerboard | Charuco, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool
-) -> FloatArray:
+def posed(target: Target, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool) -> FloatArray:
     """rig_from_board (4, 4): the board's middle at a point, facing the pupil (direct) or the mirrors, then turned."""
     facing = np.eye(3) if direct else np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     turn = facing @ Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()

@@ -13,7 +13,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 LEAST_INSIDE = 0.5  # part of a board's corners inside a mirror's sub-image, to be the mirror's
@@ -33,7 +33,7 @@ class _Place:
 def assign(
     boards: Sequence[tuple[Corners, ...]],
     layout: Layout,
-    target: Charuco | Checkerboard,
+    target: Target,
 ) -> list[tuple[int, Corners]]:
     """Mirror and corners of each board of a frame that is some mirror's, in the order of the mirrors.
 
@@ -70,7 +70,7 @@ def assign(
 
 
 def _places(
-    board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Charuco | Checkerboard
+    board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_Place]:
     """All mirrors that may show a board, in all of its numberings; the likeliest mirror first."""
     found = []

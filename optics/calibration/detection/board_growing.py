@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_refinement import Copies, Image, Refined, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 
 BoolArray = NDArray[np.bool_]
 
@@ -104,14 +104,12 @@ class Warp:
         return cells, bends / (2.0 * step**2)
 
 
-def corner_places(target: Charuco | Checkerboard) -> FloatArray:
+def corner_places(target: Target) -> FloatArray:
     """The inner corners (n, 2) in squares from the top left of the print, in the order of their ids."""
     return target.corners_in_board_mm[:, :2] / target.square_mm
 
 
-def grow(
-    picture: Image, places: FloatArray, pixels: FloatArray, target: Charuco | Checkerboard, *, mirrored: bool
-) -> Corners:
+def grow(picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
     """All corners of one board that can be seen, from pixels (n, 2) roughly known at places (n, 2) in squares.
 
     Corners are looked for up to `REACH` squares around what is known; those that are found tell where the next ones
@@ -155,7 +153,7 @@ def grow(
 def again(
     picture: Image,
     corners: Corners,
-    target: Charuco | Checkerboard,
+    target: Target,
     copies: Copies,
     *,
     free_copies: bool = False,
@@ -180,7 +178,7 @@ def _look(
     warp: Warp,
     ids: IntArray,
     start: FloatArray,
-    target: Charuco | Checkerboard,
+    target: Target,
     blur_cells: float,
     *,
     mirrored: bool,

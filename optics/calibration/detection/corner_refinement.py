@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Checkerboard, Target
 
 Grey = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -89,7 +89,7 @@ class _Print:
     laplacian: Image
 
 
-def _ink(target: Charuco | Checkerboard) -> FloatArray:
+def _ink(target: Target) -> FloatArray:
     """What part of each pixel (rows * p, cols * p) of a print is black.
 
     Not `target.image`, which rounds markers to whole pixels: a corner is found to a two thousandth of a square.
@@ -112,7 +112,7 @@ def _ink(target: Charuco | Checkerboard) -> FloatArray:
 
 
 @lru_cache(maxsize=24)
-def _print(target: Charuco | Checkerboard, step: int) -> _Print:
+def _print(target: Target, step: int) -> _Print:
     blur_px = BLUR_STEP**step * PX_PER_SQUARE
     padded = np.pad(1.0 - 2.0 * _ink(target), PX_PER_SQUARE, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
@@ -131,7 +131,7 @@ def refine(
     pixels: FloatArray,
     cells: FloatArray,
     bends: FloatArray,
-    target: Charuco | Checkerboard,
+    target: Target,
     blur_cells: float,
     copies: Copies | None = None,
     *,

@@ -17,10 +17,10 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_check
 from mirrorcam.optics.calibration.detection.ghost_images import without_ghosts
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Charuco, Target
 
 
-def find_boards(grey: Grey, target: Checkerboard | Charuco, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
+def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
     """Up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
 
     `mirrored` where the picture shows them by way of mirrors. Boards whose corners are few or near one line are left
@@ -42,14 +42,14 @@ def find_boards(grey: Grey, target: Checkerboard | Charuco, *, mirrored: bool, m
     return [board for board in found if board and all(len(spread_out(corners)) for corners in board)]
 
 
-def direct_view(grey: Grey, target: Checkerboard | Charuco) -> Observations:
+def direct_view(grey: Grey, target: Target) -> Observations:
     """Corners that the bare camera sees, as frame 0; of several boards, those of the largest."""
     for numberings in find_boards(grey, target, mirrored=False, most=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
     return Observations.none()
 
 
-def sub_images(grey: Grey, layout: Layout, target: Checkerboard | Charuco) -> Observations:
+def sub_images(grey: Grey, layout: Layout, target: Target) -> Observations:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
     # A few more boards than there are mirrors, for what proves to be none's.
     boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
@@ -64,7 +64,7 @@ def sub_images(grey: Grey, layout: Layout, target: Checkerboard | Charuco) -> Ob
 def detect_frames(
     pictures: Iterable[Grey],
     layout: Layout,
-    target: Checkerboard | Charuco,
+    target: Target,
     *,
     mirrored: bool,
     folder: Path | None = None,

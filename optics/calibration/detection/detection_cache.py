@@ -20,7 +20,7 @@ from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 
 FIELDS = ("view", "corner", "pixels")
 
@@ -36,7 +36,7 @@ def version() -> str:
     return digest.hexdigest()
 
 
-def key(grey: Grey, target: Charuco | Checkerboard, layout: Layout | None) -> str:
+def key(grey: Grey, target: Target, layout: Layout | None) -> str:
     """Sixty-four hexadecimal digits of what decides which corners are found, in the mirrors of a layout or without."""
     mirrors = "none" if layout is None else layout.identity
     asked = f"{version()} {target.model_dump_json()} {mirrors} {grey.shape}\n"

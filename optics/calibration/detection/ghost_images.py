@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corner
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import surface_reflectance
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 REFLECTANCE = 0.92  # of the coating: what a factor for each copy makes good
@@ -36,9 +36,7 @@ FEWEST_CORNERS = 40  # that tell how strong copies are; of fewer, Fresnel's equa
 STRONGEST = 2.0  # times what they say
 
 
-def without_ghosts(
-    picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Charuco | Checkerboard
-) -> Corners:
+def without_ghosts(picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> Corners:
     """Corners of a mirror's view, refined once more where its sheet has a front that reflects.
 
     Of a second-surface mirror only those that all copies are whole around.
@@ -63,7 +61,7 @@ def without_ghosts(
     return Corners(ids[good], pixels[good])
 
 
-def copies_of(corners: Corners, camera: Camera, mirror: Mirror, target: Charuco | Checkerboard) -> Copies | None:
+def copies_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> Copies | None:
     """The copies of corners (n) that a second-surface mirror shows; None where no pose of the board fits them."""
     board = target.corners_in_board_mm
     pose = initial_estimates.rig_from_board(camera, corners, board, mirror.apparent.virtual_centre_in_rig_mm)

@@ -17,7 +17,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 TILT_DEG = 30.0
@@ -68,7 +68,7 @@ class Hints:
     corners with `NOISE_PX`, to a device that was built as designed up to `BUILT_MM`.
     """
 
-    def __init__(self, layout: Layout, target: Charuco | Checkerboard) -> None:
+    def __init__(self, layout: Layout, target: Target) -> None:
         self._layout, self._target = layout, target
         self._model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(target.corners_in_board_mm))
         self._pictures = 0
@@ -169,7 +169,7 @@ class Hints:
         return _tilt_in_words(candidate.tilt_deg) + (f", moved {place}" if place else "")
 
 
-def poses_of(layout: Layout, target: Charuco | Checkerboard) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
+def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
     """Poses, rig_from_board (4, 4), with the depth of their middle in mm and their tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
     half = np.array([*target.size_mm, 0.0]) / 2.0

@@ -23,7 +23,7 @@ from mirrorcam.figures.board_print import (
     write_board,
 )
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board, load_board, save_board
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board, load_board, save_board
 
 MM_PER_POINT = 25.4 / 72.0
 PX_PER_MM = 20
@@ -75,7 +75,7 @@ def printed(page: tuple[float, ...], polygons: list[FloatArray]) -> NDArray[np.u
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])
 @pytest.mark.parametrize("board", [CHARUCO, CHECKERS], ids=["charuco", "checkerboard"])
 def test_corners_and_markers_are_found_on_the_paper_where_they_must_be(
-    suffix: str, board: Charuco | Checkerboard, tmp_path: Path
+    suffix: str, board: Target, tmp_path: Path
 ) -> None:
     size = page_for(board, "a4")
     write_board(board, tmp_path / f"board{suffix}", size, "board.toml")

@@ -11,14 +11,22 @@ import pytest
 from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, default_board, load_board, save_board
+from mirrorcam.optics.geometry.targets import (
+    DICTIONARIES,
+    Charuco,
+    Checkerboard,
+    Target,
+    default_board,
+    load_board,
+    save_board,
+)
 
 CHARUCO = Charuco(cols=7, rows=5, square_mm=12.5, marker_mm=9.0)
 PLAIN = Checkerboard(cols=8, rows=7, square_mm=3.0)
 
 
 @pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board()])
-def test_corners_run_row_by_row_from_the_top_left(board: Charuco | Checkerboard) -> None:
+def test_corners_run_row_by_row_from_the_top_left(board: Target) -> None:
     corners = board.corners_in_board_mm
     assert corners.shape == ((board.rows - 1) * (board.cols - 1), 3)
     assert corners[0].tolist() == [board.square_mm, board.square_mm, 0]
@@ -56,7 +64,7 @@ def test_the_checkerboard_is_found_where_it_was_printed() -> None:
 
 
 @pytest.mark.parametrize("board", [CHARUCO, PLAIN])
-def test_the_top_left_square_is_black_and_squares_alternate(board: Charuco | Checkerboard) -> None:
+def test_the_top_left_square_is_black_and_squares_alternate(board: Target) -> None:
     image = board.image(40)
     # A square's border ring shows its colour: a marker leaves it free.
     ring = image.reshape(board.rows, 40, board.cols, 40)[:, 2, :, 20]
@@ -80,7 +88,7 @@ def test_the_dictionaries_are_those_of_opencv(name: str) -> None:
 
 
 @pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board(), Checkerboard(cols=3, rows=3, square_mm=1 / 3)])
-def test_a_board_survives_its_file(board: Charuco | Checkerboard, tmp_path: Path) -> None:
+def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
     save_board(tmp_path / "board.toml", board)
     back = load_board(tmp_path / "board.toml")
     assert type(back) is type(board)

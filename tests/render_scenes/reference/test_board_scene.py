@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
 from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -18,7 +18,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 SETTINGS = RenderSettings()
 
 
-def facing(layout: Layout, target: Charuco | Checkerboard, depth_mm: float = 350.0) -> FloatArray:
+def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:
     """rig_from_board of a board square to the view axis, its middle before the central mirror."""
     rig_from_board = np.eye(4)
     rig_from_board[:3, :3] = layout.view_from_rig.T
@@ -27,7 +27,7 @@ def facing(layout: Layout, target: Charuco | Checkerboard, depth_mm: float = 350
     return rig_from_board
 
 
-def before_camera(target: Charuco | Checkerboard, distance_mm: float = 400.0) -> FloatArray:
+def before_camera(target: Target, distance_mm: float = 400.0) -> FloatArray:
     rig_from_board = np.eye(4)
     rig_from_board[:3, 3] = [-target.size_mm[0] / 2, -target.size_mm[1] / 2, distance_mm]
     return rig_from_board
@@ -123,7 +123,7 @@ def test_the_sheet_has_one_square_of_paper_around_the_print(default_layout: Layo
         (Charuco(cols=6, rows=5, square_mm=16.0, marker_mm=12.0, dictionary="DICT_4X4_50"), 8),
     ],
 )
-def test_the_print_is_exact_with_few_texels(target: Charuco | Checkerboard, texels: int) -> None:
+def test_the_print_is_exact_with_few_texels(target: Target, texels: int) -> None:
     sheet = print_on_paper(target)
     assert sheet.shape == ((5 + 2) * texels, (6 + 2) * texels)
     printed = sheet[texels:-texels, texels:-texels]

@@ -10,7 +10,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.sets.poses import (
@@ -144,7 +144,7 @@ def test_every_mirror_shows_the_common_field(default_layout: Layout) -> None:
     ],
 )
 def test_a_board_that_cannot_be_seen_is_refused_in_one_line(
-    default_layout: Layout, target: Checkerboard | Charuco, reason: str
+    default_layout: Layout, target: Target, reason: str
 ) -> None:
     with pytest.raises(InputError, match=reason) as error:
         plan_frames(default_layout, target, 4, random())

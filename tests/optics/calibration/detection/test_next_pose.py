@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Charuco, Target
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.conftest import faceted_parabola
 
@@ -33,9 +33,7 @@ LAYOUT = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fil
 BOARD = Charuco(cols=16, rows=11, square_mm=10.0, marker_mm=6.25)
 
 
-def shown_in(
-    layout: Layout, target: Charuco | Checkerboard, pose: FloatArray, *, but: int | None = None
-) -> Observations:
+def shown_in(layout: Layout, target: Target, pose: FloatArray, *, but: int | None = None) -> Observations:
     """The corners of a pose, as every mirror (but one) shows them."""
     parts = []
     points = transform(pose, target.corners_in_board_mm)
