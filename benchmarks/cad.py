@@ -22,7 +22,7 @@ from unittest.mock import patch
 from mirrorcam.cad import device_files, part_files
 from mirrorcam.cad.assembly import catalogue
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.build import build
+from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.optics.design.optimise import design
@@ -70,14 +70,14 @@ def account(layout: Layout, out: Path) -> tuple[float, dict[str, float]]:
             for name in names:
                 stack.enter_context(patch.object(module, name, timed(name, getattr(module, name))))
         stack.enter_context(patch.object(device_files, "parts_of", parts_of))
-        whole = seconds(lambda: build(layout, out))
+        whole = seconds(lambda: build_parts(layout, out))
     return whole, spent
 
 
 def measure(layout: Layout, folder: Path) -> None:
     """Build a layout in three ways below a folder, and print the times."""
-    first = seconds(lambda: build(layout, folder / "first", workers=cores()))
-    again = seconds(lambda: build(layout, folder / "again", previous=folder / "first", workers=cores()))
+    first = seconds(lambda: build_parts(layout, folder / "first", workers=cores()))
+    again = seconds(lambda: build_parts(layout, folder / "again", previous=folder / "first", workers=cores()))
     alone, spent = account(layout, folder / "alone")
     limit = LIMITS_S.get(len(layout.mirrors))
     print(f"\n{layout.rows}x{layout.cols} mirrors" + (f" (limit {limit:g} s)" if limit else ""))

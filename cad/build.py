@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
 
 
-def build(
+def build_parts(
     layout: Layout,
     out: Path,
     hardware: Hardware = HARDWARE,

@@ -64,12 +64,12 @@ def run(options: CadOptions) -> int:
     layout = Layout.load(options.layout)
     hardware = hardware_of(options)
     require("cad")
-    from mirrorcam.cad.build import build
+    from mirrorcam.cad.build import build_parts
     from mirrorcam.workflow.workers import cores
 
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance, merged(options.out, listing=LISTING) as folder:
-        checks = build(
+        checks = build_parts(
             layout,
             folder,
             hardware,

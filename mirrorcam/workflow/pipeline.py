@@ -80,9 +80,9 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         write_design(recipe.spec, folder)
 
     def part(folder: Path, advance: Advance) -> None:
-        from mirrorcam.cad.build import build
+        from mirrorcam.cad.build import build_parts
 
-        build(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
+        build_parts(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
 
     def render(folder: Path, advance: Advance) -> None:
         from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set

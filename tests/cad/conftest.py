@@ -12,7 +12,7 @@ import pytest
 from build123d import Box, BuildPart, Locations, Part
 
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.build import build
+from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
@@ -88,7 +88,7 @@ def make_flat_pair() -> Callable[..., Layout]:
 def built_default(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The default 3x3 first-surface layout, the folder of its files, and its checks."""
     out = tmp_path_factory.mktemp("default")
-    return default_layout, out, build(default_layout, out, workers=2)
+    return default_layout, out, build_parts(default_layout, out, workers=2)
 
 
 @pytest.fixture(scope="session")
@@ -96,7 +96,7 @@ def built_second_surface(tmp_path_factory: pytest.TempPathFactory) -> Built:
     """A 2x2 layout of second-surface mirrors, 2 mm thick, built in this process."""
     layout = parabola(2, 2, surface="second", thickness_mm=2.0, gap_mm=2.0)
     out = tmp_path_factory.mktemp("second")
-    return layout, out, build(layout, out)
+    return layout, out, build_parts(layout, out)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import mirrorcam.cad.build
-from mirrorcam.cad.build import build
+from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.optics.base.values import InputError, Metric
@@ -50,10 +50,10 @@ def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_su
     layout.save(tmp_path / "layout.json")
     program = (
         "import sys; from pathlib import Path\n"
-        "from mirrorcam.cad.build import build\n"
+        "from mirrorcam.cad.build import build_parts\n"
         "from mirrorcam.optics.geometry.layout import Layout\n"
         "if __name__ == '__main__':\n"
-        "    build(Layout.load(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)\n"
+        "    build_parts(Layout.load(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)\n"
     )
     (tmp_path / "program.py").write_text(program)
     again = tmp_path / "again"
@@ -75,7 +75,7 @@ def test_unchanged_parts_are_taken_over(
 ) -> None:
     layout, folder, _ = built_second_surface
     monkeypatch.setattr("mirrorcam.cad.part_files.write_step", refuse_to_make)
-    build(layout, tmp_path / "again", previous=folder)
+    build_parts(layout, tmp_path / "again", previous=folder)
     assert names(tmp_path / "again") == names(folder)
     for name in sorted(names(folder)):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
@@ -122,14 +122,14 @@ def test_what_has_changed_is_made_again(
 
 def test_what_cannot_be_built_is_refused_before_any_file(make_parabola: Callable[..., Layout], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="mm apart as cut from sheet"):
-        build(make_parabola(2, 2, gap_mm=0.1), tmp_path / "parts")
+        build_parts(make_parabola(2, 2, gap_mm=0.1), tmp_path / "parts")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_a_file_is_refused(default_layout: Layout, tmp_path: Path) -> None:
     (tmp_path / "parts").write_text("")
     with pytest.raises(InputError, match="parts: cannot be written: File exists"):
-        build(default_layout, tmp_path / "parts")
+        build_parts(default_layout, tmp_path / "parts")
 
 
 def test_a_missing_extra_is_named_with_its_command(
@@ -145,9 +145,9 @@ def test_a_missing_extra_is_named_with_its_command(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "build123d", None)
     with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install -e "\.\[cad\]"$'):
-        mirrorcam.cad.build.build(default_layout, tmp_path)
+        mirrorcam.cad.build.build_parts(default_layout, tmp_path)
     # What is missing for another reason is a bug, and is not blamed on the installation.
     monkeypatch.setitem(sys.modules, "build123d", type(sys)("build123d"))
     monkeypatch.setitem(sys.modules, "mirrorcam.cad.write.part_export", None)
     with pytest.raises(ImportError):
-        mirrorcam.cad.build.build(default_layout, tmp_path)
+        mirrorcam.cad.build.build_parts(default_layout, tmp_path)
