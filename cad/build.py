@@ -37,7 +37,8 @@ def build_parts(
         except ModuleNotFoundError as error:
             if error.name is None or error.name.partition(".")[0] not in EXTRA:
                 raise
-            raise InputError(f'{error.name} is not installed, needed to build parts: pip install -e ".[cad]"') from None
+            install = 'pip install "mirrorcam[cad]"'
+            raise InputError(f"{error.name} is not installed, needed to build parts: {install}") from None
         check_gaps(layout, hardware)
         try:
             out.mkdir(parents=True, exist_ok=True)

@@ -163,7 +163,7 @@ def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
     Raises InputError where Mitsuba is not installed, has no such variant, or could not run it.
     """
     if importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("drjit") is None:
-        raise InputError('rendering needs Mitsuba, which is not installed: pip install -e ".[render]"')
+        raise InputError('rendering needs Mitsuba, which is not installed: pip install "mirrorcam[render]"')
     name = variant or (IN_COLOUR[choose_variant()] if colour else choose_variant())
     _ready(name)
     mi = importlib.import_module("mitsuba")

@@ -20,4 +20,5 @@ def require(*extras: str) -> None:
     lacking = [extra for extra, modules in missing.items() if modules]
     if lacking:
         modules = ", ".join(module for extra in lacking for module in missing[extra])
-        raise InputError(f'{modules} not installed, needed for this command: pip install -e ".[{",".join(lacking)}]"')
+        install = f'pip install "mirrorcam[{",".join(lacking)}]"'
+        raise InputError(f"{modules} not installed, needed for this command: {install}")

@@ -144,7 +144,7 @@ def test_a_missing_extra_is_named_with_its_command(
     for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "build123d", None)
-    with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install -e "\.\[cad\]"$'):
+    with pytest.raises(InputError, match=r'^build123d is not installed.*: pip install "mirrorcam\[cad\]"$'):
         mirrorcam.cad.build.build_parts(default_layout, tmp_path)
     # What is missing for another reason is a bug, and is not blamed on the installation.
     monkeypatch.setitem(sys.modules, "build123d", type(sys)("build123d"))

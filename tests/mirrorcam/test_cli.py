@@ -352,7 +352,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: found.get(module, object()))
     assert cli.main(["cad", "layout.json"]) == 2
     assert capfd.readouterr().err == (
-        'mirrorcam: build123d not installed, needed for this command: pip install -e ".[cad]"\n'
+        'mirrorcam: build123d not installed, needed for this command: pip install "mirrorcam[cad]"\n'
     )
 
 

@@ -128,7 +128,7 @@ def test_without_any_llvm_it_falls_back_and_says_so_once(
 def test_a_missing_mitsuba_is_named_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "mitsuba" else find(name))
-    with pytest.raises(InputError, match=r'pip install -e "\.\[render\]"'):
+    with pytest.raises(InputError, match=r'pip install "mirrorcam\[render\]"'):
         variant.use_variant()
 
 

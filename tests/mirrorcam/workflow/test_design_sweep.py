@@ -411,7 +411,7 @@ def test_a_missing_extra_is_named_before_any_work(
     monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: None)
     stand_in(monkeypatch, Counting())
     assert cli.main(["sweep", *arguments.split()]) == 2
-    assert f'pip install -e ".[{extra}]"' in capfd.readouterr().err
+    assert f'pip install "mirrorcam[{extra}]"' in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
