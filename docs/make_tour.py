@@ -1,7 +1,7 @@
 """Make the pictures of docs/tour.md by its own commands: `python docs/make_tour.py [--work FOLDER]`.
 
-Commands run in the folder, by default output/tour, and find their own folders empty; but a desk that is there already
-is not photographed again. Above each picture a comment names the files it is made of, which are put beside each other.
+Commands run in the folder, by default output/tour, with empty output folders; a scene that is there already is not
+rendered again. Above each picture a comment names the files it is made of, which are placed side by side.
 """
 
 from __future__ import annotations

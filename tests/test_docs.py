@@ -1,0 +1,49 @@
+"""The documentation: every command in it can be parsed, every link and picture in it exists."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.cli import parse
+from mirrorcam.optics.base.values import InputError
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def command_lines(text: str) -> list[str]:
+    """The `mirrorcam` command lines of a page's shell blocks, without comments and what stands for something else."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    parts = [part.strip() for block in blocks for line in block.splitlines() for part in line.split("#")[0].split("&&")]
+    return [part for part in parts if part.startswith("mirrorcam ") and "…" not in part]
+
+
+def links(text: str) -> list[str]:
+    """Targets of a page's links and pictures that are files of this project."""
+    targets = re.findall(r"\]\(([^)#\s]+)", text)
+    return [target for target in targets if "://" not in target]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_of_a_page_can_be_parsed(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in command_lines(page.read_text(encoding="utf-8")):
+        parse(shlex.split(line)[1:])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_of_a_page_leads_to_a_file(page: Path) -> None:
+    missing = [target for target in links(page.read_text(encoding="utf-8")) if not (page.parent / target).exists()]
+    assert missing == []
+
+
+def test_commands_and_links_are_found() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "mirrorcam run" in command_lines(readme)
+    assert "docs/measured.md" in links(readme)
+    with pytest.raises(InputError):
+        parse(shlex.split(command_lines("```sh\nmirrorcam depth a.npz --no-such 1   # a comment\n```\n")[0])[1:])
