@@ -53,7 +53,7 @@ def main(folders: list[Path]) -> None:
                 limit = "" if metric.limit is None else f"  (limit {metric.limit:g})"
                 print(f"  {name:40} {metric.value:10.5f} {metric.unit}{limit}")
         nominal = Layout.load(folder / "layout.json")
-        if nominal.mirrors[0].surface == "first":
+        if not nominal.mirrors[0].is_second_surface:
             continue
         seen, base = by_frame(validation.calibration)
         corners = load_board(folder / "board.toml").corners_in_board_mm

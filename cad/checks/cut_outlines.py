@@ -20,7 +20,6 @@ from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.plan.seats import back_height_mm
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -167,7 +166,7 @@ def sheets_as_cut(laid: Mapping[str, Fit], layout: Layout) -> dict[str, manifold
     solids = {}
     for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
         if name in laid:
-            back = back_height_mm(mirror)
+            back = mirror.back_mm
             solids[name] = prism(mirror, laid[name].corners, back, back + mirror.thickness_mm)
     return solids
 

@@ -24,7 +24,6 @@ from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.plan.seats import back_height_mm
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -166,7 +165,7 @@ def check_drop(
         if name not in laid:
             continue
         corners, thickness = laid[name].corners, mirror.thickness_mm
-        low = back_height_mm(mirror) + ROUNDING_MM
+        low = mirror.back_mm + ROUNDING_MM
         grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
         in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_SHEET * thickness))
         in_room += common_mm3(together, prism(mirror, grown, low, low + thickness))

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import back_height_mm, outline_at, seat_distance_mm
+from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -111,7 +111,7 @@ class Seat:
 def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
     """The seat of a mirror: all faces about in the plane of its back, behind its outline; None where there is none."""
     outline = Polygon(mirror.outline_in_plane_mm)
-    back = outline_at(mirror, back_height_mm(mirror))
+    back = outline_at(mirror, mirror.back_mm)
     bearing: list[tuple[FlatFace, BaseGeometry]] = []
     for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
         heights = face.loops[0] @ mirror.normal_in_rig + seat_distance_mm(mirror)
@@ -134,7 +134,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
 
 def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> list[float]:
     """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the sheet."""
-    frame, back = mirror.rig_from_plane, back_height_mm(mirror)
+    frame, back = mirror.rig_from_plane, mirror.back_mm
     corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)
     gaps = []
     for start, end in pairwise(corners):

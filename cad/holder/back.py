@@ -12,7 +12,7 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.seats import back_height_mm, outline_at, seat_distance_mm
+from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
 from mirrorcam.cad.plan.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -76,14 +76,12 @@ class FrontSurface:
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float) -> None:
         self._axes = axes
         self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror)) for mirror in layout.mirrors]
-        grown = [outline_at(mirror, back_height_mm(mirror), margin_mm, bevelled=True) for mirror in layout.mirrors]
-        seats = [outline_at(mirror, back_height_mm(mirror)) for mirror in layout.mirrors]
+        grown = [outline_at(mirror, mirror.back_mm, margin_mm, bevelled=True) for mirror in layout.mirrors]
+        seats = [outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors]
         self._cores = self._shadows(seats)
         self._fillers = self._shadows(grown)
         # Twice the margin, so that the side of a filler, which is not along a neighbour's normal, is no ridge either.
-        around = self._shadows(
-            [outline_at(mirror, back_height_mm(mirror), 2.0 * margin_mm) for mirror in layout.mirrors]
-        )
+        around = self._shadows([outline_at(mirror, mirror.back_mm, 2.0 * margin_mm) for mirror in layout.mirrors])
         recesses = np.zeros(len(grown))
         for i, filler in enumerate(self._fillers):
             ring = filler.difference(self._cores[i])
@@ -100,7 +98,7 @@ class FrontSurface:
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         # The slab bears the grounds of rims too, which are a little wider than fillers and lie a little lower.
         grounds = [
-            outline_at(mirror, back_height_mm(mirror) - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True)
+            outline_at(mirror, mirror.back_mm - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True)
             for mirror in layout.mirrors
         ]
         self.footprint = MultiPoint(np.vstack([*grown, *grounds]) @ axes[:2].T).convex_hull
@@ -147,7 +145,7 @@ def place_cuts(
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
     rooms = rooms_on_bed(lengths, hardware)
-    seats = [Polygon(outline_at(mirror, back_height_mm(mirror)) @ axes[:2].T) for mirror in layout.mirrors]
+    seats = [Polygon(outline_at(mirror, mirror.back_mm) @ axes[:2].T) for mirror in layout.mirrors]
     turned = body.transform(np.column_stack([axes, np.zeros(3)]))
     mesh = turned.to_mesh64()
     triangles = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]

@@ -11,7 +11,7 @@ from shapely import LineString, Polygon, box, get_coordinates, union_all
 from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import Frustum, back_height_mm, outline_at
+from mirrorcam.cad.plan.seats import Frustum, outline_at
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
@@ -66,8 +66,8 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
 def _column(mirror: Mirror, other: Mirror, away: FloatArray) -> Polygon:
     """The column behind another mirror, where it passes through a mirror's seat plane, in that plane's axes."""
     frame = mirror.rig_from_plane
-    origin = frame[:3, 3] + back_height_mm(mirror) * frame[:3, 2]
-    corners = outline_at(other, back_height_mm(other)) - origin
+    origin = frame[:3, 3] + mirror.back_mm * frame[:3, 2]
+    corners = outline_at(other, other.back_mm) - origin
     flat = corners - ((corners @ frame[:3, 2]) / (away @ frame[:3, 2]))[:, None] * away
     return Polygon(flat @ frame[:3, :2])
 
@@ -93,7 +93,7 @@ def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> boo
 
 def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
     """What a groove cuts, from its floor to above the seat."""
-    seat = back_height_mm(mirror)
+    seat = mirror.back_mm
     levels = (seat - hardware.holder.groove_depth_mm, seat + 0.5 * mirror.thickness_mm)
     base, top = (
         transform(mirror.rig_from_plane, np.column_stack([groove.shape, np.full(len(groove.shape), level)]))
@@ -136,7 +136,7 @@ def planned_cover(
 def _section(mirror: Mirror, outline: Polygon, volume: Frustum) -> Polygon:
     """What a convex solid takes of a mirror's seat, in the plane's axes; empty where it takes nothing."""
     frame = mirror.rig_from_plane
-    origin = frame[:3, 3] + back_height_mm(mirror) * frame[:3, 2]
+    origin = frame[:3, 3] + mirror.back_mm * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]
     normals, offsets = volume.half_spaces
     for slope, most in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):

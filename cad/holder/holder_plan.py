@@ -30,7 +30,7 @@ from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.holder.stray_light import Ring, plan_walls
 from mirrorcam.cad.holder.webs import Hollow, plan_hollows
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.seats import Frustum, back_height_mm, keep_outs, outline_at
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at
 from mirrorcam.cad.plan.split import rooms_on_bed
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -133,7 +133,7 @@ def _solid_plan(
     def down_from(polygon: FloatArray) -> Frustum:
         return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
 
-    seats = [outline_at(mirror, back_height_mm(mirror)) for mirror in layout.mirrors]
+    seats = [outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors]
     reach = mount.back_mm - min(float((polygon @ away).min()) for polygon in seats)
     reach += max(mirror.thickness_mm for mirror in layout.mirrors)
     volumes = keep_outs(layout, hardware)
@@ -242,7 +242,7 @@ def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
 
 def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
     """Where a mirror passes on its way into its pocket."""
-    seat, fit = back_height_mm(mirror), hardware.fit.free_mm
+    seat, fit = mirror.back_mm, hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))
 
 

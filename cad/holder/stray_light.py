@@ -12,7 +12,7 @@ from shapely import Polygon, contains_xy, get_coordinates, union_all
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import Frustum, back_height_mm, outline_at
+from mirrorcam.cad.plan.seats import Frustum, outline_at
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -143,7 +143,7 @@ def _field_of_view(camera: Camera) -> Manifold:
 
 def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
     """What the camera does not see because a mirror in its pocket is before it."""
-    loops = [outline_at(mirror, back_height_mm(mirror), hardware.fit.free_mm) for mirror in layout.mirrors]
+    loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)
 

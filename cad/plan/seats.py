@@ -86,12 +86,7 @@ def seat_distance_mm(mirror: Mirror) -> float:
     layout's (reflecting) plane; a first-surface mirror is coated on its front, so its seat lies one thickness
     further from the pupil: n.x = -seat_distance_mm.
     """
-    return mirror.distance_mm - back_height_mm(mirror)
-
-
-def back_height_mm(mirror: Mirror) -> float:
-    """Height of the back of the sheet over the reflecting plane, towards the pupil: -thickness or 0."""
-    return -mirror.thickness_mm if mirror.surface == "first" else 0.0
+    return mirror.distance_mm - mirror.back_mm
 
 
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
@@ -110,13 +105,13 @@ def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, beve
 
 def sheet(mirror: Mirror) -> Frustum:
     """The mirror as cut: a right prism between its back and its front."""
-    back = back_height_mm(mirror)
+    back = mirror.back_mm
     return Frustum(outline_at(mirror, back), outline_at(mirror, back + mirror.thickness_mm))
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
     """The room the sheet needs: grown by the fit all round, from the seat plane to a fit in front of the sheet."""
-    back, fit = back_height_mm(mirror), hardware.fit.free_mm
+    back, fit = mirror.back_mm, hardware.fit.free_mm
     front = back + mirror.thickness_mm + fit
     return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))
 
@@ -132,7 +127,7 @@ def light_starts_mm(mirror: Mirror) -> float:
     That of a second-surface mirror comes and goes through its front, which is cut like its back: up to there it is
     inside the sheet.
     """
-    return mirror.thickness_mm if mirror.surface == "second" else LIGHT_STARTS_MM
+    return mirror.front_mm if mirror.is_second_surface else LIGHT_STARTS_MM
 
 
 def camera_cone(mirror: Mirror, hardware: Hardware) -> Frustum:

@@ -31,7 +31,6 @@ from mirrorcam.cad.assembly.device_plan import Connection, Device, connections
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, COUPON, ITEM_RGB, MIRROR_RGB, holder_under, item_names
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
-from mirrorcam.cad.plan.seats import back_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.step_text import ordered_step
 from mirrorcam.optics.base.files import write_text
@@ -67,7 +66,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
         sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)
         seat = mirror.rig_from_plane.copy()
-        seat[:3, 3] += back_height_mm(mirror) * mirror.normal_in_rig
+        seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
         mirrors.append(_joined(printed[holder_under(mirror, fitted).name], sheet, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
     bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))

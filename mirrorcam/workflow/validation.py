@@ -128,7 +128,7 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
         "distance_error_rms_mm": Metric(value=np.sqrt(np.mean(distances**2)), unit="mm"),
         "focal_error_px": Metric(value=abs(layout.camera.fx_px - truth.camera.fx_px), unit="px"),
     }
-    sheets = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.surface == "second"]
+    sheets = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.is_second_surface]
     if sheets:
         thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in sheets]
         figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")

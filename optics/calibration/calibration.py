@@ -176,7 +176,7 @@ def _calibrated(reached: Climb, layout: Layout) -> Layout:
     estimate = reached.solution.estimate
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
-            thickness_mm=thickness if mirror.surface == "second" else mirror.thickness_mm, curvature_per_m=curvature
+            thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
         )
         for mirror, centre, thickness, curvature in zip(
             layout.mirrors,

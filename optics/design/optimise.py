@@ -69,7 +69,7 @@ def _check_at_once(spec: DesignSpec) -> None:
     # The optical axis meets its mirror at 90 degrees less half the fold.
     cosine = float(np.sin(np.deg2rad(spec.fold_deg) / 2.0))
     before_mm = 0.0
-    if spec.surface == "second":
+    if spec.is_second_surface:
         before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
     past_mm = before_mm - spec.scale_mm * cosine
     if past_mm >= 0:

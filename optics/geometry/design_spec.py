@@ -37,6 +37,11 @@ class DesignSpec(Value):
     thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirror sheet")
     refractive_index: float = Field(default=1.49, ge=1, description="index of the sheet (acrylic 1.49)")
 
+    @property
+    def is_second_surface(self) -> bool:
+        """Whether the mirrors asked for are coated on the back, see `Mirror.is_second_surface`."""
+        return self.surface == "second"
+
     @cached_property
     def view_from_rig(self) -> FloatArray:
         """The rotation (3, 3) to view axes: the views look along (0, sin fold, cos fold) of the rig, x stays x."""

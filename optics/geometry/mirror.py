@@ -11,6 +11,7 @@ from shapely import LinearRing, Polygon
 
 from mirrorcam.optics.base.values import FloatArray, Points3, Value, Vector3
 from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images, plane_axes
+from mirrorcam.optics.geometry.mirror_solid import MirrorSolid
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 
 ON_PLANE_TOLERANCE_MM = 1e-6
@@ -55,8 +56,8 @@ class Mirror(Value):
     def _check(self) -> Self:
         if self.distance_mm < 1e-3:
             raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
-        if self.surface == "second" and self.distance_mm <= self.thickness_mm:
-            past_mm = self.thickness_mm - self.distance_mm
+        if self.is_second_surface and self.distance_mm <= self.front_mm:
+            past_mm = self.front_mm - self.distance_mm
             raise ValueError(f"second-surface sheet reaches {past_mm:.3g} mm past the pupil, expected it before it")
         curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
         if curvature > limit:
@@ -118,7 +119,7 @@ class Mirror(Value):
         """Where the middle of the outline lies from the foot of the pupil (3,) in mm, and the chief ray's tangent."""
         across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
         across_mm = float(np.linalg.norm(across))
-        if self.surface == "first":
+        if not self.is_second_surface:
             return across, across_mm / self.distance_mm
         air_mm = self.distance_mm - self.thickness_mm
         return across, float(outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index))
@@ -130,7 +131,7 @@ class Mirror(Value):
         Of a first-surface mirror, itself. Else the plane and the outline moved towards the pupil by t (1 - tan' / tan),
         where incoming and outgoing chief ray, made longer, meet; rays of another incidence stray a little from it.
         """
-        if self.surface == "first":
+        if not self.is_second_surface:
             return self
         rise = float(rise_mm(np.array(self._chief[1]), self.thickness_mm, self.refractive_index))
         return Mirror(
@@ -147,7 +148,7 @@ class Mirror(Value):
         All of a first-surface mirror. Light enters the front of a second-surface one t tan' before the point of the
         coating that it meets and leaves as far behind it, and both must lie within the front, which is cut alike.
         """
-        if self.surface == "first":
+        if not self.is_second_surface:
             return self.outline_normalized
         across, tangent = self._chief
         inside = float(inner_tangent(np.array(tangent), self.refractive_index))
@@ -160,6 +161,28 @@ class Mirror(Value):
         seen = self.apparent.rig_from_plane
         points = np.array(shown.exterior.coords)[:-1] @ seen[:3, :2].T + seen[:3, 3]
         return points[:, :2] / points[:, 2:]
+
+    @property
+    def is_second_surface(self) -> bool:
+        """Whether light reaches the reflecting surface through the glass: it is coated on the back."""
+        return self.surface == "second"
+
+    @property
+    def front_mm(self) -> float:
+        """Height of the front over the reflecting surface, towards the pupil: 0 or, of a second-surface mirror, t."""
+        return self.thickness_mm if self.is_second_surface else 0.0
+
+    @property
+    def back_mm(self) -> float:
+        """Height of the back over the reflecting surface, towards the pupil: -t or, of a second-surface mirror, 0."""
+        return self.front_mm - self.thickness_mm
+
+    @cached_property
+    def solid(self) -> MirrorSolid:
+        """The glass of the mirror, cut at right angles to its faces."""
+        face = self.outline_in_rig_mm
+        opposite_mm = self.front_mm if self.is_second_surface else self.back_mm
+        return MirrorSolid(np.concatenate([face, face + opposite_mm * self.normal_in_rig]), self.normal_in_rig)
 
     @cached_property
     def distance_mm(self) -> float:
@@ -185,12 +208,12 @@ class Mirror(Value):
 
         NaN for points that are not before a sheet or a bent mirror.
         """
-        if self.surface == "first" and not self.curvature_per_m.any():
+        if not self.is_second_surface and not self.curvature_per_m.any():
             return self.reflect(points_in_rig)
         surfaces = Surfaces(
             centre=self.virtual_centre_in_rig_mm[:, None],
             middle=self.outline_in_rig_mm.mean(axis=0)[:, None],
-            thickness=np.array([self.thickness_mm if self.surface == "second" else 0.0]),
+            thickness=np.array([self.front_mm]),
             index=np.array([self.refractive_index]),
             curvature=self.curvature_per_m[:, None],
         )

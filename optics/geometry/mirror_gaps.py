@@ -16,26 +16,6 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 
-def sheet_in_rig_mm(mirror: Mirror) -> FloatArray:
-    """Corners (2n, 3) of the mirror's sheet: the reflecting face, then the other one."""
-    side = -1.0 if mirror.surface == "first" else 1.0
-    face = mirror.outline_in_rig_mm
-    return np.concatenate([face, face + side * mirror.thickness_mm * mirror.normal_in_rig])
-
-
-def half_spaces(mirror: Mirror) -> tuple[FloatArray, FloatArray]:
-    """Outward unit normals (k, 3) and offsets (k,) of the faces of the mirror's sheet: inside where n.x <= d, mm."""
-    corners = sheet_in_rig_mm(mirror)
-    front, back = corners[: len(corners) // 2], corners[len(corners) // 2 :]
-    middle = corners.mean(axis=0)
-    sides = np.cross(np.roll(front, -1, axis=0) - front, back - front)
-    normals = np.concatenate([[mirror.normal_in_rig, mirror.normal_in_rig], sides])
-    points = np.concatenate([front[:1], back[:1], front])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    normals *= np.sign(np.sum(normals * (points - middle), axis=1, keepdims=True))
-    return normals, np.sum(normals * points, axis=1)
-
-
 def hull_distance(first: FloatArray, second: FloatArray) -> float:
     """Distance between the convex hulls of two point sets (n, 3) and (m, 3); 0 where they meet.
 
@@ -57,8 +37,8 @@ def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
 
 def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
     """For all pairs (n, n) a distance that their sheets keep at least: the best of their faces as a plane between."""
-    corners = stacked([sheet_in_rig_mm(mirror) for mirror in mirrors])
-    faces = [half_spaces(mirror) for mirror in mirrors]
+    corners = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
+    faces = [mirror.solid.half_spaces for mirror in mirrors]
     normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
     heights = np.tensordot(normals, corners, axes=(2, 2)) - offsets[:, :, None, None]
     beyond = heights.min(axis=3).max(axis=1)
@@ -67,14 +47,14 @@ def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
 
 def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[int, int]]:
     """Pairs i < j of mirrors whose sheets are less than `gap_mm` apart."""
-    corners = [sheet_in_rig_mm(mirror) for mirror in mirrors]
+    corners = [mirror.solid.corners_in_rig_mm for mirror in mirrors]
     candidates = np.argwhere(np.triu(_least_gaps_mm(mirrors) < gap_mm, 1))
     return [(int(i), int(j)) for i, j in candidates if hull_distance(corners[i], corners[j]) < gap_mm]
 
 
 def smallest_gap_mm(layout: Layout) -> float:
     """Smallest distance between the sheets of any two mirrors, mm; 0 where two meet, infinite for a single mirror."""
-    corners = [sheet_in_rig_mm(mirror) for mirror in layout.mirrors]
+    corners = [mirror.solid.corners_in_rig_mm for mirror in layout.mirrors]
     first, second = np.triu_indices(len(corners), 1)
     least = _least_gaps_mm(layout.mirrors)[first, second]
     smallest = float("inf")

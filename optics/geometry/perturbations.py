@@ -113,7 +113,7 @@ def strayed_mirrors(layout: Layout, strays: Strays) -> Devices:
     frames = np.array([mirror.rig_from_plane for mirror in layout.mirrors])
     middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
     spokes = stacked([mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
-    lifts = np.array([mirror.surface == "first" for mirror in layout.mirrors])
+    lifts = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
     vectors = (frames[:, :3, :2] @ strays.tilts[..., None])[..., 0]
     turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
     shifts = (strays.shifts_mm + np.where(lifts, strays.sheets_mm[:, None], 0.0))[..., None] * designed

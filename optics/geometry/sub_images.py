@@ -16,7 +16,6 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.mirror_gaps import sheet_in_rig_mm
 
 POINTS_PER_EDGE = 32
 
@@ -123,7 +122,7 @@ def views_of(layout: Layout) -> Views:
         rays = np.column_stack([forward, np.ones(len(forward))])
         leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
         directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
-    reach_mm = max(float((sheet_in_rig_mm(mirror) @ turn)[:, 2].max()) for mirror in layout.mirrors)
+    reach_mm = max(float((mirror.solid.corners_in_rig_mm @ turn)[:, 2].max()) for mirror in layout.mirrors)
     return Views(layout, reach_mm, leaving, directions, corners_of)
 
 

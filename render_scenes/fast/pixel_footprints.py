@@ -63,14 +63,9 @@ def views_of(mirrors: tuple[Mirror, ...]) -> tuple[View, ...]:
     if not mirrors:
         return (View(np.zeros(3), np.eye(3), np.zeros(3)),)
     return tuple(
-        View(-2.0 * front_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
+        View(-2.0 * _front_distance_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
         for mirror in mirrors
     )
-
-
-def front_mm(mirror: Mirror) -> float:
-    """Distance of the front of a mirror's sheet from the pupil; of a first-surface mirror, that of the mirror."""
-    return mirror.distance_mm - (mirror.thickness_mm if mirror.surface == "second" else 0.0)
 
 
 def lanes_of(
@@ -87,14 +82,14 @@ def lanes_of(
         return ((grid.lanes(0, np.arange(grid.count), nothing, nothing + 1.0),),)
     layers: list[list[Lanes]] = []
     # Nearer mirrors first: of a square, a farther one shows at most what they leave.
-    order = sorted(range(len(mirrors)), key=lambda index: front_mm(mirrors[index]))
+    order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
         alone: list[Lanes] = []
         layers.append(alone)
         for index in order:
             mirror = mirrors[index]
-            if passes > 0 and mirror.surface == "first":
+            if passes > 0 and not mirror.is_second_surface:
                 continue
             square, part = grid.seen(mirror, passes)
             shared = free[square] < 1.0
@@ -111,7 +106,7 @@ def lanes_of(
 def _through(mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float) -> tuple[FloatArray, FloatArray]:
     """How far the centre slides (n,), mm, and what is left of the light (n,) along rays (n, 2)."""
     count = len(normalized)
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         return np.zeros(count), np.full(count, reflectance)
     tangent = _tangent(mirror, normalized)
     lost = surface_reflectance(tangent, mirror.refractive_index)
@@ -218,15 +213,20 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
     return max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(hit))
 
 
+def _front_distance_mm(mirror: Mirror) -> float:
+    """Distance of the front of a mirror from the pupil."""
+    return mirror.distance_mm - mirror.front_mm
+
+
 def _front_outline(mirror: Mirror) -> FloatArray:
     """The outline (n, 2) of the front of the sheet, in normalized coordinates."""
-    corners = mirror.outline_in_rig_mm + (mirror.distance_mm - front_mm(mirror)) * mirror.normal_in_rig
+    corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
     return np.asarray(corners[:, :2] / corners[:, 2:])
 
 
 def _inside(mirror: Mirror, passes: int, normalized: FloatArray) -> FloatArray:
     """How far inside the sheet's outline (...), mm, light along rays (..., 2) enters and leaves it; outside < 0."""
-    distance = front_mm(mirror)
+    distance = _front_distance_mm(mirror)
     rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
     along = -(rays @ mirror.normal_in_rig)
     axes = mirror.rig_from_plane[:3, :2]

@@ -81,7 +81,7 @@ class BoardScene:
         self.sensor = sensor(camera, near_mm=near_mm(bodies))
         # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
         rough = any(finish.roughness > 0.0 for finish in finishes)
-        sheets = any(mirror.surface == "second" for mirror in mirrors)
+        sheets = any(mirror.is_second_surface for mirror in mirrors)
         self.integrator = integrator(
             Light(
                 mirrors_only=bool(mirrors) and not bodies,

@@ -22,7 +22,7 @@ def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) 
     second-surface one is a sheet: a front that light passes by Fresnel's formulas, cut like the coating behind it,
     which is black from behind, and black edges. Both faces of a bent sheet have one shape.
     """
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         coating = {"coating": _face(mirror, finish, 0.0, _coating(finish))}
         return coating | ({"edges": _edges(mirror, -mirror.thickness_mm)} if edges else {})
     glass = {"type": "dielectric", "int_ior": mirror.refractive_index, "ext_ior": 1.0}

@@ -140,7 +140,7 @@ class Oracle:
         seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
         seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
         finish = self._finishes[index]
-        if mirror.surface == "second" or (finish is not None and not finish.flat):
+        if mirror.is_second_surface or (finish is not None and not finish.flat):
             seen[seen] = _through(self.layout.camera, mirror, px[seen], finish)
         seen[seen] = _clear_of(self.layout, index, points[seen])
         if self._obstacles is not None:

@@ -44,11 +44,10 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
         return _cut(mirror, first, np.linalg.norm(first, axis=-1), last, along, out.way_mm)
     normal = mirror.normal_in_rig
     cosine = np.maximum(-(rays @ normal), 1e-12)
-    front_mm = mirror.distance_mm - (mirror.thickness_mm if mirror.surface == "second" else 0.0)
-    entry_mm = front_mm / cosine
+    entry_mm = (mirror.distance_mm - mirror.front_mm) / cosine
     entry = rays * entry_mm[..., None]
     leaves, way_mm = entry, entry_mm
-    if mirror.surface == "second":
+    if mirror.is_second_surface:
         # To the coating and back. Snell: what of a ray is along the surface shrinks by the index.
         flat = (rays + cosine[..., None] * normal) / mirror.refractive_index
         inside_mm = 2.0 * mirror.thickness_mm / np.sqrt(1.0 - np.square(flat).sum(axis=-1))
@@ -119,7 +118,7 @@ def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[l
     frame = mirror.rig_from_plane
     pupil = -frame[:3, 3] @ frame[:3, :3]
     ray = _Ray(np.broadcast_to(pupil, rays.shape), rays @ frame[:3, :3], np.zeros(rays.shape[:-1]))
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         ray, normal = _met(mirror, finish, ray, 0.0)
         return [ray.start], _Ray(ray.start, _mirrored(ray.way, normal), ray.way_mm)
     thick, index = mirror.thickness_mm, mirror.refractive_index

@@ -94,9 +94,7 @@ def _unit_rays(camera: Camera, step: int) -> FloatArray:
 def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
     """Rows and columns around the picture of a mirror."""
     mirror = layout.mirrors[index]
-    corners = mirror.outline_in_rig_mm
-    if mirror.surface == "second":
-        corners = np.concatenate([corners, corners + mirror.thickness_mm * mirror.normal_in_rig])
+    corners = mirror.solid.corners_in_rig_mm if mirror.is_second_surface else mirror.outline_in_rig_mm
     px = layout.camera.project(corners)
     if not np.isfinite(px).all():
         return slice(None), slice(None)

@@ -41,7 +41,7 @@ def without_ghosts(picture: Image, corners: Corners, camera: Camera, mirror: Mir
 
     Of a second-surface mirror only those that all copies are whole around.
     """
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         return corners
     whole = _inside(corners, camera, _passed(mirror, max(PASSES)))
     corners = Corners(corners.ids[whole], corners.pixels[whole])

@@ -181,7 +181,7 @@ def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
     out that entered at the corner, which is through twice the sheet.
     """
     seen = mirror.apparent
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         return seen.outline_in_plane_mm
     air_mm = mirror.distance_mm - mirror.thickness_mm
     foot = -air_mm * mirror.normal_in_rig

@@ -114,7 +114,7 @@ class Estimate:
             camera,
             np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
             rig_from_board,
-            thickness_mm=np.array([mirror.thickness_mm if mirror.surface == "second" else 0.0 for mirror in mirrors]),
+            thickness_mm=np.array([mirror.front_mm for mirror in mirrors]),
             refractive_index=np.array([mirror.refractive_index for mirror in mirrors]),
             curvature_per_m=np.array([mirror.curvature_per_m for mirror in mirrors]),
             middles_in_rig_mm=np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in mirrors]),

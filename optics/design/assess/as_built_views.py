@@ -128,7 +128,7 @@ def built_views(layout: Layout, strays: Strays) -> BuiltViews:
     distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
     if (thicknesses <= 0).any():
         raise InputError(f"a drawn sheet is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
-    second = np.array([mirror.surface == "second" for mirror in layout.mirrors])
+    second = np.array([mirror.is_second_surface for mirror in layout.mirrors])
     if (distances <= np.where(second, thicknesses, 0.0)).any():
         raise InputError("a drawn mirror reaches past the pupil, expected smaller tolerances")
     rises, outlines, shown = _windows(layout, devices, distances)
@@ -156,7 +156,7 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
     rises = np.zeros(distances.shape)
     shifts: dict[int, FloatArray] = {}
     for k, mirror in enumerate(layout.mirrors):
-        if mirror.surface == "first":
+        if not mirror.is_second_surface:
             continue
         index, glass = mirror.refractive_index, devices.thicknesses_mm[:, k]
         across = devices.middles[:, k] - devices.pupils + distances[:, k, None] * devices.normals[:, k]

@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import half_spaces, sheet_in_rig_mm, stacked
+from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
 
 TOUCH_MM = 1e-6
@@ -58,7 +58,7 @@ def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArr
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal = mirror.normal_in_rig
-    glass_mm = mirror.thickness_mm if mirror.surface == "second" else 0.0
+    glass_mm = mirror.front_mm
     towards = -rays @ normal
     met = rays * ((mirror.distance_mm - glass_mm) / towards)[:, None]
     along = rays + towards[:, None] * normal
@@ -81,7 +81,7 @@ def slab_stray_mm(mirror: Mirror) -> float:
     A ray of incidence i that meets the slab where it looks d higher than at the chief ray leaves 2 d sin(i) aside.
     """
     normalized = sampled(mirror.usable_normalized)
-    if mirror.surface == "first" or len(normalized) == 0:
+    if not mirror.is_second_surface or len(normalized) == 0:
         return 0.0
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     cosine = -(rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
@@ -115,8 +115,8 @@ def blocked_light(
     Rays go through what of a mirror shows the scene, and are stopped by the whole sheet of another.
     """
     found, axis = [], np.asarray(view_axis, dtype=np.float64)
-    faces = [half_spaces(mirror) for mirror in mirrors]
-    bodies = stacked([sheet_in_rig_mm(mirror) for mirror in mirrors])
+    faces = [mirror.solid.half_spaces for mirror in mirrors]
+    bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     for light_of, mirror in enumerate(mirrors):
         met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, steps))
         heading = directions @ axis > 1e-9

@@ -184,7 +184,7 @@ def _sizes(layout: Layout) -> dict[str, Metric]:
 
 def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """How far light through second-surface sheets strays from the plain mirrors that stand for them; else nothing."""
-    if all(mirror.surface == "first" for mirror in layout.mirrors):
+    if not any(mirror.is_second_surface for mirror in layout.mirrors):
         return {}
     stray_mm = max(slab_stray_mm(mirror) for mirror in layout.mirrors)
     nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_view_mm[..., 2].max())

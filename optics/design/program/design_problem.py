@@ -91,7 +91,7 @@ def problem_of(spec: DesignSpec, seed: Seed, keeps: tuple[Keep, ...]) -> Problem
     averaged over the depths).
     """
     program = Program()
-    kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.surface == "second")
+    kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface)
     count, scale = spec.rows * spec.cols, spec.scale_mm
     depths = np.array(spec.depths_mm) / scale
     optics: list[float] = [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / scale, spec.refractive_index]

@@ -158,7 +158,7 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
         outline = cut(polygon, centre).round(OUTLINE_DECIMALS_MM) + 0.0
         glass = {"thickness_mm": spec.thickness_mm, "refractive_index": spec.refractive_index}
         try:
-            if spec.surface == "second":
+            if spec.is_second_surface:
                 mirrors.append(Mirror.second_surface(centre, outline, **glass))
             else:
                 mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, **glass))

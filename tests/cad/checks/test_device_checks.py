@@ -29,7 +29,6 @@ from mirrorcam.cad.checks.device_checks import (
 from mirrorcam.cad.checks.light_paths import NEAR_MM
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
-from mirrorcam.cad.plan.seats import back_height_mm
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -153,7 +152,7 @@ def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
     back = mirror.outline_in_plane_mm * (1.0, -1.0)
     laid = {"0-0": min(fits(back, back), key=lambda fit: fit.error_mm)}
     frame = mirror.rig_from_plane.copy()
-    frame[:3, 3] += back_height_mm(mirror) * mirror.normal_in_rig
+    frame[:3, 3] += mirror.back_mm * mirror.normal_in_rig
 
     def check(body: manifold3d.Manifold) -> dict[str, float]:
         checks = check_drop(laid, layout, [body.transform(frame[:3])], HARDWARE.fit.free_mm)

@@ -18,7 +18,6 @@ from shapely import Polygon
 
 from mirrorcam.cad.checks.seat_checks import FlatFace, _loop, check_seats, find_seat, flat_faces, pocket_gaps_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import back_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -36,7 +35,7 @@ def failed(checks: dict[str, Metric]) -> set[str]:
 def plane_of(mirror: Mirror) -> Plane:
     """The mirror's frame, moved to its back."""
     x_axis, _, normal, origin = mirror.rig_from_plane[:3].T
-    return Plane(origin=tuple(origin + back_height_mm(mirror) * normal), x_dir=tuple(x_axis), z_dir=tuple(normal))
+    return Plane(origin=tuple(origin + mirror.back_mm * normal), x_dir=tuple(x_axis), z_dir=tuple(normal))
 
 
 def seat_block(mirror: Mirror, *, room: float = FIT, sink: float = 0.0) -> Part:

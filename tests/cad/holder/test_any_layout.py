@@ -15,7 +15,7 @@ from shapely import LineString, Polygon, build_area, multilinestrings, set_preci
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import back_height_mm, camera_cone, reflected_beam
+from mirrorcam.cad.plan.seats import camera_cone, reflected_beam
 from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -38,7 +38,7 @@ def random_layout(seed: int, make_parabola: Callable[..., Layout]) -> Layout:
 
 def seat_area_mm2(part: Part, mirror: Mirror) -> float:
     """Area of the mirror's outline on all faces of a part in the plane of its back, within 1 um and 0.001 deg."""
-    frame, height_mm = mirror.rig_from_plane, back_height_mm(mirror)
+    frame, height_mm = mirror.rig_from_plane, mirror.back_mm
     outline = Polygon(mirror.outline_in_plane_mm)
     area = 0.0
     for face in part.faces().filter_by(GeomType.PLANE):

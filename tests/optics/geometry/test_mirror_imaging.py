@@ -59,7 +59,7 @@ def followed(of: Mirror, directions: FloatArray) -> tuple[FloatArray, FloatArray
     frame = of.rig_from_plane
     at = np.broadcast_to(-frame[:3, 3] @ frame[:3, :3], directions.shape)
     way = directions @ frame[:3, :3] / np.linalg.norm(directions, axis=1, keepdims=True)
-    sheet = of.thickness_mm if of.surface == "second" else 0.0
+    sheet = of.front_mm
     faces = [(sheet, "in"), (0.0, "mirror"), (sheet, "out")] if sheet else [(0.0, "mirror")]
     for lift, what in faces:
         length = (lift - at[:, 2]) / way[:, 2]

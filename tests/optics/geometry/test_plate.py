@@ -53,7 +53,7 @@ def test_apparent_undoes_second_surface(centre: FloatArray, thickness_mm: float,
     assert (stored.surface, stored.thickness_mm, stored.refractive_index) == ("second", thickness_mm, index)
     assert np.allclose(stored.apparent.virtual_centre_in_rig_mm, centre, atol=1e-9)
     assert np.allclose(stored.apparent.outline_in_rig_mm, cut(SQUARE, centre), atol=1e-9)
-    assert stored.apparent.surface == "first"
+    assert not stored.apparent.is_second_surface
     # The coating lies behind what it looks like, by less than the sheet is thick.
     assert stored.apparent.distance_mm <= stored.distance_mm < stored.apparent.distance_mm + thickness_mm
 

@@ -47,7 +47,7 @@ def reflected_rays(layout: Layout) -> list[tuple[NDArray[np.bool_], FloatArray, 
 def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where rays (n, 3) from the pupil leave a mirror, and to where (n, 3), in rig; Snell's law in vectors."""
     normal = mirror.normal_in_rig
-    if mirror.surface == "first":
+    if not mirror.is_second_surface:
         return mirror.cut(rays[:, :2]), rays @ mirror.reflection
     index, thickness_mm = mirror.refractive_index, mirror.thickness_mm
     front_mm = mirror.distance_mm - thickness_mm

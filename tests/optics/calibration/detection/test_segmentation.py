@@ -56,7 +56,7 @@ def masks(of: Layout) -> list[NDArray[np.float32]]:
     """How much of each pixel (h, w) each sub-image covers."""
     drawn = []
     for index, mirror in enumerate(of.mirrors):
-        if mirror.surface == "second":
+        if mirror.is_second_surface:
             drawn.append(traced(mirror))
             continue
         canvas = np.zeros((1080 * FINE, 1920 * FINE), np.uint8)

@@ -82,7 +82,7 @@ def test_the_fitted_layout_shows_what_the_fit_predicts(kind: str) -> None:
     found = solution.estimate
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
-            thickness_mm=thickness if mirror.surface == "second" else mirror.thickness_mm, curvature_per_m=curvature
+            thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
         )
         for mirror, centre, thickness, curvature in zip(
             disturbed(of.layout, 0, tilt_deg=0.5, offset_mm=0.5),

@@ -16,7 +16,6 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import (
     hull_distance,
     pairs_closer_than,
-    sheet_in_rig_mm,
     smallest_gap_mm,
     stacked,
 )
@@ -52,7 +51,7 @@ def walked(mirrors: tuple[Mirror, ...], light_of: int, sheet_of: int, depth_mm: 
     steps = np.linspace(0.0, 1.0, 2001)[:, None, None]
     frame, flat = sheet.rig_from_plane, sheet.outline_in_plane_mm
     turns = 1.0 if Polygon(flat).exterior.is_ccw else -1.0
-    below, above = (-sheet.thickness_mm, 0.0) if sheet.surface == "first" else (0.0, sheet.thickness_mm)
+    below, above = sheet.back_mm, sheet.front_mm
     found = {}
     for leg, starts, ends in (("in", np.zeros_like(met), met), ("out", leaving, leaving + (end - leaving) / 3.0)):
         points = (starts + steps * (ends - starts) - frame[:3, 3]) @ frame[:3, :3]
@@ -109,7 +108,7 @@ def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout:
 
 
 def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
-    sheets = [sheet_in_rig_mm(mirror) for mirror in default_layout.mirrors]
+    sheets = [mirror.solid.corners_in_rig_mm for mirror in default_layout.mirrors]
     gaps = {(i, j): hull_distance(sheets[i], sheets[j]) for i, j in combinations(range(len(sheets)), 2)}
     assert smallest_gap_mm(default_layout) == min(gaps.values())
     for gap_mm in (0.5, 1.2, 5.0, 30.0):

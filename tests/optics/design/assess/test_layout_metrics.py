@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.mirror_gaps import hull_distance, sheet_in_rig_mm, smallest_gap_mm
+from mirrorcam.optics.geometry.mirror_gaps import hull_distance, smallest_gap_mm
 from mirrorcam.optics.geometry.sub_images import common_region, pixel_efficiency
 
 DEPTH_MM = 300.0
@@ -190,7 +190,7 @@ def test_smallest_gap_counts_the_thickness_of_sheets() -> None:
     assert smallest_gap_mm(with_thickness(flat, 4.0)) == pytest.approx(gap_mm)
     parabola = faceted_parabola(DesignSpec(rows=1, cols=2, spacing_mm=3.0))
     in_front = [mirror.replaced(surface="second") for mirror in with_thickness(parabola, 4.0).mirrors]
-    assert hull_distance(*(sheet_in_rig_mm(mirror) for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
+    assert hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
 
 
 def with_thickness(layout: Layout, thickness_mm: float) -> Layout:

@@ -18,7 +18,6 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import half_spaces, sheet_in_rig_mm
 
 
 def spec_of(layout: Layout) -> DesignSpec:
@@ -237,8 +236,8 @@ def test_every_figure_of_a_verdict_has_its_words(default_layout: Layout) -> None
 def test_half_spaces_hold_the_sheet(default_layout: Layout) -> None:
     for surface in ("first", "second"):
         mirror = default_layout.mirrors[2].replaced(surface=surface, thickness_mm=3.0)
-        normals, offsets = half_spaces(mirror)
-        heights = sheet_in_rig_mm(mirror) @ normals.T - offsets
+        normals, offsets = mirror.solid.half_spaces
+        heights = mirror.solid.corners_in_rig_mm @ normals.T - offsets
         assert heights.max() < 1e-6
         # Each corner of a prism lies on three faces.
         assert_allclose(np.sum(np.abs(heights) < 1e-6, axis=1), 3)

@@ -22,7 +22,7 @@ from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, 
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, sheet_in_rig_mm
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
 
 BENT = Camera.c920().replaced(distortion=[0.1, -0.2, 0.003, -0.004, 0.05])
 KINDS = [Kind(4, False, False), Kind(5, True, False), Kind(6, False, True), Kind(4, True, True)]
@@ -125,7 +125,9 @@ def test_faces_and_sheets_are_those_of_the_mirror(kind: Kind, fold_deg: float) -
         normal = number(mine.normal).ravel() @ spec.view_from_rig
         assert_allclose(normal, -theirs.normal_in_rig, atol=1e-7)
         sheet = number(ca.horzcat(*mine.sheet)).T * spec.scale_mm @ spec.view_from_rig
-        expected = sheet_in_rig_mm(theirs)  # the reflecting face first; seen from the pupil, a coating behind is second
+        expected = (
+            theirs.solid.corners_in_rig_mm
+        )  # the reflecting face first; seen from the pupil, a coating behind is second
         if kind.second_surface:
             expected = np.roll(expected, kind.sides, axis=0)
         assert_allclose(sheet, expected, atol=2e-5)
@@ -182,7 +184,7 @@ def test_a_mirror_term_measures_edges_area_and_depth(kind: Kind) -> None:
     apparent = mirror.apparent
     assert_allclose(size[:-1], (edges_mm(apparent) / 80.0) ** 2 - 0.01 - constraints.MARGIN, atol=1e-6)
     assert size[-1] == pytest.approx(area_mm2(apparent) / 6400.0 - 0.02 - constraints.MARGIN, abs=1e-6)
-    reach = (sheet_in_rig_mm(mirror) @ spec.view_from_rig[2]).max() / 80.0
+    reach = (mirror.solid.corners_in_rig_mm @ spec.view_from_rig[2]).max() / 80.0
     assert depth.min() == pytest.approx(4.0 - reach - constraints.MARGIN, abs=1e-6)
 
 

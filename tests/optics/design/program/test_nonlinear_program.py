@@ -30,7 +30,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import hull_distance, sheet_in_rig_mm
+from mirrorcam.optics.geometry.mirror_gaps import hull_distance
 
 BENT = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.001, 0.0])
 SPECS = [
@@ -281,7 +281,7 @@ def test_gaps_are_those_of_the_sheets(default_layout: Layout, i: int, j: int, se
     mirrors = default_layout.mirrors[i], default_layout.mirrors[j]
     if second_surface:
         mirrors = slab(mirrors[0]), slab(mirrors[1])
-    apart_mm = hull_distance(*(sheet_in_rig_mm(mirror) for mirror in mirrors))
+    apart_mm = hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in mirrors))
     assert apart_mm > 0.1
     term = constraints.gap_term(Kind(4, False, second_surface))
     assert missed_by(mirrors, term, "spacing", [(apart_mm + 4.0) / SCALE_MM]) == pytest.approx(4.0 / SCALE_MM, abs=1e-5)
