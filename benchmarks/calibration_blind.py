@@ -62,7 +62,7 @@ def main(folders: list[Path]) -> None:
         except InputError as error:
             print(f"  as plane mirrors: refused: {error}")
             continue
-        said = plain.evidence.alarms if plain.evidence is not None else ()
+        said = plain.diagnostics.alarms if plain.diagnostics is not None else ()
         print("  as plane mirrors: " + ("; ".join(said) or "NO ALARM"))
 
 

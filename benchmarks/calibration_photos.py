@@ -19,7 +19,7 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
+from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
@@ -60,10 +60,10 @@ def main(folder: Path) -> None:
     found = calibrate_with_direct_view(pictures, TARGET, mirrors=2, names=[photo.name for photo in photos])
     steady = found.observations
     camera = found.layout.camera
-    turns = camera_turns(pictures, camera)
+    turns = camera_rotations(pictures, camera)
     if turns is None:
         raise SystemExit("the background tells nothing about the camera's turns")
-    as_seen = steadied(steady, camera, -turns)
+    as_seen = stabilised(steady, camera, -turns)
     corners = TARGET.corners_in_board_mm
     drawn, free = Board.rigid(corners), Board.free(corners)
     views = len(np.unique(np.stack([steady.frame, steady.view]), axis=1).T)
@@ -82,7 +82,7 @@ def main(folder: Path) -> None:
         ("+ corners of the board free", steady, free, True),
         ("free board, glass, as seen", as_seen, free, True),
     ):
-        model = Model(INTRINSICS, sheet=sheet, bend=False, board=board)
+        model = Model(INTRINSICS, thickness=sheet, curvature=False, board=board)
         solution = fit(start_of(found, board, sheet=sheet), rows, model)
         errors, _ = predicted_mirrored(solution.estimate, rows, model, fold)
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)] + [errors]
@@ -94,13 +94,13 @@ def main(folder: Path) -> None:
         if poses is None:
             continue
         start = replace(start_of(found, drawn, sheet=True), rig_from_board=poses)
-        solution = fit(start, rows, Model(INTRINSICS, sheet=False, bend=False, board=board, mirrors=False))
+        solution = fit(start, rows, Model(INTRINSICS, thickness=False, curvature=False, board=board, mirrors=False))
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
     print("* mirrored corners of each photograph, from its direct view alone; the rest from the other photographs")
     print("** every view a pose of its own: what is left is paper, lens and finding")
 
-    model = Model(INTRINSICS, sheet=True, bend=False, board=free)
+    model = Model(INTRINSICS, thickness=True, curvature=False, board=free)
     errors, unseen = predicted_mirrored(start_of(found, free, sheet=True), steady, model, fold)
     print(
         "\npredicted* by photograph, px       mirror 0       mirror 1       both mirrors one after the other (corners)"
@@ -128,7 +128,7 @@ def seen_twice(picture: np.ndarray, estimate: Estimate, free: Board, turn: Float
         predicted = twice_reflected(estimate, board, 0, path)
         count = len(predicted)
         still = Observations.of_view(0, DIRECT, np.arange(count), predicted)
-        in_picture = steadied(still, estimate.camera, -turn[None]).pixels
+        in_picture = stabilised(still, estimate.camera, -turn[None]).pixels
         corners = confirm(picture, in_picture, TARGET)
         shown = on_first_mirror(estimate, predicted[corners.ids], path)
         errors.append((corners.pixels - in_picture[corners.ids])[shown])

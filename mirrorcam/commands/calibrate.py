@@ -33,7 +33,7 @@ class CalibrateOptions(Value):
     mirrors: int | None = Field(default=None, ge=1, le=4, description="how many mirrors, with --direct-view")
     level: str | None = Field(
         default=None,
-        description="model: paper, or joint with any of +sheet, +bend, +warp; without it, what the evidence supports",
+        description="model: paper, or joint with any of +sheet, +bend, +warp; without it, what the pictures support",
     )
     live_hint: bool = Field(
         default=False, description="say after each picture which mirror, depth and tilt the next one should show"
@@ -75,7 +75,7 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
     """The calibration that the options ask for; every picture is read one at a time."""
     from mirrorcam.optics.base.files import read_image
     from mirrorcam.optics.calibration.calibration import calibrate
-    from mirrorcam.optics.calibration.detection.next_pose import Hints
+    from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner
     from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -91,11 +91,11 @@ def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibrati
         layout = Layout.load(options.layout)
         total = len(paths) + len(base_paths)
 
-        hints = Hints(layout, target) if options.live_hint else None
+        planner = NextPosePlanner(layout, target) if options.live_hint else None
 
         def hint(seen: Sequence[Observations]) -> None:
-            if hints is not None:
-                say("calibrate", f"{paths[len(seen) - 1].name}: {hints.after(seen[-1]).sentence}")
+            if planner is not None:
+                say("calibrate", f"{paths[len(seen) - 1].name}: {planner.after(seen[-1]).sentence}")
 
         return calibrate(
             images(paths),
@@ -128,14 +128,14 @@ def write_calibration(calibration: Calibration, out: Path, *, command: str) -> N
 
 
 def run(options: CalibrateOptions) -> int:
-    """Calibrate, write the result, and print its figures; 1 where the evidence speaks against the model."""
+    """Calibrate, write the result, and print its figures; 1 where the diagnostics speak against the model."""
     with long_work("calibrate", "finding corners", "pictures") as advance:
         calibration = calibrate_pictures(options, advance)
         write_calibration(calibration, options.out, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": shown})
-    evidence = calibration.evidence
-    notes, alarms = (evidence.notes, evidence.alarms) if evidence else ((), ())
+    diagnostics = calibration.diagnostics
+    notes, alarms = (diagnostics.notes, diagnostics.alarms) if diagnostics else ((), ())
     for note in (*calibration.notes, *notes):
         say("calibrate", note)
     for alarm in alarms:

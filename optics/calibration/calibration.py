@@ -2,8 +2,8 @@
 
 1. Corners, views and frames that contradict the others are taken out (`screening`).
 2. The base camera from the frames without mirrors, and the boards by the nominal layout (`bootstrap`).
-3. The mirrors, 3 numbers each, then everything jointly, then whatever more the data support (`evidence.ladder`).
-4. How sure that is, and whether it can be right (`evidence`).
+3. The mirrors, 3 numbers each, then everything jointly, then whatever more the data support (`diagnostics.ladder`).
+4. How sure that is, and whether it can be right (`diagnostics`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlin
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, fit_metrics, uncertainty
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
-from mirrorcam.optics.calibration.diagnostics.diagnostics import gather
-from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb
+from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError
@@ -49,13 +49,10 @@ def calibrate(
     on_frame: Callable[[int], None] = lambda done: None,
     on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
-    """The calibrated layout from grey frames (h, w) with and without mirrors, taken one at a time.
+    """Calibrate from grey frames (h, w) with and without mirrors, taken one at a time.
 
-    `layout` is the nominal one: it says where to look and where to start. Without base frames the camera starts from
-    the nominal one too. `level` is one of the ladder's (`evidence.ladder`), else what the evidence supports is taken.
-    Corners are found by so many `workers` and kept in the folder `detections`, so that no picture is searched twice.
-    Raises InputError where the frames do not suffice. `on_frame` hears how many frames are done, `on_seen` after each
-    one with mirrors what was seen in these so far.
+    `layout` is the nominal one: where to look and where to start. Without base frames the camera starts from the
+    nominal one too. `level` names a model (`diagnostics.model_selection`); without it the model is selected.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
     extremes = Extremes()
@@ -102,21 +99,21 @@ def calibrate_corners(
     try:
         camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
         start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
-        reached = climb(start, observations, corners_in_board_mm, level=level).widened_to(screened.widened)
+        reached = select_model(start, observations, corners_in_board_mm, level=level).widened_to(screened.widened)
         calibrated = _calibrated(reached, layout)
         if extremes is not None:
             calibrated, moved = outlined(calibrated, extremes)
             notes += moved
-        evidence = gather(reached, observations, calibrated)
-        reached = reached.widened_to(evidence.widened)
+        diagnostics = diagnose(reached, observations, calibrated)
+        reached = reached.widened_to(diagnostics.widened)
         solution = reached.solution
-        notes += consistency.judge(solution, layout, mirrored_frames=len(used))
+        notes += consistency.check_solution(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
         spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, reached.model.board)
         metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
         if len(used) > HOLD_OUT_EVERY:
             metrics |= _held_out(reached, observations, len(used))
-        metrics |= evidence.metrics
+        metrics |= diagnostics.metrics
         calibrated = calibrated.replaced(metrics=metrics, uncertainty=uncertainty(solution))
     except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
@@ -130,7 +127,7 @@ def calibrate_corners(
         inliers=solution.inliers,
         metrics=metrics,
         notes=notes,
-        evidence=evidence,
+        diagnostics=diagnostics,
     )
 
 
@@ -146,7 +143,7 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
     return tuple(notes)
 
 
-def _held_out(reached: Climb, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
+def _held_out(reached: ModelSelection, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
     """How well a calibration without every fifth mirrored frame predicts those frames, their board poses aside."""
     out = np.zeros(len(reached.solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
@@ -172,7 +169,7 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
     return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
 
 
-def _calibrated(reached: Climb, layout: Layout) -> Layout:
+def _calibrated(reached: ModelSelection, layout: Layout) -> Layout:
     estimate = reached.solution.estimate
     mirrors = tuple(
         moved_to(mirror, centre).replaced(

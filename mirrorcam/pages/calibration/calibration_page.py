@@ -13,8 +13,8 @@ from mirrorcam.console.progress import count_text, figure_text
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
-from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
-from mirrorcam.optics.calibration.diagnostics.model_selection import SUPPORTED_CHANCE, Rung
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
+from mirrorcam.optics.calibration.diagnostics.model_selection import SUPPORTED_CHANCE, ModelComparison
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.pages.calibration.drawings import (
@@ -27,7 +27,7 @@ from mirrorcam.pages.calibration.drawings import (
     residual_needles,
 )
 from mirrorcam.pages.calibration.inline_svg import SIGMA
-from mirrorcam.pages.calibration.verdict import STATES, Verdict, judge, sigma_px
+from mirrorcam.pages.calibration.verdict import STATES, Verdict, check_solution, sigma_px
 from mirrorcam.pages.calibration.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.pages.run_report import CSS, TIMES, limit_table
 
@@ -43,20 +43,20 @@ def write_report(calibration: Calibration, path: Path, *, command: str = "mirror
 def report_html(calibration: Calibration, *, command: str) -> str:
     """The page. The same calibration makes the same page, and every text that comes from outside is escaped."""
     views = view_figures(calibration)
-    verdict = judge(calibration, views)
+    verdict = check_solution(calibration, views)
     sigma = sigma_px(calibration)
-    layout, evidence = calibration.layout, calibration.evidence
+    layout, diagnostics = calibration.layout, calibration.diagnostics
     parts = [
         ("Figures with limits", _checks(calibration, verdict), ""),
         ("What the model leaves", _residuals(calibration, views, sigma), RESIDUALS),
         ("What the pictures show", _pictures(calibration, views), PICTURES),
         ("How sure the mirrors are", _mirrors(calibration), MIRRORS),
     ]
-    if evidence is not None:
+    if diagnostics is not None:
         parts += [
-            ("How sure every view is", _projection(calibration, evidence, views), PROJECTION),
-            ("How sure depth is", _depth(evidence), DEPTH),
-            ("Which model the pictures support", _model(evidence), MODEL),
+            ("How sure every view is", _projection(calibration, diagnostics, views), PROJECTION),
+            ("How sure depth is", _depth(diagnostics), DEPTH),
+            ("Which model the pictures support", _model(diagnostics), MODEL),
         ]
     parts.append(("Not found or not used", _notes(calibration), ""))
     camera = layout.camera
@@ -65,7 +65,7 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         state=STATE_CLASSES[verdict.state],
         verdict=escape(STATES[verdict.state]),
         reasons=_list(verdict.reasons, "reasons"),
-        advice=_advice(verdict, evidence),
+        advice=_advice(verdict, diagnostics),
         highlights=_highlights(calibration),
         identity=escape(layout.identity),
         camera=escape(f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px"),
@@ -106,7 +106,7 @@ def _sentence(words: str) -> str:
 
 def _highlights(calibration: Calibration) -> str:
     """The few figures that tell what came out."""
-    metrics, evidence = calibration.metrics, calibration.evidence
+    metrics, diagnostics = calibration.metrics, calibration.diagnostics
     tiles = []
 
     def tile(value: str, words: str) -> None:
@@ -118,20 +118,20 @@ def _highlights(calibration: Calibration) -> str:
     elif "rms_x_px" in metrics:
         worse = max(metrics[f"rms_{axis}_px"].value for axis in "xy")
         tile(f"{figure_text(worse, 3)} px", "per axis is what fitted corners are off, RMS")
-    if evidence is not None:
-        tile(evidence.level.replace("+", " + "), "is the model that the pictures support")
-        normal = float(np.max(evidence.mirrors.normal_deg))
+    if diagnostics is not None:
+        tile(diagnostics.level.replace("+", " + "), "is the model that the pictures support")
+        normal = float(np.max(diagnostics.mirrors.normal_deg))
         tile(f"{figure_text(normal, 2)}°", f"is {SIGMA} of the least sure mirror's direction")
-        depth = float(np.interp(evidence.range_mm, evidence.depth.range_mm, evidence.depth.total_mm))
+        depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
         if np.isfinite(depth):
-            tile(f"{figure_text(depth, 2)} mm", f"is {SIGMA} of depth at {evidence.range_mm:.0f} mm")
+            tile(f"{figure_text(depth, 2)} mm", f"is {SIGMA} of depth at {diagnostics.range_mm:.0f} mm")
     return "".join(tiles)
 
 
-def _advice(verdict: Verdict, evidence: Evidence | None) -> str:
+def _advice(verdict: Verdict, diagnostics: Diagnostics | None) -> str:
     items = list(verdict.advice)
-    if evidence is not None and evidence.weak:
-        items.append(f"What these pictures tell least: {evidence.weak[0].words}")
+    if diagnostics is not None and diagnostics.weak:
+        items.append(f"What these pictures tell least: {diagnostics.weak[0].words}")
     title = "What to do next" if verdict.advice else "Where it is least sure"
     return f"<h3>{title}</h3>{_list(items, 'advice')}" if items else ""
 
@@ -189,10 +189,10 @@ def _pictures(calibration: Calibration, views: Sequence[ViewFigures]) -> str:
 
 
 def _mirrors(calibration: Calibration) -> str:
-    layout, evidence = calibration.layout, calibration.evidence
+    layout, diagnostics = calibration.layout, calibration.diagnostics
     parts = []
-    if evidence is not None:
-        known = evidence.mirrors
+    if diagnostics is not None:
+        known = diagnostics.mirrors
         rows = [
             [
                 f"mirror {number}",
@@ -213,14 +213,14 @@ def _mirrors(calibration: Calibration) -> str:
         ]
         parts.append(f"<h3>All mirrors together, {SIGMA} about and along the rig's axes</h3>")
         parts.append(_table(["", "x, image right", "y, image down", "z, optical axis"], together, "plain figures"))
-        if evidence.weak:
+        if diagnostics.weak:
             parts.append("<h3>What the pictures tell least</h3>")
             weak = [
                 [
                     escape(_sentence(direction.words)),
                     escape("; ".join(_amount(*sigma) for sigma in direction.sigmas)),
                 ]
-                for direction in evidence.weak
+                for direction in diagnostics.weak
             ]
             parts.append(_table(["Direction", f"One {SIGMA} of it"], weak, "plain words"))
     else:
@@ -257,9 +257,9 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
     return rows
 
 
-def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[ViewFigures]) -> str:
-    maps = [one for one in evidence.projection if one.view != DIRECT]
-    reference = "the direct view" if evidence.reference == DIRECT else f"mirror {evidence.reference}"
+def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> str:
+    maps = [one for one in diagnostics.projection if one.view != DIRECT]
+    reference = "the direct view" if diagnostics.reference == DIRECT else f"mirror {diagnostics.reference}"
     in_rig: list[FloatArray] = [one.in_rig_px for one in maps]
     against: list[FloatArray] = [one.against_reference_px for one in maps]
     cards = ""
@@ -270,45 +270,47 @@ def _projection(calibration: Calibration, evidence: Evidence, views: Sequence[Vi
         most = float(np.max(np.concatenate(values)))
         cards += _card(
             projection_sigmas(calibration.layout, views, maps, values, most, name=f"sigma-{name}"),
-            f"{SIGMA} px {words}, {evidence.range_mm:.0f} mm away: medians; the strongest colour is {most:.2g} px.",
+            f"{SIGMA} px {words}, {diagnostics.range_mm:.0f} mm away: medians; the strongest colour is {most:.2g} px.",
             half=True,
         )
     return f'<div class="pair">{cards}</div>'
 
 
-def _depth(evidence: Evidence) -> str:
-    if np.isfinite(evidence.depth.total_mm).sum() < 2:
+def _depth(diagnostics: Diagnostics) -> str:
+    if np.isfinite(diagnostics.depth.total_mm).sum() < 2:
         return "<p>Nowhere do two views show a point amid the reference view: this layout tells no depth there.</p>"
-    return _card(depth_sigmas(evidence.depth, evidence.range_mm))
+    return _card(depth_sigmas(diagnostics.depth, diagnostics.range_mm))
 
 
-def _model(evidence: Evidence) -> str:
+def _model(diagnostics: Diagnostics) -> str:
     rows = []
-    for rung in evidence.rungs:
-        first = rung.against is None
+    for comparison in diagnostics.comparisons:
+        first = comparison.against is None
         rows.append(
             [
-                f"<b>{escape(rung.name)}</b>" if rung.name == evidence.level else escape(rung.name),
-                str(rung.parameters),
-                f"{rung.rms_px:.4f}",
-                "" if first else escape(rung.against or ""),
-                "" if first else figure_text(rung.drop, 3),
-                "" if first else _chance(rung.chance),
-                "" if first else _held_out(rung),
-                f"{rung.held_out_gain:.1f} {SIGMA}" if np.isfinite(rung.held_out_gain) else "",
-                _taken(rung, evidence.level),
+                f"<b>{escape(comparison.name)}</b>"
+                if comparison.name == diagnostics.level
+                else escape(comparison.name),
+                str(comparison.parameters),
+                f"{comparison.rms_px:.4f}",
+                "" if first else escape(comparison.against or ""),
+                "" if first else figure_text(comparison.drop, 3),
+                "" if first else _chance(comparison.chance),
+                "" if first else _held_out(comparison),
+                f"{comparison.held_out_gain:.1f} {SIGMA}" if np.isfinite(comparison.held_out_gain) else "",
+                _taken(comparison, diagnostics.level),
             ]
         )
     heads = ["Model", "Numbers", "RMS px", "Against", f"Drop, {SIGMA}²", "By chance", "Held out px", "Better by", ""]
     parts = [_table(heads, rows, "plain figures")]
-    if evidence.free_views is not None:
-        free = evidence.free_views
+    if diagnostics.free_views is not None:
+        free = diagnostics.free_views
         parts.append(
             f"<p>The check: with a free virtual camera for each mirror, {free.parameters} numbers more, "
             f"{figure_text(free.unexplained_px, 2)} px per axis would be explained that mirrors leave "
             f"(so much by chance: {_chance(free.chance)}).</p>"
         )
-    if evidence.splits:
+    if diagnostics.splits:
         rows = [
             [
                 escape(split.how),
@@ -318,27 +320,27 @@ def _model(evidence: Evidence) -> str:
                 f"{split.overall_ratio:.2f}",
                 _chance(split.overall_chance),
             ]
-            for split in evidence.splits
+            for split in diagnostics.splits
         ]
         parts.append("<h3>Two halves of the frames, each calibrated alone</h3>")
         heads = ["Halves", "Frames", "Most they differ px", "Most predicted px", "Ratio over all", "By chance"]
         parts.append(_table(heads, rows, "plain figures"))
-    parts.append(_list(evidence.alarms, "reasons"))
+    parts.append(_list(diagnostics.alarms, "reasons"))
     return "".join(parts)
 
 
-def _held_out(rung: Rung) -> str:
-    if np.isfinite(rung.held_out_rms_px):
-        return figure_text(rung.held_out_rms_px, 4)
-    return "open" if rung.chance < SUPPORTED_CHANCE and rung.information_gain > 0.0 else "not needed"
+def _held_out(comparison: ModelComparison) -> str:
+    if np.isfinite(comparison.held_out_rms_px):
+        return figure_text(comparison.held_out_rms_px, 4)
+    return "open" if comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 else "not needed"
 
 
-def _taken(rung: Rung, level: str) -> str:
-    if rung.name == level:
+def _taken(comparison: ModelComparison, level: str) -> str:
+    if comparison.name == level:
         return '<b class="pass">taken</b>'
-    if rung.name == "paper" or level.startswith(f"{rung.name}+"):
+    if comparison.name == "paper" or level.startswith(f"{comparison.name}+"):
         return "on the way"
-    return '<b class="fail">supported</b>' if rung.supported else "no"
+    return '<b class="fail">supported</b>' if comparison.supported else "no"
 
 
 def _chance(value: float) -> str:
@@ -346,7 +348,7 @@ def _chance(value: float) -> str:
 
 
 def _notes(calibration: Calibration) -> str:
-    notes = [*calibration.notes, *(calibration.evidence.notes if calibration.evidence else ())]
+    notes = [*calibration.notes, *(calibration.diagnostics.notes if calibration.diagnostics else ())]
     return _list(notes, "notes") or "<p>Nothing: every picture showed the board in every view.</p>"
 
 

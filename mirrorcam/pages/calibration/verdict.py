@@ -12,7 +12,7 @@ from scipy.stats import binom
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.cross_validation import ALARM_RATIO
-from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.pages.calibration.inline_svg import SIGMA
 from mirrorcam.pages.calibration.view_statistics import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
@@ -58,34 +58,38 @@ def sigma_px(calibration: Calibration) -> float:
     return float(np.sqrt(np.mean(calibration.residuals_px[calibration.inliers] ** 2)))
 
 
-def judge(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
-    """An alarm of the evidence forbids the use; a figure past its limit asks to be looked at."""
+def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
+    """An alarm of the diagnostics forbids the use; a figure past its limit asks to be looked at."""
     checks = (
         *_noise_checks(calibration),
         *_evenness(views),
-        *_evidence_checks(calibration),
+        *_diagnostic_checks(calibration),
         *_picture_checks(calibration, views),
     )
     failed = [check for check in checks if not check.metric.passed]
-    evidence = calibration.evidence
-    alarms = evidence.alarms if evidence else ()
+    diagnostics = calibration.diagnostics
+    alarms = diagnostics.alarms if diagnostics else ()
     reasons = [*alarms, *(check.reason for check in failed)]
-    advice = [*_cures(evidence), *(check.advice for check in failed)]
-    if evidence is None:
+    advice = [*_cures(diagnostics), *(check.advice for check in failed)]
+    if diagnostics is None:
         reasons.append("nothing checked whether the model is right")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")
     state: State = "stop" if alarms else "look" if reasons else "good"
     return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
 
 
-def _cures(evidence: Evidence | None) -> list[str]:
+def _cures(diagnostics: Diagnostics | None) -> list[str]:
     """What to do about alarms: the model that the data ask for where one was tried, else to look for what moved."""
-    if evidence is None or not evidence.alarms:
+    if diagnostics is None or not diagnostics.alarms:
         return []
-    wanted = [rung for rung in evidence.rungs if rung.supported and rung.against == evidence.level]
+    wanted = [
+        comparison
+        for comparison in diagnostics.comparisons
+        if comparison.supported and comparison.against == diagnostics.level
+    ]
     if not wanted:
         return ["Look for what moved or bent while the pictures were taken, and take them again."]
-    best = max(wanted, key=lambda rung: rung.information_gain)
+    best = max(wanted, key=lambda comparison: comparison.information_gain)
     if best.name.endswith("+glass"):
         return [
             "State in the layout that the mirrors are coated behind, with thickness and index, and calibrate again."
@@ -142,8 +146,8 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
     ]
 
 
-def _evidence_checks(calibration: Calibration) -> list[Check]:
-    evidence, metrics = calibration.evidence, calibration.metrics
+def _diagnostic_checks(calibration: Calibration) -> list[Check]:
+    diagnostics, metrics = calibration.diagnostics, calibration.metrics
     checks = []
     if "held_out_rms_x_px" in metrics and "rms_x_px" in metrics:
         fit, out = (np.linalg.norm([metrics[f"{n}_{a}_px"].value for a in "xy"]) for n in ("rms", "held_out_rms"))
@@ -156,21 +160,21 @@ def _evidence_checks(calibration: Calibration) -> list[Check]:
                 "Take more pictures: so few are fitted rather than explained.",
             )
         )
-    if evidence is None:
+    if diagnostics is None:
         return checks
     checks += [
         Check(
             f"Frames split {split.how}: difference against what is predicted",
             Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
             split.alarm or f"split {split.how}, calibrations differ {split.overall_ratio:.1f} times as they predict",
-            "Trust no stated uncertainty until halves agree: look at the model's evidence below.",
+            "Trust no stated uncertainty until halves agree: look at the model's diagnostics below.",
         )
-        for split in evidence.splits
+        for split in diagnostics.splits
     ]
-    at = evidence.range_mm
+    at = diagnostics.range_mm
     calibration_mm, matching_mm = (
-        float(np.interp(at, evidence.depth.range_mm, values))
-        for values in (evidence.depth.calibration_mm, evidence.depth.matching_mm)
+        float(np.interp(at, diagnostics.depth.range_mm, values))
+        for values in (diagnostics.depth.calibration_mm, diagnostics.depth.matching_mm)
     )
     if np.isfinite(calibration_mm) and matching_mm > 0.0:
         checks.append(

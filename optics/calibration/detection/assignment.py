@@ -21,7 +21,7 @@ MOST_ASTRAY = 0.7  # of a sub-image's size, between a board and where another vi
 
 
 @dataclass(frozen=True)
-class _Place:
+class _PossibleMirror:
     """A mirror that may show a board, in one of the board's numberings, and the pose (4, 4) that this would mean."""
 
     mirror: int
@@ -71,7 +71,7 @@ def assign(
 
 def _places(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
-) -> list[_Place]:
+) -> list[_PossibleMirror]:
     """All mirrors that may show a board, in all of its numberings; the likeliest mirror first."""
     found = []
     inside = np.array([shapely.contains_xy(region, *board[0].pixels.T).mean() for region in regions])
@@ -82,5 +82,5 @@ def _places(
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
             pose = initial_estimates.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
             if pose is not None:
-                found.append(_Place(mirror, corners, float(inside[mirror]), pose))
+                found.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
     return found

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.corner_refinement import Copies, Image, Refined, refine
+from mirrorcam.optics.calibration.detection.corner_refinement import GhostImages, Image, RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Target
 
@@ -154,11 +154,11 @@ def again(
     picture: Image,
     corners: Corners,
     target: Target,
-    copies: Copies,
+    copies: GhostImages,
     *,
-    free_copies: bool = False,
+    fit_strengths: bool = False,
     blur_cells: float | None = None,
-) -> Refined | None:
+) -> RefinedCorners | None:
     """The corners of a board, refined with the shape that they have together, among copies of the print.
 
     None where they have no shape together.
@@ -170,7 +170,9 @@ def again(
     cells, bends = warp.shapes(places)
     if blur_cells is None:
         blur_cells = FIRST_BLUR_PX / max(_typical_cell(places, corners.pixels), SMALLEST_CELL_PX)
-    return refine(picture, places, corners.pixels, cells, bends, target, blur_cells, copies, free_copies=free_copies)
+    return refine(
+        picture, places, corners.pixels, cells, bends, target, blur_cells, copies, fit_strengths=fit_strengths
+    )
 
 
 def _look(
@@ -182,7 +184,7 @@ def _look(
     blur_cells: float,
     *,
     mirrored: bool,
-) -> tuple[IntArray, Refined]:
+) -> tuple[IntArray, RefinedCorners]:
     """Of the corners with `ids`, expected at pixels `start` (n, 2), those that are there."""
     corners = corner_places(target)
     cells, bends = warp.shapes(corners[ids])
@@ -241,7 +243,7 @@ def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
     return np.asarray(contrast > LEAST_CONTRAST * around)
 
 
-def _like_the_others(seen: Refined) -> BoolArray:
+def _like_the_others(seen: RefinedCorners) -> BoolArray:
     """Which corners are about as certain and as well explained as most of the board: glare spoils the others."""
     if not len(seen.pixels):
         return np.zeros(0, dtype=bool)

@@ -33,7 +33,7 @@ SHARPEST, SOFTEST = 0.008, 0.35  # blurs of the print, sigma in cells
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefinedCorners:
     """Corners (n) as they were found.
 
     Attributes:
@@ -52,20 +52,20 @@ class Refined:
     blur_cells: FloatArray
     copies: FloatArray
 
-    def where(self, mask: NDArray[np.bool_]) -> Refined:
+    def where(self, mask: NDArray[np.bool_]) -> RefinedCorners:
         """Those of a boolean mask (n,)."""
-        return Refined(*(getattr(self, field.name)[mask] for field in fields(self)))
+        return RefinedCorners(*(getattr(self, field.name)[mask] for field in fields(self)))
 
 
 @dataclass(frozen=True)
-class Copies:
+class GhostImages:
     """Faint copies (k) of what is printed around each corner (n): shifted by (n, k, 2) px, parts (n, k) as bright."""
 
     offsets_px: FloatArray
     parts: FloatArray
 
     @classmethod
-    def none(cls, count: int) -> Copies:
+    def none(cls, count: int) -> GhostImages:
         return cls(np.zeros((count, 0, 2)), np.zeros((count, 0)))
 
 
@@ -133,10 +133,10 @@ def refine(
     bends: FloatArray,
     target: Target,
     blur_cells: float,
-    copies: Copies | None = None,
+    copies: GhostImages | None = None,
     *,
-    free_copies: bool = False,
-) -> Refined:
+    fit_strengths: bool = False,
+) -> RefinedCorners:
     """Corners at places (n, 2) on the print, in squares, found from pixels (n, 2) that are wrong by a few px at most.
 
     `cells` (n, 2, 2) are the derivatives of pixels by squares (columns: right, down) and `bends` (n, 2, 3) half the
@@ -159,13 +159,13 @@ def refine(
     value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
     by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
     squares_per_px = np.linalg.inv(np.where(side_px[:, None, None] > 1e-6, cells, np.eye(2)))
-    copies = Copies.none(count) if copies is None else copies
+    copies = GhostImages.none(count) if copies is None else copies
     shifts = copies.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
     beside = [
         part[:, None] * sample(blurred.value, at - shift[:, None])
         for shift, part in zip(np.moveaxis(shifts, 1, 0), copies.parts.T, strict=True)
     ]
-    if not free_copies:
+    if not fit_strengths:
         value, beside = sum(beside, value), []
     by_px = by_square @ squares_per_px
     steep = np.linalg.norm(by_px, axis=2)
@@ -220,4 +220,4 @@ def refine(
         if not len(moving):
             break
     found[~(contrast > 0)] = np.nan
-    return Refined(found, sigma_px, contrast, explained, blur, strength)
+    return RefinedCorners(found, sigma_px, contrast, explained, blur, strength)

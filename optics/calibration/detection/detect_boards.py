@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign
 from mirrorcam.optics.calibration.detection.board_growing import corner_places, grow
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings, spread_out
-from mirrorcam.optics.calibration.detection.ghost_images import without_ghosts
+from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Target
@@ -56,7 +56,7 @@ def sub_images(grey: Grey, layout: Layout, target: Target) -> Observations:
     picture = np.asarray(grey, dtype=np.float32)
     views = []
     for index, corners in assign(boards, layout, target):
-        seen = without_ghosts(picture, corners, layout.camera, layout.mirrors[index], target)
+        seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[index], target)
         views.append(Observations.of_view(0, index, seen.ids, seen.pixels))
     return Observations.join(views)
 

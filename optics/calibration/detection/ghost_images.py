@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.calibration.detection.board_growing import again, corner_places, smooth
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
-from mirrorcam.optics.calibration.detection.corner_refinement import HALF, MOST_PX, Copies, Image
+from mirrorcam.optics.calibration.detection.corner_refinement import HALF, MOST_PX, GhostImages, Image
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.camera import Camera
@@ -36,7 +36,9 @@ FEWEST_CORNERS = 40  # that tell how strong copies are; of fewer, Fresnel's equa
 STRONGEST = 2.0  # times what they say
 
 
-def without_ghosts(picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> Corners:
+def refine_with_ghost_images(
+    picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Target
+) -> Corners:
     """Corners of a mirror's view, refined once more where its sheet has a front that reflects.
 
     Of a second-surface mirror only those that all copies are whole around.
@@ -45,13 +47,13 @@ def without_ghosts(picture: Image, corners: Corners, camera: Camera, mirror: Mir
         return corners
     whole = _inside(corners, camera, _passed(mirror, max(PASSES)))
     corners = Corners(corners.ids[whole], corners.pixels[whole])
-    copies = copies_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
-    free = None if copies is None else again(picture, corners, target, copies, free_copies=True)
+    copies = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
+    free = None if copies is None else again(picture, corners, target, copies, fit_strengths=True)
     if copies is None or free is None:
         return Corners(corners.ids[:0], corners.pixels[:0])
     if len(corners) >= FEWEST_CORNERS:
         factors = np.clip(np.median(free.copies, axis=0), 0.0, STRONGEST)
-        copies = Copies(copies.offsets_px, copies.parts * factors)
+        copies = GhostImages(copies.offsets_px, copies.parts * factors)
     seen = again(picture, corners, target, copies, blur_cells=float(np.median(free.blur_cells)))
     if seen is None:
         return Corners(corners.ids[:0], corners.pixels[:0])
@@ -61,7 +63,7 @@ def without_ghosts(picture: Image, corners: Corners, camera: Camera, mirror: Mir
     return Corners(ids[good], pixels[good])
 
 
-def copies_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> Copies | None:
+def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> GhostImages | None:
     """The copies of corners (n) that a second-surface mirror shows; None where no pose of the board fits them."""
     board = target.corners_in_board_mm
     pose = initial_estimates.rig_from_board(camera, corners, board, mirror.apparent.virtual_centre_in_rig_mm)
@@ -77,7 +79,7 @@ def copies_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) 
     along = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
     lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
     parts = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), REFLECTANCE * lost], axis=1)
-    return Copies(offsets, parts)
+    return GhostImages(offsets, parts)
 
 
 def _passed(mirror: Mirror, passes: int) -> Mirror:

@@ -31,7 +31,7 @@ HARDNESS = 8  # of the norm in place of the maximum, so that a picture counts th
 
 
 @dataclass(frozen=True)
-class Hint:
+class NextPose:
     """What to show next.
 
     `rig_from_board` (4, 4), mm, is the pose; `mirror` the one known worst. `sigma_deg` (mirrors,) are the standard
@@ -60,17 +60,19 @@ class _Candidate:
     information: FloatArray
 
 
-class Hints:
-    """Hints while pictures of a board are taken, one after the other, by a device of a layout, exact or nominal.
+class NextPosePlanner:
+    """Plan the next pose of the board while pictures are taken, one after the other, with an exact or nominal layout.
 
-    Of poses at three depths, five tilts and nine places, a hint names the one that most lowers the standard deviations
-    of the mirrors' normals, the largest before all. They are those of a joint fit of intrinsics, mirrors and poses to
-    corners with `NOISE_PX`, to a device that was built as designed up to `BUILT_MM`.
+    Among poses at three depths, five tilts and nine places, the planner picks the one that most lowers the standard
+    deviations of the mirrors' normals, the largest first. The deviations are those of a joint fit of intrinsics,
+    mirrors and poses to corners with noise `NOISE_PX`, for a device built as designed within `BUILT_MM`.
     """
 
     def __init__(self, layout: Layout, target: Target) -> None:
         self._layout, self._target = layout, target
-        self._model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(target.corners_in_board_mm))
+        self._model = Model(
+            INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+        )
         self._pictures = 0
         camera, (focal, centre, distortion) = layout.camera, KNOWN
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
@@ -80,7 +82,7 @@ class Hints:
         if not self._candidates:
             raise InputError("the layout's mirrors show the board in no pose, expected mirrors on the sensor")
 
-    def after(self, picture: Observations) -> Hint:
+    def after(self, picture: Observations) -> NextPose:
         """The hint after another picture, in which these corners were seen, as frame 0."""
         pose = self._pose(picture)
         if pose is not None:
@@ -88,7 +90,7 @@ class Hints:
             self._information = self._information + self._told(pose, picture)
         return self.next()
 
-    def next(self) -> Hint:
+    def next(self) -> NextPose:
         """The hint after the pictures so far."""
         now = self._sigma_deg(self._information)
         told = np.array([candidate.information for candidate in self._candidates])
@@ -105,7 +107,7 @@ class Hints:
             sentence = f"next: {pose}"
         else:
             sentence = f"next: {pose}; it would bring {worst}, known worst, from {change}"
-        return Hint(
+        return NextPose(
             sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, promised[best], enough
         )
 

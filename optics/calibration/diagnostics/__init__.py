@@ -1,1 +1,1 @@
-"""How sure a calibration is, and whether its model is right: `climb` fits it, `gather` tells all there is to tell."""
+"""Uncertainty of a calibration and tests of its model: `select_model` fits, `diagnose` collects the diagnostics."""

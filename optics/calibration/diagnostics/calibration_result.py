@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -17,11 +17,26 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated layout with its evidence.
+    """A calibrated layout, the fit behind it, and its diagnostics.
 
-    `rig_from_board` (f, 4, 4) are the board's poses, `observations` the corners (n rows) with `residuals_px` (n, 2) and
-    `inliers` (n,). `notes` say in words what was not found or not used, `evidence` how sure it is and whether the model
-    is right.
+    Attributes
+    ----------
+    layout
+        The calibrated layout, with covariance; lengths in mm.
+    rig_from_board
+        Board poses (f, 4, 4), rigid, mm: frames with mirrors first, then frames of the bare camera.
+    observations
+        The corners (n rows) that the fit used.
+    residuals_px
+        Predicted minus observed pixels (n, 2).
+    inliers
+        Which corners took part in the final least squares (n,).
+    metrics
+        Flat figures, as in `metrics.json`.
+    notes
+        What was not found or not used, one sentence each.
+    diagnostics
+        Uncertainty of the result and tests of its model.
     """
 
     layout: Layout
@@ -31,7 +46,7 @@ class Calibration:
     inliers: NDArray[np.bool_]
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
-    evidence: Evidence | None = None
+    diagnostics: Diagnostics | None = None
 
 
 def uncertainty(solution: Solution) -> Uncertainty:

@@ -300,7 +300,7 @@ def believable(solution: Solution) -> None:
             )
 
 
-def judge(solution: Solution, layout: Layout, *, mirrored_frames: int) -> tuple[str, ...]:
+def check_solution(solution: Solution, layout: Layout, *, mirrored_frames: int) -> tuple[str, ...]:
     """Notes on a finished fit whose first frames are those with mirrors; raises InputError where it is not believed."""
     believable(solution)
     estimate = solution.estimate

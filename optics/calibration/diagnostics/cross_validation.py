@@ -11,11 +11,11 @@ from scipy.stats import chi2
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     NOTHING_PX,
+    derivatives_held_in,
     grid_px,
-    held_in,
-    known_of,
-    points_seen_at,
+    points_at_pixels,
     project,
+    uncertainty_of,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
     BoolArray,
@@ -128,7 +128,9 @@ def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray)
 def _poses_alone(estimate: Estimate, board: Board) -> tuple[Estimate, Model]:
     """Everything held but the board's poses."""
     shaped = Board.rigid(board.shaped(estimate.shape))
-    return replace(estimate, shape=np.zeros(0)), Model((), sheet=False, bend=False, board=shaped, mirrors=False)
+    return replace(estimate, shape=np.zeros(0)), Model(
+        (), thickness=False, curvature=False, board=shaped, mirrors=False
+    )
 
 
 def held_out(start: Estimate, observations: Observations, model: Model, out: BoolArray) -> HeldOut:
@@ -163,11 +165,11 @@ def is_mirrored(observations: Observations, frames: int) -> BoolArray:
     return np.isin(np.arange(frames), observations.frame[observations.view != DIRECT])
 
 
-def dealt(estimate: Estimate, observations: Observations, board: Board, parts: int) -> IntArray:
-    """Which of so many parts each frame (f,) goes to, so that all parts hold like boards.
+def balanced_folds(estimate: Estimate, observations: Observations, board: Board, parts: int) -> IntArray:
+    """Assign each frame (f,) to one of `parts` folds so that every fold holds similar board poses.
 
-    Frames with and without mirrors are dealt out apart, each along a path from a board to the next most like it, to and
-    fro, so that what changes along the path is even.
+    Frames with and without mirrors are assigned separately. Each kind is ordered along a path from one pose to the next
+    most similar one and dealt to the folds back and forth, so that what changes along the path is balanced.
     """
     part = np.empty(len(estimate.rig_from_board), dtype=np.int64)
     mirrored = is_mirrored(observations, len(part))
@@ -197,8 +199,8 @@ def _path(points: FloatArray, members: IntArray) -> list[int]:
 
 
 def near_and_far(estimate: Estimate, observations: Observations, board: Board) -> IntArray:
-    """Mirrored frames with the board nearer (0) or farther (1) than their median; the others dealt out alike."""
-    part = dealt(estimate, observations, board, 2)
+    """Mirrored frames with the board nearer (0) or farther (1) than their median; the other frames are balanced."""
+    part = balanced_folds(estimate, observations, board, 2)
     mirrored = np.flatnonzero(is_mirrored(observations, len(part)))
     poses = estimate.rig_from_board[mirrored]
     middles = poses[:, :3, :3] @ board.corners_in_board_mm.mean(axis=0) + poses[:, :3, 3]
@@ -229,7 +231,7 @@ def splits(
     shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     found, notes = [], []
     for how, part in (
-        ("into halves alike", dealt(solution.estimate, rows, model.board, 2)),
+        ("into halves alike", balanced_folds(solution.estimate, rows, model.board, 2)),
         ("into near and far boards", near_and_far(solution.estimate, rows, model.board)),
     ):
         mirrored = is_mirrored(rows, len(part))
@@ -241,7 +243,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared(how, halves, known_of(layout).parameters, shown))
+        found.append(_compared(how, halves, uncertainty_of(layout).parameters, shown))
     return tuple(found), tuple(notes)
 
 
@@ -252,9 +254,9 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
 
 def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
     """Derivatives (n, 2, g) of a view's pixels by the parameters: of points held in rig, and in the reference view."""
-    points = points_seen_at(layout, view, grid_px(layout, view), range_mm)
+    points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
     shown = project(layout, view, points)
-    return shown.by_parameter, shown.by_parameter + shown.by_point @ held_in(layout, reference, points)
+    return shown.by_parameter, shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
 
 
 def _compared(

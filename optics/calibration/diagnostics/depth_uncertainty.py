@@ -11,10 +11,10 @@ from shapely import Polygon, contains_xy
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     centre_derivatives,
-    known_of,
     outline_px,
-    points_seen_at,
+    points_at_pixels,
     project,
+    uncertainty_of,
     virtual_centre,
 )
 from mirrorcam.optics.geometry.layout import Layout
@@ -52,10 +52,10 @@ def depth_uncertainty(
     """
     which = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in which]
-    points = np.concatenate([points_seen_at(layout, reference, at_px[None], float(r)) for r in ranges_mm])
+    points = np.concatenate([points_at_pixels(layout, reference, at_px[None], float(r)) for r in ranges_mm])
     shown = [project(layout, view, points) for view in which]
     centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
-    covariance = known_of(layout).covariance
+    covariance = uncertainty_of(layout).covariance
     matching, calibration, views = [], [], []
     for k, point in enumerate(points):
         seen = [s for s, outline in zip(shown, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]

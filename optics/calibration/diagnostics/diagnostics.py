@@ -1,4 +1,4 @@
-"""All evidence about one calibration in one value, for its report and its metrics."""
+"""All diagnostics about one calibration in one value, for its report and its metrics."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mirrorcam.optics.calibration.diagnostics.cross_validation import Split, spl
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty, depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty, mirror_uncertainty
-from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, Rung
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelComparison, ModelSelection
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     ProjectionMap,
-    known_of,
     projection_map,
+    uncertainty_of,
     working_range_mm,
 )
 from mirrorcam.optics.calibration.diagnostics.weak_directions import WeakDirection, weak_directions
@@ -29,17 +29,41 @@ RANGES = np.linspace(0.5, 2.5, 17)
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """How sure a calibration is, and whether its model is right.
+class Diagnostics:
+    """Uncertainty of a calibration, and tests of its model.
 
-    `level` is the model's name on the ladder, `rungs` what was tried on the way. `reference` is the view that others
-    are measured against (a mirror's, or DIRECT) and `range_mm` the working range of `projection` (a map per view) and
-    `weak`. All uncertainties are `widened`, as a factor, against what independent errors of corners would make them, to
-    what the data show. `alarms` say in words what speaks against the model, `notes` what could not be told.
+    Attributes
+    ----------
+    level
+        Name of the selected model, as `joint+bend`.
+    comparisons
+        Every model that was fitted, against the one nested in it.
+    free_views
+        The comparison with free virtual cameras, where it was possible.
+    splits
+        Agreement of halves of the frames.
+    mirrors
+        Standard deviations of the mirrors' planes.
+    weak
+        The least determined directions.
+    projection
+        Standard deviations of projected pixels, a map per view, at the working range.
+    depth
+        Standard deviations of depth against range.
+    reference
+        The view that the others are measured against: a mirror's index, or DIRECT.
+    range_mm
+        Working range, mm: median distance of the observed corners from the virtual centres.
+    widened
+        Factor on all standard deviations here, against those that independent corner errors would give.
+    alarms
+        What contradicts the model, one sentence each.
+    notes
+        What could not be determined, one sentence each.
     """
 
     level: str
-    rungs: tuple[Rung, ...]
+    comparisons: tuple[ModelComparison, ...]
     free_views: FreeViews | None
     splits: tuple[Split, ...]
     mirrors: MirrorUncertainty
@@ -90,28 +114,28 @@ def reference_of(observations: Observations, layout: Layout) -> int:
     return DIRECT if len(both) else layout.central_index
 
 
-def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence:
-    """The evidence about the calibrated `layout`, which carries the covariance of the climb's solution.
+def diagnose(select_model: ModelSelection, observations: Observations, layout: Layout) -> Diagnostics:
+    """The diagnostics about the calibrated `layout`, which carries the covariance of the select_model's solution.
 
     Where halves of the frames differ by more than that covariance allows, all uncertainties told here are wider than
-    those of `layout`: `climb.widened_to(evidence.widened)` has the covariance that goes with them.
+    those of `layout`: `select_model.widened_to(diagnostics.widened)` has the covariance that goes with them.
     """
-    solution = climb.solution
+    solution = select_model.solution
     mirrored = observations.view != DIRECT
-    _, in_rig, _ = points_at_camera(solution.estimate, observations, climb.model.board)
+    _, in_rig, _ = points_at_camera(solution.estimate, observations, select_model.model.board)
     range_mm = working_range_mm(layout, in_rig[mirrored], observations.view[mirrored])
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    halves, notes = splits(solution, observations, climb.model, layout, reference=reference, range_mm=range_mm)
-    widened = max(climb.widened, *(split.widening for split in halves), 1.0)
-    known = known_of(layout)
-    wider = known.replaced(covariance=(widened / climb.widened) ** 2 * known.covariance)
+    halves, notes = splits(solution, observations, select_model.model, layout, reference=reference, range_mm=range_mm)
+    widened = max(select_model.widened, *(split.widening for split in halves), 1.0)
+    known = uncertainty_of(layout)
+    wider = known.replaced(covariance=(widened / select_model.widened) ** 2 * known.covariance)
     layout = layout.replaced(uncertainty=wider)
-    return Evidence(
-        level=climb.level,
-        rungs=climb.rungs,
-        free_views=climb.free_views,
+    return Diagnostics(
+        level=select_model.level,
+        comparisons=select_model.comparisons,
+        free_views=select_model.free_views,
         splits=halves,
         mirrors=mirror_uncertainty(layout, lever_mm=range_mm),
         weak=weak_directions(layout, range_mm=range_mm),
@@ -120,6 +144,6 @@ def gather(climb: Climb, observations: Observations, layout: Layout) -> Evidence
         reference=reference,
         range_mm=range_mm,
         widened=widened,
-        alarms=(*climb.alarms, *(split.alarm for split in halves if split.alarm is not None)),
-        notes=(*climb.notes, *notes),
+        alarms=(*select_model.alarms, *(split.alarm for split in halves if split.alarm is not None)),
+        notes=(*select_model.notes, *notes),
     )

@@ -22,7 +22,7 @@ UNLIKELY = 1e-3
 
 
 @dataclass(frozen=True)
-class SharedErrors:
+class CorrelatedErrors:
     """How much more the parameters stray, root mean square in sigmas, than independent errors would make them.
 
     `ratio` is 1 on average where errors are independent, `chance` that of so large a one then. What is alike in all
@@ -38,7 +38,7 @@ class SharedErrors:
         return max(self.ratio, 1.0) if self.chance < UNLIKELY else 1.0
 
 
-def shared_errors(solution: Solution, observations: Observations, model: Model) -> SharedErrors:
+def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
     """Compare the scores of whole frames with what independent errors of the corners that took part would make.
 
     With G the derivatives by the free globals, less what the frame's pose explains of them, N_f = G_f^T G_f and N their
@@ -47,7 +47,7 @@ def shared_errors(solution: Solution, observations: Observations, model: Model) 
     2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its law is taken as that of a scaled chi squared variable.
     """
     if solution.sigma_px < NOTHING_PX:
-        return SharedErrors(1.0, 1.0)
+        return CorrelatedErrors(1.0, 1.0)
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))
@@ -70,6 +70,6 @@ def shared_errors(solution: Solution, observations: Observations, model: Model) 
     mean = len(places) - float(np.trace(n2.sum(axis=0)))
     spread = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
     if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
-        return SharedErrors(1.0, 1.0)
+        return CorrelatedErrors(1.0, 1.0)
     freedom = mean**2 / spread
-    return SharedErrors(float(np.sqrt(straying / mean)), float(chi2.sf(straying / mean * freedom, freedom)))
+    return CorrelatedErrors(float(np.sqrt(straying / mean)), float(chi2.sf(straying / mean * freedom, freedom)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import known_of, worst_sigmas
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 
@@ -86,7 +86,7 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     """The standard deviations of a calibrated layout's mirrors; tilts weigh by what they move `lever_mm` away."""
-    covariance = mirror_covariance(known_of(layout))
+    covariance = mirror_covariance(uncertainty_of(layout))
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.cross_validation import dealt, held_out_residuals
-from mirrorcam.optics.calibration.diagnostics.error_correlation import shared_errors
+from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_residuals
+from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
@@ -43,14 +43,14 @@ GLASS_MM, GLASS_INDEX = 1.0, 1.49
 
 
 @dataclass(frozen=True)
-class Rung:
+class ModelComparison:
     """One model tried: what it frees, how well it fits, and whether the data support it over `against`.
 
     `rms_px` per axis over the corners that took part and `sigma_px`, which counts the unknowns. Against the model
     below it, on the same corners: `drop`, by how many sigma^2 the sum of squares falls; `chance` of that from noise
     alone (F test of the likelihood ratio); `information_gain`, by how much the Bayesian information criterion falls.
-    `held_out_rms_px` of frames that a fit without them predicts, and `held_out_gain`, by how many standard errors these
-    are predicted better; NaN where these were not asked: the likelihood speaks against it, or another rung gains more.
+    `held_out_rms_px` is that of frames predicted by a fit without them, `held_out_gain` the improvement in standard
+    errors; NaN where not computed (the likelihood already rejects the model, or another comparison gains more).
     """
 
     name: str
@@ -67,8 +67,8 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Climb:
-    """The level reached, its model and solution, every rung tried, the check by free views; alarms, notes in words.
+class ModelSelection:
+    """The selected level, its model and solution, every comparison made, the free-view check, alarms and notes.
 
     The covariance of the solution is `widened`, as a factor of its standard deviations, against what independent errors
     of all corners would make it.
@@ -77,13 +77,13 @@ class Climb:
     level: str
     model: Model
     solution: Solution
-    rungs: tuple[Rung, ...]
+    comparisons: tuple[ModelComparison, ...]
     free_views: FreeViews | None
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
     widened: float = 1.0
 
-    def widened_to(self, factor: float) -> Climb:
+    def widened_to(self, factor: float) -> ModelSelection:
         """The same with standard deviations at least so many times what independent errors would make them."""
         further = max(factor / self.widened, 1.0)
         solution = replace(self.solution, covariance=further**2 * self.solution.covariance)
@@ -99,7 +99,7 @@ class Fitted:
     solution: Solution
 
 
-def levels_of(level: str) -> tuple[str, ...]:
+def additions_of(level: str) -> tuple[str, ...]:
     """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else."""
     first, *additions = level.split("+")
     known = first in {"paper", "joint"} and all(name in ADDITIONS for name in additions)
@@ -108,14 +108,14 @@ def levels_of(level: str) -> tuple[str, ...]:
     return tuple(additions)
 
 
-def climb(
+def select_model(
     start: Estimate,
     observations: Observations,
     corners_in_board_mm: FloatArray,
     *,
     intrinsics: tuple[str, ...] = INTRINSIC_NAMES,
     level: str | None = None,
-) -> Climb:
+) -> ModelSelection:
     """Fit at a `level`, or, without one, as far up the ladder as the data support.
 
     The camera was found from the same corners as the rest, so that `joint` is the lowest level that tells the truth
@@ -123,25 +123,25 @@ def climb(
     it the addition that gains most information is taken as long as one is supported: its likelihood ratio is no noise,
     and frames held out are predicted better. Raises UndeterminedError where the corners do not suffice.
     """
-    asked = None if level is None else levels_of(level)
+    asked = None if level is None else additions_of(level)
     paper = fit_as("paper", start, observations, _model((), (), corners_in_board_mm))
-    rungs = [first_rung(paper)]
+    comparisons = [first_comparison(paper)]
     try:
         current = fit_as("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
     except UndeterminedError:
         if asked is not None and level != "paper":
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
-        return concluded(paper, rungs, observations, [], [note])
-    rungs.append(rung_over(current, paper, observations))
+        return conclude(paper, comparisons, observations, [], [note])
+    comparisons.append(compare(current, paper, observations))
     if level == "paper":
         note = "the intrinsics are held: what they may be off is in no uncertainty"
-        doubts = [_alarm(current, "joint")] if rungs[-1].supported else []
-        return concluded(paper, rungs, observations, doubts, [note])
+        doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
+        return conclude(paper, comparisons, observations, doubts, [note])
     if asked:
         for name in asked:
             taken = _added(current, name, observations, intrinsics, corners_in_board_mm)
-            rungs.append(rung_over(taken, current, observations))
+            comparisons.append(compare(taken, current, observations))
             current = taken
     left = [name for name in ADDITIONS if name not in current.name.split("+")]
     alarms: list[str] = []
@@ -152,9 +152,9 @@ def climb(
         best = None
         judged = [(fitted, _judged(fitted, current, observations)) for fitted in tried]
         # Held-out frames are the dearer witness: asked about the most informative first, no further once one agrees.
-        for fitted, rung in sorted(judged, key=lambda pair: -pair[1].information_gain):
-            rungs.append(rung if best is not None else _held_out(rung, fitted, current, observations))
-            if rungs[-1].supported:
+        for fitted, comparison in sorted(judged, key=lambda pair: -pair[1].information_gain):
+            comparisons.append(comparison if best is not None else _held_out(comparison, fitted, current, observations))
+            if comparisons[-1].supported:
                 best = fitted
         if best is None:
             break
@@ -166,12 +166,14 @@ def climb(
         left.remove(addition)
     if "sheet" in current.name.split("+"):
         alarms += _no_sheet(current)
-    return concluded(current, rungs, observations, alarms, notes)
+    return conclude(current, comparisons, observations, alarms, notes)
 
 
 def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_board_mm: FloatArray) -> Model:
     board = Board.warped(corners_in_board_mm) if "warp" in additions else Board.rigid(corners_in_board_mm)
-    return Model(intrinsics, sheet="sheet" in additions or "glass" in additions, bend="bend" in additions, board=board)
+    return Model(
+        intrinsics, thickness="sheet" in additions or "glass" in additions, curvature="bend" in additions, board=board
+    )
 
 
 def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
@@ -268,10 +270,10 @@ def _alarm(best: Fitted, addition: str) -> str:
     return f"the data support a further level, {best.name}"
 
 
-def first_rung(fitted: Fitted) -> Rung:
-    """The rung that a climb begins with, which stands against none."""
+def first_comparison(fitted: Fitted) -> ModelComparison:
+    """The comparison that a select_model begins with, which stands against none."""
     solution = fitted.solution
-    return Rung(
+    return ModelComparison(
         name=fitted.name,
         against=None,
         parameters=len(solution.parameters),
@@ -290,16 +292,16 @@ def _rms(solution: Solution) -> float:
     return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
 
 
-def rung_over(larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
+def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
     """What likelihood and frames held out say of a larger model."""
     return _held_out(_judged(larger, smaller, observations), larger, smaller, observations)
 
 
-def _judged(larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
+def _judged(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
     """What the likelihood says of the larger model, on the corners that it takes for no outliers."""
     rows = larger.solution.inliers
     seen = observations.where(rows)
-    # Corners without noise, from a simulation, would make evidence of rounding.
+    # Corners without noise, from a simulation, would make diagnostics of rounding.
     floor = 2 * len(seen) * NOTHING_PX**2
     squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
     at_smaller = _at_minimum(smaller, observations, rows)
@@ -307,7 +309,7 @@ def _judged(larger: Fitted, smaller: Fitted, observations: Observations) -> Rung
     added = len(larger.solution.parameters) - len(smaller.solution.parameters)
     spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
-    return Rung(
+    return ModelComparison(
         name=larger.name,
         against=smaller.name,
         parameters=len(larger.solution.parameters),
@@ -330,39 +332,45 @@ def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> 
     return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
 
 
-def _held_out(rung: Rung, larger: Fitted, smaller: Fitted, observations: Observations) -> Rung:
-    """The rung with what frames held out say, where the likelihood speaks for it; supported where they agree.
+def _held_out(
+    comparison: ModelComparison, larger: Fitted, smaller: Fitted, observations: Observations
+) -> ModelComparison:
+    """The comparison with what frames held out say, where the likelihood speaks for it; supported where they agree.
 
     The gain is the mean over frames in standard errors of that mean: frames are independent where corners of one frame
     may not be. Too few frames to hold any out support nothing.
     """
     seen = observations.where(larger.solution.inliers)
     enough = len(np.unique(seen.frame)) >= FOLDS
-    if not (rung.chance < SUPPORTED_CHANCE and rung.information_gain > 0.0 and enough):
-        return rung
-    fold = dealt(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
+    if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
+        return comparison
+    fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
     squares = []
     for fitted in (larger, smaller):
         try:
             left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
         except UndeterminedError:
-            return rung
+            return comparison
         squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
     gains = squares[1] - squares[0]
     error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     gain = float(gains.sum()) / error if error > 0.0 else 0.0
     return replace(
-        rung,
+        comparison,
         held_out_rms_px=float(np.sqrt(squares[0].sum() / (2 * len(seen)))),
         held_out_gain=gain,
         supported=gain > BEYOND_NOISE,
     )
 
 
-def concluded(
-    current: Fitted, rungs: Sequence[Rung], observations: Observations, alarms: list[str], notes: list[str]
-) -> Climb:
-    """The climb that ends at `current`, with the check by free views and errors that corners share."""
+def conclude(
+    current: Fitted,
+    comparisons: Sequence[ModelComparison],
+    observations: Observations,
+    alarms: list[str],
+    notes: list[str],
+) -> ModelSelection:
+    """The select_model that ends at `current`, with the check by free views and errors that corners share."""
     free = None
     try:
         free = free_views(current.solution, observations, current.model)
@@ -378,11 +386,13 @@ def concluded(
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
             "that free virtual cameras explain",
         ]
-    shared = shared_errors(current.solution, observations, current.model).widening
+    shared = correlated_errors(current.solution, observations, current.model).widening
     if shared > 1.0:
         note = (
             f"the corners of a frame share errors: all uncertainties are {shared:.1f} times what independent ones give"
         )
         notes = [*notes, note]
-    reached = Climb(current.name, current.model, current.solution, tuple(rungs), free, tuple(alarms), tuple(notes))
+    reached = ModelSelection(
+        current.name, current.model, current.solution, tuple(comparisons), free, tuple(alarms), tuple(notes)
+    )
     return reached.widened_to(shared)

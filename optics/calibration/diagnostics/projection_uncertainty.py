@@ -1,4 +1,4 @@
-"""How far a calibration may be off in pixels: its covariance, carried to what each view shows.
+"""How far a calibration may be off in pixels: its covariance, propagated to what each view shows.
 
 After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
 axis and pixel axes define it, and the board's poses, free in the fit, are marginalised out of the covariance. Nothing
@@ -22,7 +22,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, globa
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 NOTHING_PX = 1e-4
-"""Finer than any corner is found: differences below it are no evidence."""
+"""Finer than any corner is found: differences below it are no diagnostics."""
 GRID = 9
 """Points along the longer side of a sub-image at which a map is taken."""
 
@@ -69,7 +69,7 @@ def worst_sigmas(covariances: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[..., -1], 0.0)))
 
 
-def known_of(layout: Layout) -> Uncertainty:
+def uncertainty_of(layout: Layout) -> Uncertainty:
     """The covariance that a calibrated layout carries; raises ValueError where it carries none."""
     if layout.uncertainty is None:
         raise ValueError("the layout carries no uncertainty, expected a calibrated one")
@@ -78,7 +78,7 @@ def known_of(layout: Layout) -> Uncertainty:
 
 def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
     """Where a view (a mirror, or DIRECT) shows points (n, 3), by the very model that the solver fits."""
-    known = known_of(layout)
+    known = uncertainty_of(layout)
     count = len(points_in_rig)
     estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
     rows = Observations.of_view(0, view, np.arange(count), np.zeros((count, 2)))
@@ -92,7 +92,7 @@ def virtual_centre(layout: Layout, view: int) -> FloatArray:
     return np.zeros(3) if view == DIRECT else layout.mirrors[view].apparent.virtual_centre_in_rig_mm
 
 
-def points_seen_at(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
+def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
     """Points (n, 3) mm in rig that appear at pixels (n, 2) of a view, `range_mm` from where it looks from.
 
     First-surface model: through a sheet or a bent mirror, off by what that model is off.
@@ -121,7 +121,7 @@ def grid_px(layout: Layout, view: int) -> FloatArray:
     return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
 
 
-def held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
+def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
     """How points (n, 3) move, (n, 3, g) mm per parameter, that stay where the reference view shows them.
 
     Their pixels in the reference view and their distance from its virtual centre are held.
@@ -141,7 +141,7 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
     The distance of the apparent mirror from its coating is held: it moves with the sheet's thickness, but how far away
     a view looks from is a choice of origin that no picture shows.
     """
-    names = known_of(layout).parameters
+    names = uncertainty_of(layout).parameters
     derivatives = np.zeros((3, len(names)))
     for k, axis in enumerate("xyz"):
         name = f"mirror {view} {axis}_mm"
@@ -153,20 +153,20 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
     """How far a view may be off, over its sub-image, for points `range_mm` from where it looks from."""
     at = grid_px(layout, view)
-    points = points_seen_at(layout, view, at, range_mm)
-    covariance = known_of(layout).covariance
+    points = points_at_pixels(layout, view, at, range_mm)
+    covariance = uncertainty_of(layout).covariance
     shown = project(layout, view, points)
-    relative = shown.by_parameter + shown.by_point @ held_in(layout, reference, points)
+    relative = shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
     return ProjectionMap(
         view=view,
         range_mm=range_mm,
         pixels=at,
-        in_rig=carried(shown.by_parameter, covariance),
-        against_reference=carried(relative, covariance),
+        in_rig=propagated(shown.by_parameter, covariance),
+        against_reference=propagated(relative, covariance),
     )
 
 
-def carried(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
+def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
     """Covariances (..., k, k) of what has derivatives (..., k, g) by parameters of covariance (g, g)."""
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 

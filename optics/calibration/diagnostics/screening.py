@@ -24,7 +24,7 @@ SHEET_TRIED_MM, INDEX_TRIED = 1.0, 1.49
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedFrames:
     """What may be calibrated from: corners by frame with and without mirrors, and notes on what may not.
 
     The error bounds of a common fit are to be `widened` by this factor; it is 1 where both kinds of frames agree about
@@ -39,7 +39,7 @@ class Screened:
 
 def screen(
     seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
-) -> Screened:
+) -> ScreenedFrames:
     """Take out pictures given twice, corners off the board, and views that show the board elsewhere.
 
     A list entry per frame with and per frame without mirrors, as it comes back. Raises InputError where so much
@@ -60,7 +60,7 @@ def screen(
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
     consistency.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
-    free = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners_in_board_mm))
+    free = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
     start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)
@@ -82,14 +82,14 @@ def screen(
             sheets = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, SHEET_TRIED_MM)
             index = np.maximum(estimate.refractive_index, INDEX_TRIED)
             for tried, richer in (
-                (replace(estimate, thickness_mm=sheets, refractive_index=index), replace(free, sheet=True)),
-                (estimate, replace(free, bend=True)),
+                (replace(estimate, thickness_mm=sheets, refractive_index=index), replace(free, thickness=True)),
+                (estimate, replace(free, curvature=True)),
             ):
                 other = _camera_disagreement(tried, _packed(mirrored), _packed(direct), layout, richer)
                 ratio = min(ratio, other)
         notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
         widened = ratio if ratio > consistency.DRIFT_WIDENS else 1.0
-    return Screened(
+    return ScreenedFrames(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
         base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
         notes=tuple(notes),
@@ -126,7 +126,7 @@ def _camera_disagreement(
 def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
     """The corners that a robust fit does not find wild, and the least-squares fit to them."""
     if not (observations.view != DIRECT).any():
-        model = replace(model, mirrors=False, sheet=False, bend=False)
+        model = replace(model, mirrors=False, thickness=False, curvature=False)
     estimate, _ = start_robustly(start, observations, model)
     size = np.abs(residuals(estimate, observations, model.board)).max(axis=1)
     calm = observations.where(size <= DROP_SIGMAS * 1.4826 * np.median(size))

@@ -9,7 +9,12 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motions
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, known_of, points_seen_at, project
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    grid_px,
+    points_at_pixels,
+    project,
+    uncertainty_of,
+)
 from mirrorcam.optics.geometry.layout import Layout
 
 MOTIONS_NAMED = 3
@@ -47,7 +52,7 @@ class WeakDirection:
 
 def motions_of(layout: Layout) -> list[Motion]:
     """The motions that a person has words for, as far as the layout's parameters have them, the simplest first."""
-    names = known_of(layout).parameters
+    names = uncertainty_of(layout).parameters
     place = {name: k for k, name in enumerate(names)}
 
     def change(parts: dict[str, float]) -> FloatArray:
@@ -109,13 +114,13 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     """
     derivatives = np.concatenate(
         [
-            project(layout, view, points_seen_at(layout, view, grid_px(layout, view), range_mm)).by_parameter
+            project(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).by_parameter
             for view in range(len(layout.mirrors))
         ]
     )
     derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
     scale = np.linalg.norm(derivatives, axis=0)
-    covariance = known_of(layout).covariance * np.outer(scale, scale)
+    covariance = uncertainty_of(layout).covariance * np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
     motions = motions_of(layout)
     directions = []

@@ -28,7 +28,7 @@ DRAWS = 300
 FEWEST_STILL = 40
 
 
-def camera_turns(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
+def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
     """Rotation vectors (n, 3), rad, with which rays of the first picture are found in each; None where nothing tells.
 
     Random sample consensus over features that Lucas and Kanade's method finds in both pictures, then least squares.
@@ -43,7 +43,7 @@ def camera_turns(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
     return np.array(turns)
 
 
-def steadied(observations: Observations, camera: Camera, turns: FloatArray) -> Observations:
+def stabilised(observations: Observations, camera: Camera, turns: FloatArray) -> Observations:
     """The corners where they would be had the camera not turned by `turns` (f, 3) since the first frame."""
     back = Rotation.from_rotvec(turns[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", back, camera.unproject(observations.pixels))

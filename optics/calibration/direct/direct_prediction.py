@@ -36,7 +36,7 @@ def predicted_mirrored(
         kept = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
         fitted = fit(replace(start, rig_from_board=start.rig_from_board[~out]), kept, model).estimate
         board = Board.rigid(model.board.shaped(fitted.shape))
-        held = Model((), sheet=False, bend=False, board=board, mirrors=False)
+        held = Model((), thickness=False, curvature=False, board=board, mirrors=False)
         for frame in np.flatnonzero(out):
             here = observations.frame == frame
             shown = observations.where(here).shifted(-int(frame))

@@ -1,4 +1,4 @@
-"""What a calibration with a direct view returns: layout, evidence, figures, and notes on what was not found."""
+"""What a calibration with a direct view returns: layout, diagnostics, figures, and notes on what was not found."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     fit_metrics,
     uncertainty,
 )
-from mirrorcam.optics.calibration.diagnostics.diagnostics import gather
+from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
-from mirrorcam.optics.calibration.diagnostics.model_selection import Climb
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.mirror import Mirror, cut
 
 
 def direct_result(
-    reached: Climb,
+    reached: ModelSelection,
     drawn: Solution,
     observations: Observations,
     *,
@@ -37,10 +37,10 @@ def direct_result(
     """The calibration reached, beside the best fit with the board as `drawn`.
 
     `pictures` says which of those with `names` each frame is, `turns` (f, 3) how the camera was turned back, if so.
-    Where evidence widens the error bounds, those of the layout are as wide. Raises UndeterminedError.
+    Where diagnostics widens the error bounds, those of the layout are as wide. Raises UndeterminedError.
     """
-    evidence = gather(reached, observations, _layout(reached, observations))
-    reached = reached.widened_to(evidence.widened)
+    diagnostics = diagnose(reached, observations, _layout(reached, observations))
+    reached = reached.widened_to(diagnostics.widened)
     solution, board = reached.solution, reached.model.board
     estimate = solution.estimate
     metrics = fit_metrics(observations, solution)
@@ -61,7 +61,7 @@ def direct_result(
     metrics |= _angles(solution)
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, len(estimate.thickness_mm))
     metrics["views"] = Metric(value=views, unit="1")
-    metrics |= evidence.metrics
+    metrics |= diagnostics.metrics
     return Calibration(
         layout=_layout(reached, observations).replaced(metrics=metrics),
         rig_from_board=estimate.rig_from_board,
@@ -70,7 +70,7 @@ def direct_result(
         inliers=solution.inliers,
         metrics=metrics,
         notes=notes,
-        evidence=evidence,
+        diagnostics=diagnostics,
     )
 
 
@@ -109,7 +109,7 @@ def _views(
     return used, tuple(notes)
 
 
-def _layout(reached: Climb, observations: Observations) -> Layout:
+def _layout(reached: ModelSelection, observations: Observations) -> Layout:
     solution = reached.solution
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     return Layout(

@@ -47,7 +47,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class _Placed:
+class _PosedCorners:
     """A numbering of a found board, the rigid 4x4 that puts it where it looks so, and its points (n, 3) there."""
 
     corners: Corners
@@ -56,11 +56,11 @@ class _Placed:
 
 
 @dataclass(frozen=True)
-class _Board:
+class _PosedBoard:
     """One found board, for each numbering as a direct view, and as an image in a mirror."""
 
-    direct: list[_Placed]
-    image: list[_Placed]
+    direct: list[_PosedCorners]
+    image: list[_PosedCorners]
 
     @property
     def points(self) -> FloatArray:
@@ -93,21 +93,21 @@ def first_estimate(
     return Start(Estimate(camera, centres, poses), observations, pictures)
 
 
-def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _Board:
+def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
     """The board in space, without the numberings for which no pose fits."""
 
-    def place(numberings: list[Corners]) -> list[_Placed]:
+    def place(numberings: list[Corners]) -> list[_PosedCorners]:
         placed = []
         for view in numberings:
             matrix = initial_estimates.camera_from_flat_board(camera, view, corners_in_board_mm)
             if matrix is not None:
-                placed.append(_Placed(view, matrix, transform(matrix, corners_in_board_mm)))
+                placed.append(_PosedCorners(view, matrix, transform(matrix, corners_in_board_mm)))
         return placed
 
-    return _Board(place(board.direct), place(board.image))
+    return _PosedBoard(place(board.direct), place(board.image))
 
 
-def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -> FloatArray:
+def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: float) -> FloatArray:
     """Virtual centres (m, 3), left to right: the planes that most pictures agree on.
 
     Every ordered pair of boards in a picture proposes the plane that would show one as the other's image. True planes
@@ -142,7 +142,7 @@ def _seed_mirrors(boards: list[list[_Board]], mirrors: int, *, size_mm: float) -
     return max(together, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
 
 
-def _agreeing(boards: list[list[_Board]], centres: FloatArray, *, size_mm: float) -> int:
+def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
     """How many views show the board where another view of their picture does."""
     count = 0
     for in_picture in boards:
@@ -158,12 +158,12 @@ def _same_plane(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.linalg.norm(a - b) < SAME_PLANE * np.linalg.norm(a))
 
 
-def _views(in_picture: list[_Board], centres: FloatArray) -> dict[int, list[_Placed]]:
+def _views(in_picture: list[_PosedBoard], centres: FloatArray) -> dict[int, list[_PosedCorners]]:
     """The numberings of the boards by view. A board behind no plane is the direct view, behind one the image in it.
 
     Boards behind several planes were reflected more than once and are left out.
     """
-    views: dict[int, list[_Placed]] = {}
+    views: dict[int, list[_PosedCorners]] = {}
     for board in in_picture:
         hidden_by = [m for m, centre in enumerate(centres) if initial_estimates.behind(board.points, centre)]
         if len(hidden_by) == 0 and board.direct:
@@ -173,12 +173,12 @@ def _views(in_picture: list[_Board], centres: FloatArray) -> dict[int, list[_Pla
     return views
 
 
-def _in_rig(board: _Placed, view: int, centres: FloatArray) -> FloatArray:
+def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
     """Where the board (n, 3) itself stands that a view shows."""
     return board.points if view == DIRECT else reflect(board.points, centres[view])
 
 
-def _assign(boards: list[list[_Board]], centres: FloatArray) -> tuple[Observations, list[int], FloatArray]:
+def _assign(boards: list[list[_PosedBoard]], centres: FloatArray) -> tuple[Observations, list[int], FloatArray]:
     """Observations with frames numbered from 0, the picture number of each frame, and a pose (4, 4) per frame."""
     parts: list[Observations] = []
     frames: list[int] = []

@@ -17,15 +17,15 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_selection import (
-    Climb,
     Fitted,
-    Rung,
-    concluded,
-    first_rung,
+    ModelComparison,
+    ModelSelection,
+    compare,
+    conclude,
+    first_comparison,
     fit_as,
-    rung_over,
 )
-from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
+from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
@@ -71,34 +71,34 @@ def calibrate_with_direct_view(
     height, width = pictures[0].shape
     start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
     shown = [pictures[number] for number in start.pictures]
-    rigid = Model(INTRINSICS, sheet=False, bend=False, board=Board.rigid(corners_mm))
+    rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
         first = fit(start.estimate, start.observations, rigid)
         observations = _confirmed(shown, first, target)
         flat = fit_as("joint", first.estimate, observations, rigid)
-        turns = camera_turns(shown, flat.solution.estimate.camera)
+        turns = camera_rotations(shown, flat.solution.estimate.camera)
         if turns is not None:
-            still = steadied(observations, flat.solution.estimate.camera, turns)
+            still = stabilised(observations, flat.solution.estimate.camera, turns)
             again = fit_as("joint", flat.solution.estimate, still, rigid)
             if _squares(again.solution) < _squares(flat.solution):
                 observations, flat = still, again
             else:
                 turns = None
-        reached, drawn = climb_with_board(flat, observations)
+        reached, drawn = select_model_with_free_board(flat, observations)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     return direct_result(reached, drawn, observations, pictures=start.pictures, names=names, turns=turns)
 
 
-def climb_with_board(flat: Fitted, observations: Observations) -> tuple[Climb, Solution]:
+def select_model_with_free_board(flat: Fitted, observations: Observations) -> tuple[ModelSelection, Solution]:
     """What the corners support beyond a fit of plane mirrors with the board as drawn; and that board's fit, else alike.
 
     Mirrors behind glass are asked about before and, where they were not supported, once more after the free board: an
     inexact board hides them.
     """
-    rungs = [first_rung(flat)]
-    drawn, rung = _behind_glass(flat, observations)
-    rungs.append(rung)
+    comparisons = [first_comparison(flat)]
+    drawn, comparison = _behind_glass(flat, observations)
+    comparisons.append(comparison)
     board = Board.free(flat.model.board.corners_in_board_mm)
     current = fit_as(
         f"{drawn.name}+board",
@@ -106,23 +106,23 @@ def climb_with_board(flat: Fitted, observations: Observations) -> tuple[Climb, S
         observations,
         replace(drawn.model, board=board),
     )
-    rungs.append(rung_over(current, drawn, observations))
-    if not rungs[-1].supported:
-        return concluded(drawn, rungs, observations, [], []), drawn.solution
-    if not current.model.sheet:
-        current, rung = _behind_glass(current, observations)
-        rungs.append(rung)
-    if current.model.sheet and not drawn.model.sheet:
+    comparisons.append(compare(current, drawn, observations))
+    if not comparisons[-1].supported:
+        return conclude(drawn, comparisons, observations, [], []), drawn.solution
+    if not current.model.thickness:
+        current, comparison = _behind_glass(current, observations)
+        comparisons.append(comparison)
+    if current.model.thickness and not drawn.model.thickness:
         as_drawn = replace(current.solution.estimate, shape=np.zeros(0))
         drawn = fit_as("as drawn", as_drawn, observations, replace(current.model, board=flat.model.board))
-    return concluded(current, rungs, observations, [], []), drawn.solution
+    return conclude(current, comparisons, observations, [], []), drawn.solution
 
 
 def _squares(solution: Solution) -> float:
     return float(np.sum(solution.residuals**2))
 
 
-def _behind_glass(plain: Fitted, observations: Observations) -> tuple[Fitted, Rung]:
+def _behind_glass(plain: Fitted, observations: Observations) -> tuple[Fitted, ModelComparison]:
     """The fit with mirrors coated behind one kind of glass where the corners support it, else `plain`."""
     estimate = plain.solution.estimate
     distances = np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1) / 2.0
@@ -132,9 +132,9 @@ def _behind_glass(plain: Fitted, observations: Observations) -> tuple[Fitted, Ru
         thickness_mm=np.full(count, SHEET_START * distances.mean()),
         refractive_index=np.full(count, GLASS_INDEX),
     )
-    glass = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, sheet=True))
-    rung = rung_over(glass, plain, observations)
-    return glass if rung.supported else plain, rung
+    glass = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, thickness=True))
+    comparison = compare(glass, plain, observations)
+    return glass if comparison.supported else plain, comparison
 
 
 def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoard:

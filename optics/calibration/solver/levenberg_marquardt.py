@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.solver.normal_equations import Grouped, Normal, normal_equations, residuals_of
+from mirrorcam.optics.calibration.solver.normal_equations import (
+    Grouped,
+    NormalEquations,
+    normal_equations,
+    residuals_of,
+)
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names, residuals
@@ -62,13 +67,13 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
     UndeterminedError where the corners leave a free parameter open.
     """
-    if model.sheet and not (start.thickness_mm > 0.0).any():
+    if model.thickness and not (start.thickness_mm > 0.0).any():
         raise UndeterminedError("no mirror is second-surface, so nothing tells how thick sheets are")
     parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
     unknowns = len(parameters) + 6 * len(start.rig_from_board)
     estimate, iterations = start, 0
     # Far off, bends would lead the sheets astray: beside them its thickness is little felt.
-    for stage in [replace(model, sheet=False)] * (model.sheet and model.bend) + [model]:
+    for stage in [replace(model, thickness=False)] * (model.thickness and model.curvature) + [model]:
         estimate, steps = start_robustly(estimate, observations, stage)
         iterations += steps
     r = residuals(estimate, observations, model.board)
@@ -222,7 +227,7 @@ def _descend(
     estimate: Estimate,
     grouped: Grouped,
     model: Model,
-    normal: Normal,
+    normal: NormalEquations,
     damping: _Damping,
     loss: Callable[[FloatArray], float],
     cost: float,

@@ -1,4 +1,4 @@
-"""Normal equations of a calibration, summed over groups of corners that share frame and view.
+"""NormalEquations equations of a calibration, summed over groups of corners that share frame and view.
 
 The derivatives of a corner's pixels are by the intrinsics, by its own mirror, by the sheet, by the board's modes and by
 the pose of its own frame: some 20 numbers, where a dense row would have hundreds. Each group's are multiplied out by
@@ -89,8 +89,8 @@ class Grouped:
 
 
 @dataclass(frozen=True)
-class Normal:
-    """Normal equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
+class NormalEquations:
+    """NormalEquations equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
 
     u: FloatArray
     v: FloatArray
@@ -126,8 +126,8 @@ class Normal:
 
 def normal_equations(
     estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
-) -> Normal:
-    """Normal equations at an estimate, rows (n,) in `grouped.order` weighted by the squares of `root_weights` (n,)."""
+) -> NormalEquations:
+    """Normal equations at an estimate; rows (n,) in `grouped.order` have the squares of `root_weights` as weights."""
     places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
     u, v, w = np.zeros((size, size)), np.zeros((frames, 6, 6)), np.zeros((frames, 6, size))
@@ -147,7 +147,7 @@ def normal_equations(
         np.add.at(w, (frame[:, None, None], np.arange(6)[None, :, None], at[:, None, :]), sums[:, :6, 7:])
         np.add.at(u, (at[:, :, None], at[:, None, :]), sums[:, 7:, 7:])
         np.add.at(gradient_global, at, sums[:, 7:, 6])
-    return Normal(u, v, w, gradient_global, gradient_poses)
+    return NormalEquations(u, v, w, gradient_global, gradient_poses)
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,8 @@ class Places:
         return cls(
             len(model.intrinsics),
             mirrors,
-            (3,) * (model.mirrors + model.bend),
-            int(model.sheet) + len(model.board.modes),
+            (3,) * (model.mirrors + model.curvature),
+            int(model.thickness) + len(model.board.modes),
         )
 
     @property
@@ -190,12 +190,12 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     """
     turned, in_rig = _in_rig(estimate, chunk, corners)
     surfaces = None if chunk.direct else surfaces_of(estimate, chunk.view)
-    at = linearized(estimate.camera, turned, in_rig, surfaces, bent=model.bend)
+    at = linearized(estimate.camera, turned, in_rig, surfaces, bent=model.curvature)
     parts = [at.turn, at.corner, (at.pixels - chunk.pixels)[:, None]]
     parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
     if surfaces is not None:
-        parts += [at.centre] * model.mirrors + [at.curvature] * model.bend
-    if model.sheet:
+        parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
+    if model.thickness:
         sheet = np.zeros_like(at.pixels) if surfaces is None else np.where(surfaces.thickness > 0, at.thickness, 0.0)
         parts.append(sheet[:, None])
     if len(model.board.modes):

@@ -1,4 +1,4 @@
-"""Which parameters of a calibration are free: a rung of the model ladder."""
+"""Which parameters of a calibration are free: a comparison of the model ladder."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Model:
     """
 
     intrinsics: tuple[str, ...]
-    sheet: bool
-    bend: bool
+    thickness: bool
+    curvature: bool
     board: Board
     mirrors: bool = True
 
@@ -45,8 +45,8 @@ class Model:
 
         def is_free(name: str) -> bool:
             if name.startswith("mirror "):
-                return self.bend if "curvature" in name else self.mirrors
-            return name in self.intrinsics or (self.sheet if name == "sheet_mm" else name.startswith("board "))
+                return self.curvature if "curvature" in name else self.mirrors
+            return name in self.intrinsics or (self.thickness if name == "sheet_mm" else name.startswith("board "))
 
         names = global_names(mirrors, len(self.board.modes))
         return np.array([place for place, name in enumerate(names) if is_free(name)], dtype=np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.diagnostics.model_selection import climb
+from mirrorcam.optics.calibration.diagnostics.model_selection import select_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -32,7 +32,7 @@ def off_in_sigmas(nominal: Layout, seed: int) -> float:
     frames = [o for o in [*views.seen, *views.base] if len(o)]
     rows = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
     camera = initial_estimates.base_camera(rows.where(rows.view == DIRECT), nominal.camera, CORNERS)
-    reached = climb(initial_estimates.first_estimate(rows, camera, nominal, CORNERS), rows, CORNERS)
+    reached = select_model(initial_estimates.first_estimate(rows, camera, nominal, CORNERS), rows, CORNERS)
     assert reached.level == "joint+sheet", f"seed {seed}"
     place = reached.solution.parameters.index("sheet_mm")
     sigma = float(np.sqrt(reached.solution.covariance[place, place]))

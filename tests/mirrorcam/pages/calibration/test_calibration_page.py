@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.pages.calibration.calibration_page import report_html, write_report
 from mirrorcam.pages.calibration.inline_svg import Scale, coordinate, tick_text
-from mirrorcam.pages.calibration.verdict import Verdict, empty_region, judge, sigma_px
+from mirrorcam.pages.calibration.verdict import Verdict, check_solution, empty_region, sigma_px
 from mirrorcam.pages.calibration.view_statistics import board_normals, cell_means, view_figures
 from tests.mirrorcam.pages.test_run_report import outline
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
@@ -51,7 +51,7 @@ def calibration(truth: Layout, poses: tuple[list[FloatArray], list[FloatArray]])
 
 
 def verdict_of(calibration: Calibration) -> Verdict:
-    return judge(calibration, view_figures(calibration))
+    return check_solution(calibration, view_figures(calibration))
 
 
 def rows_of(calibration: Calibration, keep: np.ndarray) -> Calibration:
@@ -110,16 +110,16 @@ def bad_on_others(calibration: Calibration) -> Calibration:
 
 
 def split_halves(calibration: Calibration) -> Calibration:
-    assert calibration.evidence is not None
-    splits = tuple(replace(split, overall_ratio=3.0) for split in calibration.evidence.splits)
-    return replace(calibration, evidence=replace(calibration.evidence, splits=splits))
+    assert calibration.diagnostics is not None
+    splits = tuple(replace(split, overall_ratio=3.0) for split in calibration.diagnostics.splits)
+    return replace(calibration, diagnostics=replace(calibration.diagnostics, splits=splits))
 
 
 def vague_depth(calibration: Calibration) -> Calibration:
-    assert calibration.evidence is not None
-    depth = calibration.evidence.depth
+    assert calibration.diagnostics is not None
+    depth = calibration.diagnostics.depth
     vague = replace(depth, calibration_mm=100.0 * depth.calibration_mm)
-    return replace(calibration, evidence=replace(calibration.evidence, depth=vague))
+    return replace(calibration, diagnostics=replace(calibration.diagnostics, depth=vague))
 
 
 def half_a_view(calibration: Calibration) -> Calibration:
@@ -177,8 +177,8 @@ def test_every_check_fails_on_what_it_is_for(
 
 
 def test_an_alarm_forbids_the_use(calibration: Calibration) -> None:
-    assert calibration.evidence is not None
-    alarmed = replace(calibration, evidence=replace(calibration.evidence, alarms=("the mirrors <bend>",)))
+    assert calibration.diagnostics is not None
+    alarmed = replace(calibration, diagnostics=replace(calibration.diagnostics, alarms=("the mirrors <bend>",)))
     verdict = verdict_of(alarmed)
     assert verdict.state == "stop"
     assert verdict.reasons[0] == "the mirrors <bend>"
@@ -190,17 +190,21 @@ def test_an_alarm_forbids_the_use(calibration: Calibration) -> None:
 
 
 def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibration) -> None:
-    evidence = calibration.evidence
-    assert evidence is not None
+    diagnostics = calibration.diagnostics
+    assert diagnostics is not None
     for name, advice in (("joint+bend", "Calibrate again as joint+bend"), ("joint+glass", "coated behind")):
-        rung = replace(evidence.rungs[-1], name=name, against="joint", supported=True, information_gain=50.0)
-        alarmed = replace(evidence, level="joint", rungs=(*evidence.rungs, rung), alarms=("something",))
-        verdict = verdict_of(replace(calibration, evidence=alarmed))
+        comparison = replace(
+            diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0
+        )
+        alarmed = replace(
+            diagnostics, level="joint", comparisons=(*diagnostics.comparisons, comparison), alarms=("something",)
+        )
+        verdict = verdict_of(replace(calibration, diagnostics=alarmed))
         assert advice in verdict.advice[0]
 
 
 def test_without_evidence_it_says_so(calibration: Calibration) -> None:
-    bare = replace(calibration, evidence=None)
+    bare = replace(calibration, diagnostics=None)
     verdict = verdict_of(bare)
     assert verdict.state == "look"
     assert "nothing checked whether the model is right" in verdict.reasons
@@ -210,13 +214,13 @@ def test_without_evidence_it_says_so(calibration: Calibration) -> None:
 
 
 def test_a_view_that_fits_nothing_and_depth_that_nobody_knows_are_said(calibration: Calibration) -> None:
-    assert calibration.evidence is not None
-    depth = calibration.evidence.depth
+    assert calibration.diagnostics is not None
+    depth = calibration.diagnostics.depth
     unknown = np.full(len(depth.range_mm), np.nan)
     blind = replace(
         calibration,
         inliers=calibration.inliers & (calibration.observations.view != 2),
-        evidence=replace(calibration.evidence, depth=replace(depth, matching_mm=unknown, calibration_mm=unknown)),
+        diagnostics=replace(calibration.diagnostics, depth=replace(depth, matching_mm=unknown, calibration_mm=unknown)),
     )
     page = outline(report_html(blind, command=""))
     assert "Look at this before you use it" in page.text
@@ -242,14 +246,14 @@ def test_one_file_holds_everything(calibration: Calibration, tmp_path: Path) -> 
 
 
 def test_the_page_states_the_uncertainty_that_the_layout_carries(calibration: Calibration) -> None:
-    known, evidence = calibration.layout.uncertainty, calibration.evidence
+    known, diagnostics = calibration.layout.uncertainty, calibration.diagnostics
     assert known is not None
-    assert evidence is not None
+    assert diagnostics is not None
     text = outline(report_html(calibration, command="")).text
     place = known.parameters.index("fx_px")
     assert f"{calibration.layout.camera.fx_px:.3f}{np.sqrt(known.covariance[place, place]):.2g}" in text
     for number, mirror in enumerate(calibration.layout.mirrors):
-        assert f"mirror {number}{mirror.distance_mm:.3f}{evidence.mirrors.distance_mm[number]:.2g}" in text
+        assert f"mirror {number}{mirror.distance_mm:.3f}{diagnostics.mirrors.distance_mm[number]:.2g}" in text
 
 
 def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:

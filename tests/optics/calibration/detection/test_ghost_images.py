@@ -75,7 +75,7 @@ def test_the_ghost_of_the_front_moves_no_corner(
     assert np.abs(mean_errors(seen, truth)).max() < 0.006
     # What it would do to them: along the plane of incidence, in all mirrors the same way.
     with monkeypatch.context() as patched:
-        patched.setattr(detect_boards, "without_ghosts", lambda picture, corners, *_: corners)
+        patched.setattr(detect_boards, "refine_with_ghost_images", lambda picture, corners, *_: corners)
         pulled = [sub_images(picture, NOMINAL, BOARD) for picture in pictures]
     assert (mean_errors(pulled, truth)[:, 1] > 0.015).all()
     assert sum(map(len, seen)) > 0.7 * sum(map(len, pulled))
@@ -86,14 +86,14 @@ def test_copies_are_where_the_sheet_puts_them_and_as_strong(frames: tuple[list[G
     factors = []
     for picture in pictures:
         for view, corners in boards_of(sub_images(picture, NOMINAL, BOARD)):
-            copies = ghost_images.copies_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
+            copies = ghost_images.ghost_images_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
             assert copies is not None
             assert 0.03 < copies.parts.min() < copies.parts.max() < 0.12
             # One before and one behind the picture, across the mirror's own slope, by about the same.
             before, behind = copies.offsets_px[:, 0], copies.offsets_px[:, 1]
             assert np.abs(before + behind).max() < 0.1
             assert (before[:, 1] > 2.0).all()
-            seen = again(picture.astype(np.float32), corners, BOARD, copies, free_copies=True)
+            seen = again(picture.astype(np.float32), corners, BOARD, copies, fit_strengths=True)
             assert seen is not None
             factors.append(np.median(seen.copies, axis=0))
     assert np.abs(np.median(factors, axis=0) - 1.0).max() < 0.3
@@ -102,4 +102,4 @@ def test_copies_are_where_the_sheet_puts_them_and_as_strong(frames: tuple[list[G
 def test_a_mirror_coated_in_front_has_no_ghost() -> None:
     corners = Corners(np.arange(12), np.random.default_rng(0).uniform(100.0, 200.0, (12, 2)))
     picture = np.zeros((540, 960), dtype=np.float32)
-    assert ghost_images.without_ghosts(picture, corners, CAMERA, FRONT.mirrors[0], BOARD) is corners
+    assert ghost_images.refine_with_ghost_images(picture, corners, CAMERA, FRONT.mirrors[0], BOARD) is corners

@@ -13,8 +13,8 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     ENOUGH_DEG,
     ENOUGH_PICTURES,
     NOISE_PX,
-    Hint,
-    Hints,
+    NextPose,
+    NextPosePlanner,
     poses_of,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
@@ -51,9 +51,9 @@ def shown(pose: FloatArray, *, but: int | None = None) -> Observations:
 
 
 @pytest.fixture(scope="module")
-def followed() -> tuple[list[Hint], list[Observations]]:
+def followed() -> tuple[list[NextPose], list[Observations]]:
     """A session of eight pictures by the hints: the hints, one more, and what the pictures show."""
-    hints = Hints(LAYOUT, BOARD)
+    hints = NextPosePlanner(LAYOUT, BOARD)
     told, seen = [hints.next()], []
     for _ in range(8):
         seen.append(shown(told[-1].rig_from_board))
@@ -61,7 +61,7 @@ def followed() -> tuple[list[Hint], list[Observations]]:
     return told, seen
 
 
-def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[Hint], list[Observations]]) -> None:
+def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], list[Observations]]) -> None:
     told, _ = followed
     worst = [float(hint.sigma_deg.max()) for hint in told]
     assert worst == sorted(worst, reverse=True)
@@ -74,7 +74,7 @@ def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[Hint], 
     random, by_chance = np.random.default_rng(4), []
     poses = [pose for pose, _, _ in poses_of(LAYOUT, BOARD)]
     for _ in range(5):
-        hints = Hints(LAYOUT, BOARD)
+        hints = NextPosePlanner(LAYOUT, BOARD)
         for place in random.integers(len(poses), size=8).tolist():
             last = hints.after(shown(poses[place]))
         by_chance.append(float(last.sigma_deg.max()))
@@ -82,7 +82,7 @@ def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[Hint], 
 
 
 def test_it_is_enough_when_every_mirror_is_known() -> None:
-    hints, pictures = Hints(LAYOUT, BOARD), 0
+    hints, pictures = NextPosePlanner(LAYOUT, BOARD), 0
     hint = hints.next()
     while not hint.enough:
         pictures += 1
@@ -94,7 +94,7 @@ def test_it_is_enough_when_every_mirror_is_known() -> None:
     assert hint.sentence.startswith("enough: every mirror within ±0.0")
 
 
-def test_deviations_are_those_of_the_solver(followed: tuple[list[Hint], list[Observations]]) -> None:
+def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list[Observations]]) -> None:
     told, seen = followed
     observations = Observations.join([picture.shifted(frame) for frame, picture in enumerate(seen)])
     poses = np.array([hint.rig_from_board for hint in told[:-1]])
@@ -104,7 +104,8 @@ def test_deviations_are_those_of_the_solver(followed: tuple[list[Hint], list[Obs
     start = Estimate.of(CAMERA, LAYOUT.mirrors, poses)
     # Intrinsics that the hint takes as known before to some per cent are held here, or free: it lies between.
     held, free = (
-        fit(start, noisy, Model(names, sheet=False, bend=False, board=board)) for names in ((), INTRINSIC_NAMES)
+        fit(start, noisy, Model(names, thickness=False, curvature=False, board=board))
+        for names in ((), INTRINSIC_NAMES)
     )
     for index, mirror in enumerate(LAYOUT.mirrors):
         across = mirror.rig_from_plane[:3, :2]
@@ -116,8 +117,8 @@ def test_deviations_are_those_of_the_solver(followed: tuple[list[Hint], list[Obs
         assert 0.97 * sigma[0] < told[-1].sigma_deg[index] < 1.03 * sigma[1]
 
 
-def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[Hint], list[Observations]]) -> None:
-    hints = Hints(LAYOUT, BOARD)
+def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose], list[Observations]]) -> None:
+    hints = NextPosePlanner(LAYOUT, BOARD)
     for hint in followed[0][:-1]:
         last = hints.after(shown(hint.rig_from_board, but=2))
     assert last.mirror == 2
@@ -131,14 +132,14 @@ def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[Hint], li
 
 
 def test_a_picture_without_a_board_changes_nothing() -> None:
-    hints = Hints(LAYOUT, BOARD)
+    hints = NextPosePlanner(LAYOUT, BOARD)
     before = hints.next()
     after = hints.after(Observations.none())
     assert np.array_equal(after.sigma_deg, before.sigma_deg)
     assert np.array_equal(after.rig_from_board, before.rig_from_board)
 
 
-def test_words_say_which_edge_is_nearer(followed: tuple[list[Hint], list[Observations]]) -> None:
+def test_words_say_which_edge_is_nearer(followed: tuple[list[NextPose], list[Observations]]) -> None:
     for hint in followed[0]:
         depth = transform(hint.rig_from_board, BOARD.corners_in_board_mm) @ LAYOUT.view_from_rig[2]
         grid = depth.reshape(BOARD.rows - 1, BOARD.cols - 1)
@@ -154,4 +155,4 @@ def test_words_say_which_edge_is_nearer(followed: tuple[list[Hint], list[Observa
 def test_mirrors_beside_the_sensor_are_refused() -> None:
     away = CAMERA.replaced(cx_px=5000.0)
     with pytest.raises(InputError, match="in no pose"):
-        Hints(LAYOUT.replaced(camera=away), BOARD)
+        NextPosePlanner(LAYOUT.replaced(camera=away), BOARD)

@@ -25,7 +25,7 @@ from tests.optics.conftest import faceted_parabola
 
 NOISE_PX = 0.05
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
-JOINT = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(BOARD.corners_in_board_mm))
+JOINT = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(BOARD.corners_in_board_mm))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.cross_validation import (
     Split,
     _quadratic,
-    dealt,
+    balanced_folds,
     held_out,
     held_out_residuals,
     is_mirrored,
@@ -81,7 +81,7 @@ def test_the_law_of_a_sum_of_squares_is_that_of_draws() -> None:
 
 
 def test_frames_are_dealt_so_that_halves_are_alike(scene: Scene) -> None:
-    part = dealt(scene.start, scene.clean, JOINT.board, 2)
+    part = balanced_folds(scene.start, scene.clean, JOINT.board, 2)
     mirrored = is_mirrored(scene.clean, len(part))
     assert mirrored.sum() == 10
     assert [(part[mirrored] == half).sum() for half in (0, 1)] == [5, 5]
@@ -102,7 +102,7 @@ def test_frames_alike_go_to_different_halves(scene: Scene) -> None:
         replace(scene.clean, frame=2 * scene.clean.frame),
         replace(scene.clean, frame=2 * scene.clean.frame + 1),
     ]
-    part = dealt(twice, Observations.join(parts), JOINT.board, 2)
+    part = balanced_folds(twice, Observations.join(parts), JOINT.board, 2)
     assert (part[::2] != part[1::2]).all()
 
 
@@ -129,7 +129,7 @@ def rms(left: FloatArray) -> float:
 
 def test_folds_leave_more_than_the_fit_and_see_every_corner_once(scene: Scene, solution: Solution) -> None:
     seen = scene.noisy(0)
-    left = held_out_residuals(solution.estimate, seen, JOINT, dealt(solution.estimate, seen, JOINT.board, 3))
+    left = held_out_residuals(solution.estimate, seen, JOINT, balanced_folds(solution.estimate, seen, JOINT.board, 3))
     assert np.isfinite(left).all()
     assert rms(solution.residuals) < rms(left) < 1.1 * NOISE_PX
 

@@ -10,9 +10,9 @@ from shapely import Point, Polygon
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    known_of,
     outline_px,
-    points_seen_at,
+    points_at_pixels,
+    uncertainty_of,
     virtual_centre,
 )
 from mirrorcam.optics.geometry.camera import Camera
@@ -46,7 +46,7 @@ def test_matching_noise_of_two_views_follows_the_closed_form(pair: Layout) -> No
     """
     found = depth_uncertainty(pair, RANGES_MM, reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
     for range_mm, sigma, views in zip(RANGES_MM, found.matching_mm, found.views, strict=True):
-        point = points_seen_at(pair, 1, middle_px(pair, 1)[None], range_mm)[0]
+        point = points_at_pixels(pair, 1, middle_px(pair, 1)[None], range_mm)[0]
         here, there = (point - virtual_centre(pair, view) for view in (1, 0))
         r, q = np.linalg.norm(here), np.linalg.norm(there)
         angle = np.arccos(here @ there / r / q)
@@ -67,11 +67,11 @@ def test_far_away_sigma_grows_with_the_square_of_range_over_baseline(pair: Layou
 
 def test_the_calibration_part_is_what_drawing_calibrations_shows(calibrated: Layout) -> None:
     """Cameras and mirrors drawn from the covariance; each triangulates what the true one shows, exactly."""
-    known = known_of(calibrated)
+    known = uncertainty_of(calibrated)
     reference = 3
     middle = middle_px(calibrated, reference)
     found = depth_uncertainty(calibrated, np.array([420.0]), reference=reference, at_px=middle, matching_px=0.1)
-    point = points_seen_at(calibrated, reference, middle[None], 420.0)
+    point = points_at_pixels(calibrated, reference, middle[None], 420.0)
     shown = [v for v in range(4) if Polygon(outline_px(calibrated, v)).contains_properly(_at(calibrated, point, v))]
     assert len(shown) == found.views[0] >= 2
     pixels = np.array([calibrated.project(point[0], view) for view in shown])

@@ -1,4 +1,4 @@
-"""All evidence about one calibration, from corners to the value that its report shows."""
+"""All diagnostics about one calibration, from corners to the value that its report shows."""
 
 from __future__ import annotations
 
@@ -7,48 +7,48 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
-from mirrorcam.optics.calibration.diagnostics.diagnostics import Evidence, gather, reference_of
+from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics, diagnose, reference_of
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_uncertainty
-from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.diagnostics.conftest import BOARD, NOISE_PX, Scene, behind_glass, scene_of
 
 
-def gathered(scene: Scene, seed: int, level: str | None = None) -> Evidence:
+def gathered(scene: Scene, seed: int, level: str | None = None) -> Diagnostics:
     seen = scene.noisy(seed)
-    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level=level)
-    return gather(reached, seen, scene.calibrated(reached.solution))
+    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, level=level)
+    return diagnose(reached, seen, scene.calibrated(reached.solution))
 
 
 @pytest.fixture(scope="module")
-def evidence(scene: Scene) -> Evidence:
+def diagnostics(scene: Scene) -> Diagnostics:
     return gathered(scene, 4)
 
 
-def test_a_good_calibration_has_nothing_against_it(evidence: Evidence) -> None:
-    assert evidence.level == "joint"
-    assert evidence.alarms == ()
-    assert evidence.notes == ()
-    assert evidence.widened == 1.0
-    assert len(evidence.splits) == 2
-    assert len(evidence.weak) == 3
+def test_a_good_calibration_has_nothing_against_it(diagnostics: Diagnostics) -> None:
+    assert diagnostics.level == "joint"
+    assert diagnostics.alarms == ()
+    assert diagnostics.notes == ()
+    assert diagnostics.widened == 1.0
+    assert len(diagnostics.splits) == 2
+    assert len(diagnostics.weak) == 3
 
 
-def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(evidence: Evidence, device: Layout) -> None:
-    assert [shown.view for shown in evidence.projection] == [0, 1, 2, 3]
-    assert evidence.reference == device.central_index == 3
-    assert all(shown.range_mm == evidence.range_mm for shown in evidence.projection)
+def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(diagnostics: Diagnostics, device: Layout) -> None:
+    assert [shown.view for shown in diagnostics.projection] == [0, 1, 2, 3]
+    assert diagnostics.reference == device.central_index == 3
+    assert all(shown.range_mm == diagnostics.range_mm for shown in diagnostics.projection)
 
 
-def test_the_figures_are_those_of_the_parts(evidence: Evidence) -> None:
-    figures = evidence.metrics
+def test_the_figures_are_those_of_the_parts(diagnostics: Diagnostics) -> None:
+    figures = diagnostics.metrics
     assert figures["alarms"].value == 0
-    assert figures["mirror_to_mirror_normal_sigma_deg"].value == evidence.mirrors.relative_normal_deg.max()
-    worst = max(shown.in_rig_px.max() for shown in evidence.projection)
+    assert figures["mirror_to_mirror_normal_sigma_deg"].value == diagnostics.mirrors.relative_normal_deg.max()
+    worst = max(shown.in_rig_px.max() for shown in diagnostics.projection)
     assert 0.0 < figures["projection_against_reference_sigma_px"].value < figures["projection_sigma_px"].value < worst
-    assert evidence.depth.range_mm[0] < evidence.range_mm < evidence.depth.range_mm[-1]
-    near, far = evidence.depth.calibration_mm[[0, -1]]
+    assert diagnostics.depth.range_mm[0] < diagnostics.range_mm < diagnostics.depth.range_mm[-1]
+    near, far = diagnostics.depth.calibration_mm[[0, -1]]
     assert near < figures["depth_calibration_sigma_mm"].value < far
     assert figures["unexplained_px"].value < 0.1 * NOISE_PX
     assert {"split_halves_ratio", "split_near_ratio"} <= figures.keys()
@@ -64,9 +64,9 @@ def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
 
 
 def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None:
-    reached = climb(scene.start, scene.clean, BOARD.corners_in_board_mm)
+    reached = select_model(scene.start, scene.clean, BOARD.corners_in_board_mm)
     assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
-    found = gather(reached, scene.clean, scene.calibrated(reached.solution))
+    found = diagnose(reached, scene.clean, scene.calibrated(reached.solution))
     assert found.alarms == ()
     assert found.notes == ("not split: the corners have no noise that halves could differ by",)
 
@@ -74,8 +74,8 @@ def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None
 def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
     scene = scene_of(device, warp_mm=0.3)
     seen = scene.noisy(0)
-    reached = climb(scene.start, seen, BOARD.corners_in_board_mm, level="joint")
-    found = gather(reached, seen, scene.calibrated(reached.solution))
+    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, level="joint")
+    found = diagnose(reached, seen, scene.calibrated(reached.solution))
     assert found.widened == max(reached.widened, *(split.widening for split in found.splits)) > reached.widened
     layout = scene.calibrated(reached.widened_to(found.widened).solution)
     again = mirror_uncertainty(layout, lever_mm=found.range_mm)
@@ -83,7 +83,7 @@ def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
     assert (found.depth.calibration_mm > depth_of(scene, reached, found)).all()
 
 
-def depth_of(scene: Scene, reached: Climb, found: Evidence) -> FloatArray:
+def depth_of(scene: Scene, reached: ModelSelection, found: Diagnostics) -> FloatArray:
     layout = scene.calibrated(reached.solution)
     depth = found.depth
     return depth_uncertainty(

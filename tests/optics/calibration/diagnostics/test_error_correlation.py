@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from mirrorcam.optics.calibration.diagnostics.error_correlation import SharedErrors, shared_errors
+from mirrorcam.optics.calibration.diagnostics.error_correlation import CorrelatedErrors, correlated_errors
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -36,7 +36,9 @@ def leaning(scene: Scene, seed: int, shift_px: float) -> Observations:
 
 
 def test_independent_errors_are_as_likely_as_they_are(scene: Scene) -> None:
-    found = [shared_errors(fit(scene.start, seen, JOINT), seen, JOINT) for seen in map(scene.noisy, range(500, 530))]
+    found = [
+        correlated_errors(fit(scene.start, seen, JOINT), seen, JOINT) for seen in map(scene.noisy, range(500, 530))
+    ]
     assert kstest([one.chance for one in found], "uniform").pvalue > 0.01
     assert np.mean([one.ratio**2 for one in found]) == pytest.approx(1.0, abs=0.15)
     assert all(one.widening == 1.0 for one in found)
@@ -60,7 +62,7 @@ def test_shared_errors_are_found_and_widened_sigmas_are_true(many: Scene) -> Non
     for seed in range(12):
         seen = leaning(many, seed, 0.03)
         solution = fit(many.start, seen, JOINT)
-        found = shared_errors(solution, seen, JOINT)
+        found = correlated_errors(solution, seen, JOINT)
         assert found.chance < 1e-3
         plain.append(squared_error_per_parameter(many, solution))
         widened.append(plain[-1] / found.widening**2)
@@ -69,9 +71,9 @@ def test_shared_errors_are_found_and_widened_sigmas_are_true(many: Scene) -> Non
 
 
 def test_a_ratio_that_may_be_chance_widens_nothing_and_none_narrows() -> None:
-    assert SharedErrors(ratio=1.4, chance=0.05).widening == 1.0
-    assert SharedErrors(ratio=1.4, chance=1e-5).widening == 1.4
-    assert SharedErrors(ratio=0.8, chance=1e-5).widening == 1.0
+    assert CorrelatedErrors(ratio=1.4, chance=0.05).widening == 1.0
+    assert CorrelatedErrors(ratio=1.4, chance=1e-5).widening == 1.4
+    assert CorrelatedErrors(ratio=0.8, chance=1e-5).widening == 1.0
 
 
 def test_one_frame_shares_nothing_that_could_be_told(scene: Scene) -> None:
@@ -79,4 +81,4 @@ def test_one_frame_shares_nothing_that_could_be_told(scene: Scene) -> None:
     seen = seen.where(seen.frame == 0)
     start = replace(scene.start, rig_from_board=scene.poses[:1])
     model = replace(JOINT, intrinsics=())
-    assert shared_errors(fit(start, seen, model), seen, model) == SharedErrors(1.0, 1.0)
+    assert correlated_errors(fit(start, seen, model), seen, model) == CorrelatedErrors(1.0, 1.0)

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.calibration.diagnostics.model_selection import Climb, climb, levels_of
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, additions_of, select_model
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
@@ -23,10 +23,10 @@ from tests.optics.calibration.diagnostics.conftest import (
 )
 
 
-def climbed(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> Climb:
-    """The climb from a layout that says no more of the mirrors than `nominal` does."""
+def climbed(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> ModelSelection:
+    """The select_model from a layout that says no more of the mirrors than `nominal` does."""
     start = Estimate.of(nominal.camera, nominal.mirrors, scene.poses)
-    return climb(start, scene.noisy(seed), BOARD.corners_in_board_mm, level=level)
+    return select_model(start, scene.noisy(seed), BOARD.corners_in_board_mm, level=level)
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +35,13 @@ def warped(device: Layout) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def of_warped(warped: Scene, device: Layout) -> Climb:
+def of_warped(warped: Scene, device: Layout) -> ModelSelection:
     return climbed(warped, device, 0)
 
 
 def check_noise_alone(scene: Scene, nominal: Layout, seeds: range) -> None:
     found = [climbed(scene, nominal, seed) for seed in seeds]
-    quiet = [climb for climb in found if climb.level == "joint" and not climb.alarms]
+    quiet = [select_model for select_model in found if select_model.level == "joint" and not select_model.alarms]
     assert len(quiet) >= 0.95 * len(found)
 
 
@@ -60,11 +60,11 @@ def test_outliers_are_taken_for_nothing_else(scene: Scene, device: Layout) -> No
     bad = random.random(len(seen)) < 0.01
     shift = 20.0 * NOISE_PX * np.sign(random.normal(size=(len(seen), 2))) * bad[:, None]
     start = Estimate.of(device.camera, device.mirrors, scene.poses)
-    found = climb(start, replace(seen, pixels=seen.pixels + shift), BOARD.corners_in_board_mm)
+    found = select_model(start, replace(seen, pixels=seen.pixels + shift), BOARD.corners_in_board_mm)
     assert (found.level, found.alarms) == ("joint", ())
 
 
-def test_a_warped_board_is_named(of_warped: Climb) -> None:
+def test_a_warped_board_is_named(of_warped: ModelSelection) -> None:
     assert of_warped.level == "joint+warp"
     assert of_warped.alarms == ()
     np.testing.assert_allclose(of_warped.solution.estimate.shape, [0.2, 0.0], atol=0.02)
@@ -116,7 +116,7 @@ def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> 
     assert len(found.solution.parameters) == 9 + 12 + 12
 
 
-def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: Climb) -> None:
+def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: ModelSelection) -> None:
     """What the board's bow puts on the corners of a frame is shared: sigmas must cover it, and it is said."""
     wrong = climbed(warped, device, 0, level="joint")
     assert wrong.widened > 1.5
@@ -151,33 +151,33 @@ def test_a_camera_that_corners_do_not_tell_is_held_and_it_is_said(scene: Scene, 
     few = np.concatenate([rows[[0, len(rows) // 2 + 3, -1]] for rows in of_views] + [of_views[0][[4]]])
     first = first.where(np.isin(np.arange(len(first)), few))
     start = Estimate.of(device.camera, device.mirrors, scene.poses[:1])
-    found = climb(start, first, BOARD.corners_in_board_mm)
+    found = select_model(start, first, BOARD.corners_in_board_mm)
     assert found.level == "paper"
     assert found.notes[0].startswith("the corners leave the intrinsics open")
     with pytest.raises(UndeterminedError):
-        climb(start, first, BOARD.corners_in_board_mm, level="joint")
+        select_model(start, first, BOARD.corners_in_board_mm, level="joint")
 
 
 def test_two_frames_cannot_be_held_out_and_support_no_further_level(warped: Scene, device: Layout) -> None:
     seen = warped.noisy(0)
     seen = seen.where(seen.frame < 2)
-    found = climb(Estimate.of(device.camera, device.mirrors, warped.poses[:2]), seen, BOARD.corners_in_board_mm)
+    found = select_model(Estimate.of(device.camera, device.mirrors, warped.poses[:2]), seen, BOARD.corners_in_board_mm)
     assert found.level == "joint"
-    assert all(np.isnan(rung.held_out_gain) and not rung.supported for rung in found.rungs[1:])
+    assert all(np.isnan(comparison.held_out_gain) and not comparison.supported for comparison in found.comparisons[1:])
 
 
-def test_evidence_of_each_rung_adds_up(of_warped: Climb) -> None:
-    rungs = {rung.name: rung for rung in of_warped.rungs}
-    taken, left = rungs["joint+warp"], rungs["joint+warp+bend"]
+def test_evidence_of_each_rung_adds_up(of_warped: ModelSelection) -> None:
+    comparisons = {comparison.name: comparison for comparison in of_warped.comparisons}
+    taken, left = comparisons["joint+warp"], comparisons["joint+warp+bend"]
     assert taken.against == "joint"
-    assert taken.parameters == rungs["joint"].parameters + 2
+    assert taken.parameters == comparisons["joint"].parameters + 2
     assert taken.supported
     assert taken.chance < 1e-6
     assert taken.information_gain > 100
     assert taken.held_out_gain > 2
     assert taken.held_out_rms_px < 1.1 * NOISE_PX
     corners = of_warped.solution.inliers.sum()
-    squares = [2 * corners * rung.rms_px**2 for rung in (taken, left)]
+    squares = [2 * corners * comparison.rms_px**2 for comparison in (taken, left)]
     assert left.drop == pytest.approx((squares[0] - squares[1]) / left.sigma_px**2, rel=1e-4)
     assert left.chance == pytest.approx(chi2.sf(left.drop, 12), rel=0.05)
     assert left.information_gain == pytest.approx(
@@ -189,7 +189,7 @@ def test_evidence_of_each_rung_adds_up(of_warped: Climb) -> None:
 @pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
 def test_a_level_that_is_none_is_refused(level: str) -> None:
     with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
-        levels_of(level)
+        additions_of(level)
 
 
 def test_a_sheet_is_not_asked_of_mirrors_without_one(scene: Scene, device: Layout) -> None:

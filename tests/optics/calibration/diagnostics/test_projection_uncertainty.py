@@ -7,11 +7,11 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    held_in,
-    known_of,
-    points_seen_at,
+    derivatives_held_in,
+    points_at_pixels,
     project,
     projection_map,
+    uncertainty_of,
     virtual_centre,
     working_range_mm,
     worst_sigmas,
@@ -60,7 +60,7 @@ def in_proportion(predicted: FloatArray, sampled: FloatArray) -> None:
 @pytest.mark.parametrize("view", [0, 1, 2])
 def test_the_map_in_rig_is_what_resampling_shows(calibrated: Layout, resolved: list[Layout], view: int) -> None:
     predicted = projection_map(calibrated, view, reference=3, range_mm=RANGE_MM)
-    points = points_seen_at(calibrated, view, predicted.pixels, RANGE_MM)
+    points = points_at_pixels(calibrated, view, predicted.pixels, RANGE_MM)
     sampled = np.array([layout.project(points, view) for layout in resolved])
     in_proportion(predicted.in_rig_px, worst_of(sampled))
 
@@ -70,7 +70,7 @@ def test_the_map_against_the_reference_is_what_resampling_shows(
     calibrated: Layout, resolved: list[Layout], view: int
 ) -> None:
     predicted = projection_map(calibrated, view, reference=3, range_mm=RANGE_MM)
-    points = points_seen_at(calibrated, view, predicted.pixels, RANGE_MM)
+    points = points_at_pixels(calibrated, view, predicted.pixels, RANGE_MM)
     pixels = calibrated.project(points, 3)
     ranges = np.linalg.norm(points - virtual_centre(calibrated, 3), axis=1)
     sampled = []
@@ -89,10 +89,10 @@ def worst_of(sampled: FloatArray) -> FloatArray:
 
 
 def test_a_wrong_covariance_would_be_noticed(calibrated: Layout, resolved: list[Layout]) -> None:
-    known = known_of(calibrated)
+    known = uncertainty_of(calibrated)
     doubted = calibrated.replaced(uncertainty=known.replaced(covariance=1.7 * known.covariance))
     predicted = projection_map(doubted, 0, reference=3, range_mm=RANGE_MM)
-    points = points_seen_at(doubted, 0, predicted.pixels, RANGE_MM)
+    points = points_at_pixels(doubted, 0, predicted.pixels, RANGE_MM)
     with pytest.raises(AssertionError):
         in_proportion(predicted.in_rig_px, worst_of(np.array([layout.project(points, 0) for layout in resolved])))
 
@@ -100,7 +100,7 @@ def test_a_wrong_covariance_would_be_noticed(calibrated: Layout, resolved: list[
 def test_more_noise_is_more_uncertainty_and_pixels_are_pixels(scene: Scene, calibrated: Layout) -> None:
     found = projection_map(calibrated, 1, reference=3, range_mm=RANGE_MM)
     np.testing.assert_allclose(
-        calibrated.project(points_seen_at(calibrated, 1, found.pixels, RANGE_MM), 1), found.pixels, atol=1e-6
+        calibrated.project(points_at_pixels(calibrated, 1, found.pixels, RANGE_MM), 1), found.pixels, atol=1e-6
     )
     assert 0.0 < found.in_rig_px.max() < 10 * NOISE_PX
 
@@ -112,8 +112,8 @@ def test_the_reference_view_is_sure_of_itself(calibrated: Layout) -> None:
 
 
 def test_points_held_in_the_reference_view_stay_there(calibrated: Layout) -> None:
-    points = points_seen_at(calibrated, 1, np.array([[300.0, 200.0], [500.0, 300.0]]), RANGE_MM)
-    moved = held_in(calibrated, 3, points)
+    points = points_at_pixels(calibrated, 1, np.array([[300.0, 200.0], [500.0, 300.0]]), RANGE_MM)
+    moved = derivatives_held_in(calibrated, 3, points)
     shown = project(calibrated, 3, points)
     np.testing.assert_allclose(shown.by_parameter + shown.by_point @ moved, 0.0, atol=1e-8)
 

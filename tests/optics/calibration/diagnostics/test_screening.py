@@ -49,11 +49,11 @@ def solved(
     observations = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
     camera = initial_estimates.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
     start = initial_estimates.first_estimate(observations, camera, layout, corners)
-    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(corners))
+    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners))
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *consistency.judge(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *consistency.check_solution(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
@@ -185,7 +185,7 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
 
 
 def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(default_layout: Layout) -> None:
-    """A sheet or a bend that the layout leaves out pulls at the intrinsics: that is for the evidence to tell."""
+    """A sheet or a bend that the layout leaves out pulls at the intrinsics: that is for the diagnostics to tell."""
     truth = as_built(default_layout, seed=1)
     bent = tuple(mirror.replaced(curvature_per_m=[0.1, 0.05, 0.0]) for mirror in truth.mirrors)
     coated_behind = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.direct.camera_motion import camera_turns, steadied
+from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.camera import Camera
 
@@ -47,15 +47,15 @@ def pictures(moved_px: int) -> list[Grey]:
 
 
 def test_a_turn_is_found_though_much_of_the_picture_moved_otherwise() -> None:
-    turns = camera_turns(pictures(moved_px=3), CAMERA)
+    turns = camera_rotations(pictures(moved_px=3), CAMERA)
     assert turns is not None
     np.testing.assert_array_equal(turns[0], 0.0)
     np.testing.assert_allclose(turns[1], TURN_RAD, atol=0.05 / 500.0)
 
 
 def test_pictures_with_nothing_in_common_tell_no_turn() -> None:
-    assert camera_turns([grey(texture(1, (400, 640)), 1), grey(texture(5, (400, 640)), 2)], CAMERA) is None
-    assert camera_turns([np.full((400, 640), 90, dtype=np.uint8)] * 2, CAMERA) is None
+    assert camera_rotations([grey(texture(1, (400, 640)), 1), grey(texture(5, (400, 640)), 2)], CAMERA) is None
+    assert camera_rotations([np.full((400, 640), 90, dtype=np.uint8)] * 2, CAMERA) is None
 
 
 def test_corners_are_turned_back_frame_by_frame() -> None:
@@ -63,7 +63,7 @@ def test_corners_are_turned_back_frame_by_frame() -> None:
     turns = np.array([np.zeros(3), TURN_RAD])
     seen = np.concatenate([CAMERA.project(rays @ Rotation.from_rotvec(turn).as_matrix().T) for turn in turns])
     rows = Observations(np.array([0, 0, 1, 1]), np.full(4, DIRECT), np.array([0, 1, 0, 1]), seen)
-    still = steadied(rows, CAMERA, turns)
+    still = stabilised(rows, CAMERA, turns)
     np.testing.assert_allclose(still.pixels[:2], still.pixels[2:], atol=1e-9)
     np.testing.assert_allclose(still.pixels[:2], seen[:2], atol=1e-9)
     assert np.abs(seen[2:] - seen[:2]).max() == pytest.approx(1.1, abs=0.5)

@@ -86,7 +86,7 @@ def observed(estimate: Estimate, noise_px: float) -> Observations:
 def test_mirrored_views_are_predicted_without_having_been_seen() -> None:
     truth = estimate_of(0.0)
     rows = observed(truth, noise_px=0.02)
-    model = Model(("fx_px", "fy_px"), sheet=False, bend=False, board=DRAWN)
+    model = Model(("fx_px", "fy_px"), thickness=False, curvature=False, board=DRAWN)
     errors, _ = predicted_mirrored(truth, rows, model, np.arange(len(POSES)))
     assert np.isnan(errors[rows.view == DIRECT]).all()
     fair = errors[rows.view != DIRECT]

@@ -126,7 +126,7 @@ def view(
 def solved(of: Scene) -> Solution:
     corners = of.target.corners_in_board_mm
     start = first_estimate(of.found, corners, mirrors=2, width_px=of.camera.width_px, height_px=of.camera.height_px)
-    model = Model(INTRINSICS, sheet=False, bend=False, board=Board.rigid(corners))
+    model = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners))
     return fit(start.estimate, start.observations, model)
 
 

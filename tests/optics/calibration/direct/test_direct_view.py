@@ -180,12 +180,12 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
         assert found.metrics[f"flat_board_rms_{axis}_px"].value <= 0.30
     assert found.metrics["camera_turned_px"].value > 1.0
     assert found.metrics["sheet_mm"].value > 5.0 * found.metrics["sheet_sigma_mm"].value
-    assert found.evidence is not None
-    assert found.evidence.level == "joint+board+sheet"
-    assert found.evidence.reference == DIRECT
+    assert found.diagnostics is not None
+    assert found.diagnostics.level == "joint+board+sheet"
+    assert found.diagnostics.reference == DIRECT
     # What is left is of single photographs: it must be said, and widen all error bounds.
-    assert any("the halves differ" in alarm for alarm in found.evidence.alarms)
-    assert found.evidence.widened > 2.0
+    assert any("the halves differ" in alarm for alarm in found.diagnostics.alarms)
+    assert found.diagnostics.widened > 2.0
     assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.1)
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.05
 
@@ -198,7 +198,7 @@ def test_photographs_predict_each_other_from_the_direct_view_alone(
     board = Board.free(PHOTOGRAPHED.corners_in_board_mm)
     start = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
     start = replace(start, shape=np.zeros(len(board.modes)))
-    model = Model(INTRINSICS, sheet=True, bend=False, board=board)
+    model = Model(INTRINSICS, thickness=True, curvature=False, board=board)
     rows = found.observations
     errors, unseen = predicted_mirrored(start, rows, model, np.arange(len(pictures)))
     mirrored = rows.view != DIRECT

@@ -106,7 +106,7 @@ def scene(layout: Layout, *, frames: int, base_frames: int, target: Checkerboard
     parts = [mirrored_corners(layout, target, pose, 0.0, random).shifted(f) for f, pose in enumerate(mirrored)]
     parts += [direct_corners(layout, target, pose, 0.0, random).shifted(frames + f) for f, pose in enumerate(direct)]
     truth = Estimate.of(layout.camera, layout.mirrors, np.array(mirrored + direct))
-    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(target.corners_in_board_mm))
+    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm))
     return Scene(layout, truth, Observations.join(parts), model)
 
 
@@ -128,7 +128,7 @@ def large_scene() -> Scene:
     views = [(frame, view) for frame in range(30) for view in range(9)]
     seen = Observations.join([Observations.of_view(f, v, every, np.zeros((54, 2))) for f, v in views])
     truth = Estimate.of(layout.camera, layout.mirrors, poses)
-    model = Model(INTRINSIC_NAMES, sheet=False, bend=False, board=Board.rigid(target.corners_in_board_mm))
+    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm))
     return Scene(layout, truth, replace(seen, pixels=residuals(truth, seen, model.board)), model)
 
 

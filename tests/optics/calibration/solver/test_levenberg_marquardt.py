@@ -36,7 +36,7 @@ class Scene:
 
     @property
     def model(self) -> Model:
-        return Model(INTRINSIC_NAMES, sheet=False, bend=False, board=self.board)
+        return Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=self.board)
 
     def noisy(self, seed: int, sigma_px: float = SIGMA_PX) -> Observations:
         noise = np.random.default_rng(seed).normal(0.0, sigma_px, self.clean.pixels.shape)
@@ -145,7 +145,7 @@ def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: Scene) -> N
 def test_same_minimum_as_scipy(bend: bool) -> None:
     """To seven digits, with the solver's own derivatives, which are put together without its sums over groups."""
     scene = small_scene()
-    model = replace(scene.model, bend=bend)
+    model = replace(scene.model, curvature=bend)
     seen, _ = scene.noisy(5)
     start = start_from(scene.layout.camera, disturbed(scene.layout, 5, tilt_deg=0.5, offset_mm=0.5), seen, model.board)
     peer = Peer(start, seen, model)
@@ -215,14 +215,14 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> No
 
 def test_models_name_what_they_free() -> None:
     board = Board.warped(np.array([[x, y, 0.0] for y in range(3) for x in range(4)]))
-    names = Model(("k1", "fx_px"), sheet=True, bend=True, board=board).parameters(2)
+    names = Model(("k1", "fx_px"), thickness=True, curvature=True, board=board).parameters(2)
     assert names[:4] == ("fx_px", "k1", "mirror 0 x_mm", "mirror 0 y_mm")
     assert names[-4:] == ("mirror 1 curvature_xy_per_m", "sheet_mm", "board mode 0_mm", "board mode 1_mm")
     assert len(names) == len(set(names)) == 2 + 2 * 6 + 1 + 2
-    held = Model((), sheet=False, bend=False, board=Board.rigid(board.corners_in_board_mm), mirrors=False)
+    held = Model((), thickness=False, curvature=False, board=Board.rigid(board.corners_in_board_mm), mirrors=False)
     assert held.parameters(2) == ()
     with pytest.raises(ValueError, match=r"unknown intrinsics k9, expected some of fx_px, "):
-        Model(("k9",), sheet=False, bend=False, board=board)
+        Model(("k9",), thickness=False, curvature=False, board=board)
 
 
 def test_a_bowed_board_is_bowed_by_its_sag_at_the_edge() -> None:

@@ -48,7 +48,7 @@ def built(kind: str) -> Scene:
         mirrors.append(mirror)
     layout = nominal.replaced(mirrors=tuple(mirrors), camera=nominal.camera.replaced(distortion=LENS))
     found = scene(layout, frames=8, base_frames=4, target=Checkerboard(cols=9, rows=7, square_mm=16.0), seed=1)
-    return replace(found, model=replace(found.model, sheet="sheet" in kind, bend="bend" in kind))
+    return replace(found, model=replace(found.model, thickness="sheet" in kind, curvature="bend" in kind))
 
 
 def wrong_start(of: Scene, seed: int) -> Estimate:
@@ -109,7 +109,7 @@ def test_the_fitted_layout_shows_what_the_fit_predicts(kind: str) -> None:
 def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
     of = built(kind)
     errors, linear, nees = [], [], []
-    for seed in range(8 if of.model.bend else 20):
+    for seed in range(8 if of.model.curvature else 20):
         seen, noise = of.noisy(seed)
         solution = fit(of.truth, seen, of.model)
         errors.append(of.errors(solution.estimate))
@@ -124,7 +124,7 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
     assert (np.abs(np.array(errors) - np.array(linear)) / bound).max() < 0.35
     if "sheet" in kind:
         place = solution.parameters.index("sheet_mm")
-        assert claimed[place] < (0.15 if of.model.bend else 0.04)
+        assert claimed[place] < (0.15 if of.model.curvature else 0.04)
         assert abs(solution.estimate.thickness_mm[0] - TRUE_MM) < 4.0 * claimed[place]
 
 
@@ -152,7 +152,7 @@ def test_a_fit_without_them_cannot_explain_the_corners() -> None:
         of = built(kind)
         plain = tuple(mirror.apparent.replaced(curvature_per_m=np.zeros(3)) for mirror in of.layout.mirrors)
         start = start_from(of.layout.camera, plain, of.clean, of.model.board)
-        solution = fit(start, of.clean, replace(of.model, sheet=False, bend=False))
+        solution = fit(start, of.clean, replace(of.model, thickness=False, curvature=False))
         left[kind] = float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
     assert left["sheet"] > 0.01
     assert left["bend"] > 0.2
@@ -162,7 +162,7 @@ def test_a_fit_without_them_cannot_explain_the_corners() -> None:
 def test_a_sheet_where_there_is_none_is_refused() -> None:
     plain = small_scene()
     with pytest.raises(UndeterminedError, match="no mirror is second-surface"):
-        fit(plain.truth, plain.noisy(0)[0], replace(plain.model, sheet=True))
+        fit(plain.truth, plain.noisy(0)[0], replace(plain.model, thickness=True))
 
 
 def test_a_sheet_is_not_told_by_direct_views() -> None:
@@ -172,4 +172,8 @@ def test_a_sheet_is_not_told_by_direct_views() -> None:
     direct = replace(direct, frame=np.searchsorted(used, direct.frame))
     start = replace(of.truth, rig_from_board=of.truth.rig_from_board[used])
     with pytest.raises(UndeterminedError, match="nothing in 171 corners depends on sheet_mm"):
-        fit(start, direct, Model(of.model.intrinsics, sheet=True, bend=False, board=of.model.board, mirrors=False))
+        fit(
+            start,
+            direct,
+            Model(of.model.intrinsics, thickness=True, curvature=False, board=of.model.board, mirrors=False),
+        )
