@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
     from mirrorcam.optics.calibration.solver.observations import Observations
 
-PICTURES = (".png", ".jpg", ".jpeg")
-
 
 class CalibrateOptions(Value):
     """Calibrate a mirror camera from pictures of a board: its intrinsics and 3 numbers per mirror, with sigmas."""
@@ -58,13 +56,15 @@ class CalibrateOptions(Value):
 
 
 def pictures_in(paths: Sequence[Path]) -> list[Path]:
-    """The pictures themselves: a folder stands for all PNG and JPEG files in it, by name."""
+    """The pictures themselves: a folder stands for all pictures in it, by name."""
+    from mirrorcam.optics.base.files import PICTURE_ENDINGS, is_picture
+
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES)
+            inside = sorted(p for p in path.iterdir() if is_picture(p))
             if not inside:
-                raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURES)} files")
+                raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
             found += inside
         else:
             found.append(path)

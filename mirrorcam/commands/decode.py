@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from mirrorcam.optics.light_field.io.recording import Recording, Sink
     from mirrorcam.optics.light_field.light_field import LightField
 
-PICTURES = (".png", ".jpg", ".jpeg")
 MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scene/"}
 EQUALISATION = "equalisation.json"
 # Of a video, as many frames tell how bright the views are beside each other.
@@ -91,11 +90,6 @@ class DecodeOptions(Value):
         return self
 
 
-def is_picture(path: Path) -> bool:
-    """Whether a file is named like a picture; what is not is taken for a video."""
-    return path.suffix.lower() in PICTURES
-
-
 def taken_with(path: Path) -> str | None:
     """Identity of the layout that a frame or video was rendered with, by the manifest of its set; None without one."""
     for folder in path.resolve().parents[:2]:
@@ -112,7 +106,7 @@ def taken_with(path: Path) -> str | None:
 
 def check_sizes(paths: Sequence[Path], layout: Layout, layout_path: Path) -> None:
     """Read pictures once, open videos: raise InputError for one that cannot be read or is not of the layout."""
-    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.base.files import is_picture, read_image
     from mirrorcam.optics.light_field.decoder import check_belongs
     from mirrorcam.optics.light_field.io.frames import Video
 
@@ -133,7 +127,7 @@ def check_sizes(paths: Sequence[Path], layout: Layout, layout_path: Path) -> Non
 
 def measured(paths: Sequence[Path], decoder: Decoder) -> Equalisation:
     """The equalisation measured in pictures and the first frames of videos."""
-    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.base.files import is_picture, read_image
     from mirrorcam.optics.light_field.equalisation import measure
     from mirrorcam.optics.light_field.io.frames import Frame, Video
 
@@ -253,6 +247,7 @@ def decode_stream(
 
 def run(options: DecodeOptions) -> int:
     """Decode the frames."""
+    from mirrorcam.optics.base.files import is_picture
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.optics.light_field.decoder import Decoder
     from mirrorcam.optics.light_field.equalisation import Equalisation

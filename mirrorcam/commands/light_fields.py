@@ -14,8 +14,6 @@ from mirrorcam.optics.base.values import InputError, Value
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.light_field import LightField
 
-PICTURES = (".png", ".jpg", ".jpeg")
-
 
 class LightFieldsOptions(Value):
     """Light fields of any kind that `opened` reads."""
@@ -45,11 +43,11 @@ def distinct_names(paths: Sequence[Path], what: str) -> list[str]:
 
 def opened(path: Path, layout: Path | None) -> Iterator[tuple[str, LightField, tuple[float, float] | None]]:
     """The light fields of a file or folder, one after the other, each with a name and the depths it says it has."""
-    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.base.files import is_picture, read_image
     from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci
     from mirrorcam.optics.light_field.io.npz import load_npz
 
-    if path.suffix.lower() in PICTURES:
+    if is_picture(path):
         if layout is None:
             raise InputError(f"{path}: a frame, expected --layout to decode it with, or a light field")
         from mirrorcam.optics.geometry.layout import Layout

@@ -28,18 +28,17 @@ class PictureOptions(Value):
 
 def run(options: PictureOptions) -> int:
     """Render and write the picture."""
-    from mirrorcam.optics.base.files import encoded_image, write_bytes
+    from mirrorcam.optics.base.files import PICTURE_ENDINGS, encoded_image, is_picture, write_bytes
     from mirrorcam.optics.geometry.layout import Layout
 
-    suffix = options.out.suffix.lower()
-    if suffix not in (".jpg", ".png"):
-        raise InputError(f"--out {options.out}: expected a name that ends in .jpg or .png")
+    if not is_picture(options.out):
+        raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(PICTURE_ENDINGS)}")
     layout = Layout.load(options.layout)
     require("render")
     from mirrorcam.render_scenes.tabletop.product_picture import product_picture
 
     say("picture", f"{options.spp} samples a pixel ...")
     picture = product_picture(layout, options.parts, spp=options.spp)
-    write_bytes(options.out, encoded_image(picture, suffix, QUALITY))
+    write_bytes(options.out, encoded_image(picture, options.out.suffix.lower(), QUALITY))
     say("picture", f"{options.out} written")
     return 0

@@ -20,6 +20,9 @@ from pydantic import BaseModel, ValidationError
 from mirrorcam.optics.base.values import InputError, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
+JPEG_ENDINGS = (".jpg", ".jpeg")
+PICTURE_ENDINGS = (".png", *JPEG_ENDINGS, ".webp")
+"""What the names of pictures end in, in small letters, wherever pictures are read."""
 PNG_END = b"IEND\xaeB`\x82"
 # Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
 JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
@@ -113,6 +116,11 @@ def _jpeg_ends(raw: bytes) -> bool:
     return False
 
 
+def is_picture(path: Path) -> bool:
+    """Whether a file is named like a picture; capitals count as small letters."""
+    return path.suffix.lower() in PICTURE_ENDINGS
+
+
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey, as the sensor saw it (a turn noted in EXIF is not applied).
 
@@ -124,13 +132,13 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB) | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags) if raw else None
     if image is None:
-        raise InputError(f"{path}: not an image that can be decoded, expected PNG or JPEG")
+        raise InputError(f"{path}: not an image that can be decoded, expected PNG, JPEG or WebP")
     return np.asarray(image, dtype=np.uint8)
 
 
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
     """What the file of an RGB (h, w, 3) or grey (h, w) 8-bit image holds, in the format of the suffix."""
-    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in (".jpg", ".jpeg") else []
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
     encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
     if not encoded:
         raise ValueError(f"no encoder for {image.shape=}")

@@ -169,6 +169,21 @@ def test_truncated_images_are_refused(tmp_path: Path, suffix: str, kept: float) 
     assert refusal(files.read_image, path) == f"{path}: image is truncated"
 
 
+@pytest.mark.parametrize("suffix", files.PICTURE_ENDINGS)
+def test_pictures_of_every_ending_are_written_and_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix.upper()}"
+    assert files.is_picture(path)
+    files.write_image(path, picture())
+    assert np.abs(files.read_image(path).astype(float) - picture()).mean() < 3
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) // 2])
+    assert "\n" not in refusal(files.read_image, path)
+
+
+def test_other_files_are_no_pictures() -> None:
+    assert not any(files.is_picture(Path(name)) for name in ("a.mp4", "png", "a.png.partial", "a"))
+
+
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 def test_images_with_something_after_their_end_are_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
@@ -213,7 +228,7 @@ def test_a_png_with_a_broken_byte_is_refused(tmp_path: Path) -> None:
 def test_what_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(content)
-    assert "not an image that can be decoded, expected PNG or JPEG" in refusal(files.read_image, path)
+    assert "not an image that can be decoded, expected PNG, JPEG or WebP" in refusal(files.read_image, path)
 
 
 def test_an_image_of_an_unknown_suffix_is_not_written(tmp_path: Path) -> None:
