@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.split import Pieces, split
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Which way a part stands when printed: rows are the bed's x, y and z in rig.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -201,19 +201,13 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
 def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
     """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
     x_axis = across - (z_axis @ across) * z_axis
-    matrix = np.eye(4)
-    matrix[:3, 0] = x_axis / np.linalg.norm(x_axis)
-    matrix[:3, 1] = np.cross(z_axis, matrix[:3, 0])
-    matrix[:3, 2], matrix[:3, 3] = z_axis, origin
-    return matrix
+    x_axis = x_axis / np.linalg.norm(x_axis)
+    return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
 
 
 def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
     """The transform (4, 4) to the bed of a part that stands as a rotation (3, 3) says, its foot at `low_mm`."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = bed_from_rig
-    matrix[2, 3] = -low_mm
-    return matrix
+    return rigid(bed_from_rig, [0.0, 0.0, -low_mm])
 
 
 def turned(bed_from_rig: FloatArray, degrees: float) -> FloatArray:

@@ -17,6 +17,7 @@ from mirrorcam.cad.plan.prisms import box, moved, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,20 +104,15 @@ def connections(device: Device) -> tuple[Connection, ...]:
     """How the parts hang together, from the holder on."""
     mount, clip, adapter = device.mount, device.clip, device.adapter
     out_of_back = device.holder.rig_from_mount
-    foot = np.eye(4)
-    foot[:3, :3] = np.diag([1.0, -1.0, -1.0])
-    saddle_foot = foot.copy()
-    foot[:3, 3] = mount.foot.mean(axis=0)
-    saddle_foot[:3, 3] = adapter.foot_heads.mean(axis=0) + adapter.foot.grip_mm * ABOVE
+    downwards = np.diag([1.0, -1.0, -1.0])
+    foot = rigid(downwards, mount.foot.mean(axis=0))
+    saddle_foot = rigid(downwards, adapter.foot_heads.mean(axis=0) + adapter.foot.grip_mm * ABOVE)
+    split = rigid(downwards, adapter.saddle.ears.mean(axis=0))
+    cap_split = rigid(downwards, adapter.cap.ears.mean(axis=0) + adapter.cap.gap_mm * ABOVE)
     # x along the slide, z towards the clip.
-    slide = np.eye(4)
-    slide[:3, :3] = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
-    clip_slide = slide.copy()
-    slide[:3, 3] = mount.slide
-    clip_slide[:3, 3] = [0.0, clip.slide_y_mm, clip.slide_z_mm]
-    split, cap_split = foot.copy(), foot.copy()
-    split[:3, 3] = adapter.saddle.ears.mean(axis=0)
-    cap_split[:3, 3] = adapter.cap.ears.mean(axis=0) + adapter.cap.gap_mm * ABOVE
+    along_slide = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+    slide = rigid(along_slide, mount.slide)
+    clip_slide = rigid(along_slide, [0.0, clip.slide_y_mm, clip.slide_z_mm])
     return (
         Connection(
             "back", "mirror_holder", "mount", out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])

@@ -35,7 +35,7 @@ from mirrorcam.cad.plan.split import rooms_on_bed
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Solids that are joined reach into each other by so much: faces that only touch are not joined for sure.
 OVERLAP_MM = 0.5
@@ -146,9 +146,7 @@ def _solid_plan(
         for index, mirror in enumerate(layout.mirrors)
     ]
     rims = plan_rims(layout, volumes, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
-    rig_from_mount = np.eye(4)
-    rig_from_mount[:3, :3] = axes.T
-    rig_from_mount[:3, 3] = mount.centre_mm @ axes[:2] + mount.back_mm * away
+    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
     in_mount = Polygon(get_coordinates(border) - mount.centre_mm)
     walls = plan_walls(
         layout,

@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Two pins nearer than this many diameters leave the pieces free to turn.
 PINS_APART = 4.0
@@ -336,8 +336,7 @@ def _pieces(
         rest = rest.trim_by_plane([0.0, 1.0, 0.0], along[0]).trim_by_plane([0.0, -1.0, 0.0], -along[1])
         rest = _one_piece(part, number, rest, rooms_mm, hardware)
         bounds = np.array(rest.bounding_box()).reshape(2, 3)
-        lowered = np.eye(4)
-        lowered[2, 3] = -bounds[0, 2]
+        lowered = rigid(np.eye(3), [0.0, 0.0, -bounds[0, 2]])
         middle = bounds.mean(axis=0) - centre
         middle[2] = 0.0
         apart = rig_from_bed[:3, :3] @ middle
@@ -368,7 +367,7 @@ def _pieces(
                 kind="pin",
                 size=f"{hardware.holder.pin_mm[0]:g}",
                 length_mm=hardware.holder.pin_mm[1],
-                rig_from_item=frame @ _lifted(hardware.holder.pin_mm[1] / 2.0),
+                rig_from_item=frame @ rigid(np.eye(3), [0.0, 0.0, hardware.holder.pin_mm[1] / 2.0]),
                 explode_mm=(plans[first].explode_mm + plans[second].explode_mm) / 2.0,
                 joins=(plans[first].name, plans[second].name),
             )
@@ -402,17 +401,8 @@ def _two_pins(
 
 def _hole(middle: FloatArray, axis: int, side: float) -> FloatArray:
     """Frame (4, 4) on the bed of a hole that begins at a point of a cut: z into the piece, y up."""
-    frame = np.eye(4)
-    inwards = side * np.eye(3)[axis]
-    frame[:3, 2], frame[:3, 1], frame[:3, 3] = inwards, [0.0, 0.0, 1.0], middle
-    frame[:3, 0] = np.cross(frame[:3, 1], inwards)
-    return frame
-
-
-def _lifted(by_mm: float) -> FloatArray:
-    frame = np.eye(4)
-    frame[2, 3] = by_mm
-    return frame
+    inwards, upwards = side * np.eye(3)[axis], np.array([0.0, 0.0, 1.0])
+    return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), middle)
 
 
 def _one_piece(part: PartPlan, number: int, body: Manifold, rooms_mm: Span, hardware: Hardware) -> Manifold:

@@ -21,6 +21,7 @@ from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piec
 from mirrorcam.optics.base.files import atomic, write_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 
 LINK_AXES_IN_RIG = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rows: the link's x, y and z in rig."""
@@ -65,18 +66,12 @@ def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
 def link_from_rig(device: Device) -> FloatArray:
     """The transform (4, 4), mm, from rig to the link's frame."""
     saddle = device.adapter.saddle
-    matrix = np.eye(4)
-    matrix[:3, :3] = LINK_AXES_IN_RIG
-    matrix[:3, 3] = -LINK_AXES_IN_RIG @ (0.0, saddle.band_mm.mean(), saddle.axis_z_mm)
-    return matrix
+    return rigid(LINK_AXES_IN_RIG, -LINK_AXES_IN_RIG @ (0.0, saddle.band_mm.mean(), saddle.axis_z_mm))
 
 
 def rig_from_view(layout: Layout, index: int) -> FloatArray:
     """The pose (4, 4), mm, of a virtual view: at its virtual centre, looking along the views' common axes."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = layout.view_from_rig.T
-    matrix[:3, 3] = layout.virtual_centres_in_rig_mm[index]
-    return matrix
+    return rigid(layout.view_from_rig.T, layout.virtual_centres_in_rig_mm[index])
 
 
 def link(

@@ -12,6 +12,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.geometry.transforms import rigid
 
 HALF_PIXEL = 0.5
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -21,8 +22,7 @@ WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray) -> str:
     """The views as a dataset; its world is at the pupil, x right, y to the scene, z up (by default the rig frame)."""
-    world_from_rig = np.eye(4)
-    world_from_rig[:3, :3] = WORLD_FROM_VIEW @ view_from_rig
+    world_from_rig = rigid(WORLD_FROM_VIEW @ view_from_rig, np.zeros(3))
     frames = []
     for view in views:
         camera = view.cropped

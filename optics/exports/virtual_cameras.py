@@ -30,6 +30,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.exports.nearest_pinhole import nearest_pinhole
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 Flip = Literal["left-right", "top-bottom"]
 
@@ -107,7 +108,7 @@ class VirtualCamera:
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
         """Pixels (..., 2) of the flipped frame at which points (..., 3) in mm appear."""
-        return self.camera.project(points_in_rig @ self.camera_from_rig[:3, :3].T + self.camera_from_rig[:3, 3])
+        return self.camera.project(transform(self.camera_from_rig, points_in_rig))
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
@@ -130,9 +131,10 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         if np.isnan(outline).any():
             raise InputError(f"{name} reaches beyond where the lens model is defined")
         pinhole = nearest_pinhole(layout, number, outline)
-        pose = np.eye(4)
-        pose[:3, :3] = axes @ pinhole.turn @ mirror.apparent.reflection
-        pose[:3, 3] = axes @ (pinhole.turn @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.shift_mm)
+        camera_from_rig = rigid(
+            axes @ pinhole.turn @ mirror.apparent.reflection,
+            axes @ (pinhole.turn @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.shift_mm),
+        )
         views.append(
             VirtualCamera(
                 name=name,
@@ -140,7 +142,7 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
                 column=column,
                 flip=flip,
                 camera=flipped_camera(pinhole.camera, flip),
-                camera_from_rig=pose,
+                camera_from_rig=camera_from_rig,
                 outline_px=flipped_pixels(outline, layout.camera, flip),
                 pinhole_error_px=pinhole.error_px,
             )

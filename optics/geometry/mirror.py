@@ -13,6 +13,7 @@ from mirrorcam.optics.base.values import FloatArray, Points3, Value, Vector3
 from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images, plane_axes
 from mirrorcam.optics.geometry.mirror_solid import MirrorSolid
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.transforms import rigid
 
 ON_PLANE_TOLERANCE_MM = 1e-6
 NEARLY_FLAT = 0.1
@@ -241,11 +242,8 @@ class Mirror(Value):
         Origin at the mean of the outline's corners, x along the rig's x as far as the plane allows (for a mirror that
         faces along the rig's x: along the rig's z), z out of the reflecting side.
         """
-        matrix = np.eye(4)
-        for column, axis in enumerate(plane_axes(self.normal_in_rig[:, None])):
-            matrix[:3, column] = axis[:, 0]
-        matrix[:3, 2], matrix[:3, 3] = self.normal_in_rig, self.outline_in_rig_mm.mean(axis=0)
-        return matrix
+        axes = np.column_stack([*plane_axes(self.normal_in_rig[:, None]), self.normal_in_rig])
+        return rigid(axes, self.outline_in_rig_mm.mean(axis=0))
 
     @cached_property
     def outline_in_plane_mm(self) -> FloatArray:

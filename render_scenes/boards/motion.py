@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
 
 
 def along(keys: FloatArray, times: FloatArray) -> FloatArray:
@@ -16,13 +17,11 @@ def along(keys: FloatArray, times: FloatArray) -> FloatArray:
     `RotationSpline`); before and after nothing moves.
     """
     at = np.clip(times, 0.0, len(keys) - 1.0)
-    poses = np.tile(np.eye(4), (len(at), 1, 1))
     if len(keys) == 1:
-        return np.asarray(poses @ keys[0])
+        return np.repeat(keys, len(at), axis=0)
     knots = np.arange(len(keys), dtype=np.float64)
-    poses[:, :3, 3] = CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at)
-    poses[:, :3, :3] = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at).as_matrix()
-    return poses
+    turns = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
+    return rigid(turns.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
 
 
 def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
@@ -35,7 +34,4 @@ def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
     turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
     begin, end = (2.0 * parts - 1.0) * (parts - 1.0), parts * (2.0 * parts - 1.0)
     weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
-    found = np.tile(np.eye(4), (len(parts), 1, 1))
-    found[:, :3, :3] = (middle * Rotation.from_rotvec(weights @ turns)).as_matrix()
-    found[:, :3, 3] = weights @ poses[:, :3, 3]
-    return found
+    return rigid((middle * Rotation.from_rotvec(weights @ turns)).as_matrix(), weights @ poses[:, :3, 3])

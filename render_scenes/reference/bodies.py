@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh
 from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
@@ -182,9 +183,7 @@ def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
         across = np.eye(3) - np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
         rows.append(across)
         values.append(across @ (mirror.outline_in_rig_mm.mean(axis=0) - turn @ found.outline_in_rig_mm.mean(axis=0)))
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turn, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
-    return matrix
+    return rigid(turn, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
 
 
 def near_mm(bodies: Sequence[Body]) -> float:

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
@@ -168,11 +169,9 @@ def _rig_from_board(
     """A board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
     tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
     view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
-    rig_from_board = np.eye(4)
-    rig_from_board[:3, :3] = view_from_rig.T @ view_from_board
+    turn = view_from_rig.T @ view_from_board
     middle = np.array([*target.size_mm, 0.0]) / 2.0
-    rig_from_board[:3, 3] = view_from_rig.T @ centre_in_view - rig_from_board[:3, :3] @ middle
-    return rig_from_board
+    return rigid(turn, view_from_rig.T @ centre_in_view - turn @ middle)
 
 
 class _Cells:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.values import FloatArray, Matrix4, Value, Vector3
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
@@ -45,8 +46,7 @@ def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
     """A thing as shapes of Mitsuba in rig, mm."""
     import mitsuba as mi
 
-    rig_from_thing = np.eye(4)
-    rig_from_thing[:3] = view_from_rig.T @ thing.view_from_thing[:3]
+    rig_from_thing = rigid(view_from_rig.T, np.zeros(3)) @ thing.view_from_thing
     width, depth, height = thing.size_mm
     bsdf = _bsdf(thing)
 
@@ -67,7 +67,7 @@ def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
         lid[2, 3] = height / 2
         return [mi.load_dict(side), load("disk", lid)]
     surface = leaves(float(width), thing.seed) if thing.kind == "leaves" else based(thing)
-    points = surface.points @ rig_from_thing[:3, :3].T + rig_from_thing[:3, 3]
+    points = transform(rig_from_thing, surface.points)
     shape = mesh(thing.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
         shape.add_attribute("vertex_color", 3, np.float32(surface.colours).ravel())

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Value, Vector3
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.sets.poses import ROOM_MM, common_bounds
 from mirrorcam.render_scenes.tabletop.objects import Kind, Material, Thing, based
 from mirrorcam.render_scenes.tabletop.textures import TextureName
@@ -105,7 +106,7 @@ def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[
             name="wall",
             kind="rectangle",
             material="matte",
-            view_from_thing=_moved(np.eye(3), [x, top - high / 2.0, wall]),
+            view_from_thing=rigid(np.eye(3), [x, top - high / 2.0, wall]),
             size_mm=(wide, high, 0.0),
             texture="poster",
             texels_per_mm=px_mm / (wall - centre_mm),
@@ -115,7 +116,7 @@ def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[
             name="desk",
             kind="rectangle",
             material="matte",
-            view_from_thing=_moved(_STANDING, [x, top, (front + wall) / 2.0]),
+            view_from_thing=rigid(_STANDING, [x, top, (front + wall) / 2.0]),
             size_mm=(wide, wall - front, 0.0),
             texture="wood",
             texels_per_mm=px_mm / (near - centre_mm),
@@ -132,7 +133,7 @@ def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[
                 name=f"mesh {number}",
                 kind="mesh",
                 material="matte",
-                view_from_thing=_moved(_STANDING, at),
+                view_from_thing=rigid(_STANDING, at),
                 size_mm=(0.0, 0.0, 0.0),
                 colour=random.uniform(0.15, 0.75, 3),
                 file=named.file,
@@ -159,19 +160,13 @@ def _stood(
         name=place.name,
         kind=place.kind,
         material=place.material,
-        view_from_thing=_moved(turned, at),
+        view_from_thing=rigid(turned, at),
         size_mm=size_mm,
         texture=place.texture,
         texels_per_mm=place.detail * texels_per_mm,
         seed=int(random.integers(2**31)),
         colour=random.uniform(0.15, 0.75, 3),
     )
-
-
-def _moved(turned: FloatArray, at: FloatArray | list[float]) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turned, at
-    return matrix
 
 
 def check_meshes(layout: Layout, things: tuple[Thing, ...]) -> None:

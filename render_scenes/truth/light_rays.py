@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
 # How far it is to the mirror, where light leaves it, along what, and after which way.
@@ -161,4 +162,4 @@ def _refracted(way: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
 
 def _in_rig(mirror: Mirror, points: FloatArray) -> FloatArray:
     frame = mirror.rig_from_plane
-    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
+    return transform(frame, points)

@@ -18,6 +18,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.transforms import rigid
 
 SUPERSAMPLING = 2
 PX_PER_SQUARE = 48
@@ -88,7 +89,4 @@ def posed(target: Target, centre_in_rig: FloatArray, turn_deg: FloatArray, *, di
     """rig_from_board (4, 4): the board's middle at a point, facing the pupil (direct) or the mirrors, then turned."""
     facing = np.eye(3) if direct else np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     turn = facing @ Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn
-    matrix[:3, 3] = centre_in_rig - turn @ target.corners_in_board_mm.mean(axis=0)
-    return matrix
+    return rigid(turn, centre_in_rig - turn @ target.corners_in_board_mm.mean(axis=0))

@@ -15,6 +15,7 @@ from scipy.special import erf
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.truth.corners import Oracle
 
 BLUR_PX = 0.8
@@ -28,11 +29,9 @@ Crop = tuple[int, int, int, int]
 
 def tilted_board(layout: Layout) -> FloatArray:
     """A pose, rig_from_board (4, 4) in mm, of a tilted and turned board whose squares span about 35 px."""
-    pose = np.eye(4)
-    pose[:3, :3] = layout.view_from_rig.T @ Rotation.from_euler("xyz", [12, -9, 7], degrees=True).as_matrix()
+    turn = layout.view_from_rig.T @ Rotation.from_euler("xyz", [12, -9, 7], degrees=True).as_matrix()
     middle = layout.view_from_rig.T @ np.array([3.0, -60.0, 400.0])
-    pose[:3, 3] = middle - pose[:3, :3] @ np.array([*TARGET.size_mm, 0.0]) / 2.0
-    return pose
+    return rigid(turn, middle - turn @ np.array([*TARGET.size_mm, 0.0]) / 2.0)
 
 
 def windows(layout: Layout) -> list[Crop]:
@@ -89,8 +88,7 @@ def errors_by_mirror(
     px, visible = oracle.by_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):
-        moved = np.eye(4)
-        moved[axis, 3] = 0.1
+        moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
         steps.append(oracle.by_mirrors(rig_from_board @ moved)[0] - px)
     random = np.random.default_rng(0)
     errors = {}

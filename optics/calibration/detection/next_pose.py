@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
@@ -182,9 +182,7 @@ def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float
             for x in SHIFTS:
                 for y in SHIFTS:
                     centre = np.array([middle[0] + x * half[0], middle[1] + y * half[1], depth_mm])
-                    pose = np.eye(4)
-                    pose[:3, :3] = layout.view_from_rig.T @ turn
-                    pose[:3, 3] = layout.view_from_rig.T @ (centre - turn @ half)
+                    pose = rigid(layout.view_from_rig.T @ turn, layout.view_from_rig.T @ (centre - turn @ half))
                     yield pose, depth_mm, tilt
 
 

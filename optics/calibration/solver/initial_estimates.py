@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 FOCAL_BELIEVED = 1.5  # times the nominal focal length or its inverse
 
@@ -78,9 +78,7 @@ def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: F
     if not found:
         return None
     turn, shift = cv2.solvePnPRefineLM(corners_in_board_mm[view.ids], normalized[:, None], np.eye(3), None, turn, shift)
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn)[0], np.asarray(shift).ravel()
-    return matrix
+    return rigid(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
 def rig_from_board(

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
+from mirrorcam.optics.geometry.transforms import rigid
 
 
 def wall_mm(mesh: trimesh.Trimesh) -> float:
@@ -20,9 +21,7 @@ def wall_mm(mesh: trimesh.Trimesh) -> float:
 @given(st.floats(0.3, 6.0), st.floats(8.0, 40.0), st.floats(8.0, 40.0), st.integers(0, 2**32 - 1))
 def test_a_plate_is_as_thick_as_it_is_however_it_lies(thickness: float, width: float, length: float, seed: int) -> None:
     mesh = trimesh.creation.box((width, length, thickness))
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.random(random_state=seed % 2**31).as_matrix()
-    mesh.apply_transform(turn)
+    mesh.apply_transform(rigid(Rotation.random(random_state=seed % 2**31).as_matrix(), np.zeros(3)))
     assert wall_mm(mesh) == pytest.approx(thickness, abs=1e-6)
 
 

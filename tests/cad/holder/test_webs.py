@@ -12,7 +12,7 @@ from shapely import box
 
 from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 
 
 @settings(max_examples=12, deadline=None)
@@ -21,9 +21,8 @@ def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int)
     """60 x 40 x 20 mm: hollows at most 12 mm wide are as many as fit; rounding leaves out none along its sides."""
     length, width, height = 60.0, 40.0, 20.0
     floor, web, widest = HARDWARE.holder.floor_mm, HARDWARE.holder.web_mm, 12.0
-    rig_from_mount = np.eye(4)
-    rig_from_mount[:3, :3] = Rotation.random(random_state=seed).as_matrix()
-    rig_from_mount[:3, 3] = np.random.default_rng(seed).uniform(-200.0, 200.0, 3)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    rig_from_mount = rigid(turn, np.random.default_rng(seed).uniform(-200.0, 200.0, 3))
     block = Manifold.cube((length, width, height)).translate((-length / 2.0, -width / 2.0, -height))
     hollows = plan_hollows(
         block.transform(rig_from_mount[:3]),

@@ -19,6 +19,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write.robot_link import hull_of, write_robot
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +45,10 @@ def urdf(folder: Path) -> Element:
 def pose(origin: Element | None) -> FloatArray:
     """A URDF pose: metres, and turns about the fixed axes x, y, z, one after the other."""
     assert origin is not None
-    matrix = np.eye(4)
     roll, pitch, yaw = (float(turn) for turn in origin.get("rpy", "0 0 0").split())
     about = [Rotation.from_rotvec(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)]
-    matrix[:3, :3] = (about[2] * about[1] * about[0]).as_matrix()
-    matrix[:3, 3] = [float(length) for length in origin.get("xyz", "0 0 0").split()]
-    return matrix
+    shift = [float(length) for length in origin.get("xyz", "0 0 0").split()]
+    return rigid((about[2] * about[1] * about[0]).as_matrix(), shift)
 
 
 def root_from(urdf: Element, link: str) -> FloatArray:

@@ -18,6 +18,7 @@ from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
 from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
 from mirrorcam.cad.write.step_text import ordered_step
+from mirrorcam.optics.geometry.transforms import rigid
 
 SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -106,8 +107,7 @@ def test_a_screw_in_no_printed_part_is_a_bug(
 def test_parts_are_joined_by_their_connections(
     device: Device, parts: list[BuiltPart], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    parent, child = np.eye(4), np.eye(4)
-    parent[:3, 3], child[:3, 3] = [1.0, 2.0, 3.0], [1.0, 2.0, 5.0]
+    parent, child = rigid(np.eye(3), [1.0, 2.0, 3.0]), rigid(np.eye(3), [1.0, 2.0, 5.0])
     monkeypatch.setattr(
         step_assembly, "connections", lambda _: (Connection("slide", "mount", "camera_clip", parent, child),)
     )

@@ -19,6 +19,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.conftest import faceted_parabola
 from tests.optics.synthetic import posed, render
 
@@ -146,7 +147,7 @@ def test_same_pictures_same_bytes(
 def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
     pose = mirrored_pose(0)
     seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
-    points = BOARD.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, BOARD.corners_in_board_mm)
     for mirror in range(4):
         rows = seen.view == mirror
         assert rows.sum() > 15
@@ -159,7 +160,7 @@ def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
     pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
     seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even)
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
-    points = even.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, even.corners_in_board_mm)
     way_up = set()
     for mirror in range(4):
         rows = seen.view == mirror
@@ -180,7 +181,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
     frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
     seen = sub_images(frame, small_set.nominal, exchanged)
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
-    points = drawn.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, drawn.corners_in_board_mm)
     places = {}
     for mirror in range(4):
         rows_of = seen.view == mirror

@@ -20,6 +20,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.exports import virtual_cameras, write_exports
 from mirrorcam.optics.exports.kalibr import radtan
 from mirrorcam.optics.exports.numbers import number
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.exports.conftest import TOLERANCE_PX, Case, seen_through, without_k3
 
 
@@ -79,10 +80,8 @@ def urdf_poses(folder: Path) -> dict[str, FloatArray]:
     poses = {robot.get_root(): np.eye(4)}
     for joint in robot.joints:  # parents come before their children in the file
         assert joint.type == "fixed"
-        pose = np.eye(4)
         about = [Rotation.from_rotvec(angle * axis) for angle, axis in zip(joint.origin.rpy, np.eye(3), strict=True)]
-        pose[:3, :3] = (about[2] * about[1] * about[0]).as_matrix()
-        pose[:3, 3] = joint.origin.xyz
+        pose = rigid((about[2] * about[1] * about[0]).as_matrix(), joint.origin.xyz)
         poses[joint.child] = poses[joint.parent] @ pose
     assert set(poses) == {link.name for link in robot.links}
     return poses
@@ -180,7 +179,7 @@ def test_kalibr_of_a_lens_without_k3_is_exact(case: Case, tmp_path: Path) -> Non
     write_exports(layout, tmp_path)
     camera = kalibr_cameras((tmp_path / "kalibr_camchain.yaml").read_text(encoding="utf-8"))[0]
     points = seen_through(layout, 0)
-    in_camera = points @ views[0].camera_from_rig[:3, :3].T + views[0].camera_from_rig[:3, 3]
+    in_camera = transform(views[0].camera_from_rig, points)
     assert_projects(radtan_pixels(in_camera, camera), views[0].project(points))
 
 
@@ -219,7 +218,7 @@ def test_colmap_rig_config(case: Case, folder: Path) -> None:
     by_prefix = {camera.image_prefix: camera for camera in rig.cameras}
     for view, points_in_rig, pixels in zip(case.views, case.points_in_rig, case.flipped_px, strict=True):
         camera = by_prefix[f"{view.name}/"]
-        points = points_in_rig @ reference.camera_from_rig[:3, :3].T + reference.camera_from_rig[:3, 3]
+        points = transform(reference.camera_from_rig, points_in_rig)
         points = points / 1000.0
         if not camera.ref_sensor:
             points = np.array([camera.cam_from_rig * point for point in points])
@@ -231,8 +230,7 @@ def test_nerfstudio(case: Case, folder: Path) -> None:
     """As nerfstudio's data parser and its undistortion read it: OpenGL poses, half a pixel, OpenCV's lens."""
     meta = json.loads((folder / "nerfstudio" / "transforms.json").read_text(encoding="utf-8"))
     assert meta["camera_model"] == "OPENCV"
-    world_from_rig = np.eye(4)
-    world_from_rig[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ case.layout.view_from_rig
+    world_from_rig = rigid(np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ case.layout.view_from_rig, np.zeros(3))
     for place, (frame, view) in enumerate(zip(meta["frames"], case.views, strict=True)):
         camera_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(np.array(frame["transform_matrix"]))
         fx, fy, cx, cy = (frame[name] for name in ("fl_x", "fl_y", "cx", "cy"))

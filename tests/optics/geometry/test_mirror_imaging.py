@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images
+from mirrorcam.optics.geometry.transforms import transform
 
 SQUARE = np.array([[-0.18, -0.15], [0.12, -0.15], [0.12, 0.15], [-0.18, 0.15]])
 FOCAL_PX = 1360.38
@@ -75,7 +76,7 @@ def followed(of: Mirror, directions: FloatArray) -> tuple[FloatArray, FloatArray
             ratio = 1.0 / of.refractive_index if what == "in" else of.refractive_index
             along = ratio * (way - upright * normal)
             way = along + np.sign(upright) * np.sqrt(1.0 - np.sum(along**2, axis=1, keepdims=True)) * normal
-    return at @ frame[:3, :3].T + frame[:3, 3], way @ frame[:3, :3].T
+    return transform(frame, at), way @ frame[:3, :3].T
 
 
 def missed_px(of: Mirror, points: FloatArray) -> FloatArray:

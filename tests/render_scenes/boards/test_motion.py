@@ -7,15 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.boards.motion import along, poses_at
 
 
 def poses(count: int, seed: int = 0) -> FloatArray:
     random = np.random.default_rng(seed)
-    made = np.tile(np.eye(4), (count, 1, 1))
-    made[:, :3, :3] = Rotation.from_rotvec(random.normal(0.0, 0.5, (count, 3))).as_matrix()
-    made[:, :3, 3] = random.normal(0.0, 100.0, (count, 3))
-    return made
+    turns = Rotation.from_rotvec(random.normal(0.0, 0.5, (count, 3))).as_matrix()
+    return rigid(turns, random.normal(0.0, 100.0, (count, 3)))
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7])
@@ -76,10 +75,8 @@ def test_a_readout_is_as_good_as_the_motion_it_is_part_of() -> None:
 
 
 def test_constant_speed_and_spin_are_kept() -> None:
-    keys = np.tile(np.eye(4), (3, 1, 1))
-    keys[:, :3, 3] = np.outer([-1.0, 0.0, 1.0], [3.0, -2.0, 5.0])
-    keys[:, :3, 3] += [10.0, 20.0, 400.0]
-    keys[:, :3, :3] = Rotation.from_rotvec(np.outer([-1.0, 0.0, 1.0], [0.05, 0.1, -0.02])).as_matrix()
+    turns = Rotation.from_rotvec(np.outer([-1.0, 0.0, 1.0], [0.05, 0.1, -0.02])).as_matrix()
+    keys = rigid(turns, np.outer([-1.0, 0.0, 1.0], [3.0, -2.0, 5.0]) + np.array([10.0, 20.0, 400.0]))
     quarter = poses_at(keys, np.array([0.25]))[0]
     np.testing.assert_allclose(quarter[:3, 3], [8.5, 21.0, 397.5])
     np.testing.assert_allclose(Rotation.from_matrix(quarter[:3, :3]).as_rotvec(), [-0.025, -0.05, 0.01], atol=1e-12)

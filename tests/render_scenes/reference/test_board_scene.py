@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -20,17 +21,13 @@ SETTINGS = RenderSettings()
 
 def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:
     """rig_from_board of a board square to the view axis, its middle before the central mirror."""
-    rig_from_board = np.eye(4)
-    rig_from_board[:3, :3] = layout.view_from_rig.T
-    middle = layout.view_from_rig.T @ np.array([0.0, -70.0, depth_mm])
-    rig_from_board[:3, 3] = middle - rig_from_board[:3, :3] @ np.array([*target.size_mm, 0.0]) / 2.0
-    return rig_from_board
+    turn = layout.view_from_rig.T
+    middle = turn @ np.array([0.0, -70.0, depth_mm])
+    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
 
 
 def before_camera(target: Target, distance_mm: float = 400.0) -> FloatArray:
-    rig_from_board = np.eye(4)
-    rig_from_board[:3, 3] = [-target.size_mm[0] / 2, -target.size_mm[1] / 2, distance_mm]
-    return rig_from_board
+    return rigid(np.eye(3), [-target.size_mm[0] / 2, -target.size_mm[1] / 2, distance_mm])
 
 
 def grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:

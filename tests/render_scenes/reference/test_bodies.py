@@ -18,6 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_strays
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.bodies import (
@@ -69,9 +70,7 @@ def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_lay
     np.testing.assert_allclose(found @ np.linalg.inv(found), np.eye(4), atol=1e-12)
     # A body stays where it is in the holder.
     body = moved(box((0, 0, 0), (1, 2, 3)), found)
-    np.testing.assert_allclose(
-        body.points @ found[:3, :3].T + found[:3, 3], box((0, 0, 0), (1, 2, 3)).points, atol=1e-9
-    )
+    np.testing.assert_allclose(transform(found, body.points), box((0, 0, 0), (1, 2, 3)).points, atol=1e-9)
 
 
 @pytest.mark.parametrize("surface", ["first", "second"])
@@ -104,9 +103,9 @@ def test_what_stands_before_a_mirror_hides_it(
 def test_a_board_lights_a_wall_as_much_as_a_formula_says(small_layout: Layout, small_board: Charuco) -> None:
     """A matte wall beside a board, without other light: radiance = reflectance / pi * integral of L cos cos / r^2."""
     dark, wall = RenderSettings(surroundings=0.0), box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0))
-    pose = np.eye(4)  # the board stands on the left of what the camera sees and faces right
-    pose[:3, :3] = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    pose[:3, 3] = [-150.0, -small_board.size_mm[1] / 2.0, -100.0]
+    # The board stands on the left of what the camera sees and faces right.
+    turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    pose = rigid(turn, [-150.0, -small_board.size_mm[1] / 2.0, -100.0])
     scene = BoardScene(small_layout.camera, (), small_board, dark, bodies=(wall,))
     scene.place_board(pose)
     crop = (240, 135, 8, 8)
@@ -116,7 +115,7 @@ def test_a_board_lights_a_wall_as_much_as_a_formula_says(small_layout: Layout, s
     radiance = dark.ink + (dark.paper - dark.ink) * texels / 255.0
     side = small_board.size_mm[0] / small_board.cols * (small_board.cols + 2) / texels.shape[1]
     y, x = (np.mgrid[: texels.shape[0], : texels.shape[1]] + 0.5) * side - small_board.square_mm
-    points = np.stack([x, y, np.zeros_like(x)], axis=-1) @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, np.stack([x, y, np.zeros_like(x)], axis=-1))
     way = points - at
     squared = np.square(way).sum(axis=-1)
     seen = np.maximum(way @ pose[:3, 2], 0.0) * np.maximum(-way[..., 2], 0.0) / squared**2
@@ -132,9 +131,7 @@ def test_a_matte_wall_under_an_even_sky_is_as_bright_as_the_sky_times_its_reflec
     scene = BoardScene(
         small_layout.camera, (), small_board, SETTINGS, bodies=(box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0)),)
     )
-    behind = np.eye(4)
-    behind[:3, 3] = [0.0, 0.0, 400.0]
-    scene.place_board(behind)
+    scene.place_board(rigid(np.eye(3), [0.0, 0.0, 400.0]))
     found = scene.render(spp=8, seed=1, crop=(220, 120, 40, 30))
     np.testing.assert_allclose(found, 0.2 * SETTINGS.surroundings, rtol=1e-4)
 

@@ -17,6 +17,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.sets.frame_task import (
     FrameTask,
@@ -157,9 +158,8 @@ def test_a_rolling_shutter_shears_what_moves_across_by_speed_times_readout(
     # Stripes 500 mm away, moving to the right by 1 m/s while 30 ms are read out.
     board = Checkerboard(cols=9, rows=3, square_mm=100.0)
     speed_mm_per_ms, readout_ms, distance = 1.0, 30.0, 500.0
-    poses = np.tile(np.eye(4), (3, 1, 1))
-    poses[:, :3, 3] = [-450.0, -150.0, distance]
-    poses[:, 0, 3] += speed_mm_per_ms * readout_ms * np.array([-0.5, 0.0, 0.5])
+    moved_mm = speed_mm_per_ms * readout_ms * np.array([-0.5, 0.0, 0.5])
+    poses = rigid(np.eye(3), np.outer(moved_mm, [1.0, 0.0, 0.0]) + np.array([-450.0, -150.0, distance]))
     still, moving = (
         picture_of(render_frame(bare_camera(board, renderer, given, default_layout).model_dump_json()))
         for given in (poses[1:2], poses)
@@ -179,9 +179,8 @@ def test_a_rolling_shutter_stretches_what_moves_along_with_it(renderer: Renderer
     # Lying stripes: row v shows what is at v - c = f (y + speed t) / z at its time t = readout (v - c) / (h - 1).
     board = Checkerboard(cols=3, rows=21, square_mm=40.0)
     speed_mm_per_ms, readout_ms, distance = 2.0, 30.0, 500.0
-    poses = np.tile(np.eye(4), (3, 1, 1))
-    poses[:, :3, 3] = [-60.0, -420.0, distance]
-    poses[:, 1, 3] += speed_mm_per_ms * readout_ms * np.array([-0.5, 0.0, 0.5])
+    moved_mm = speed_mm_per_ms * readout_ms * np.array([-0.5, 0.0, 0.5])
+    poses = rigid(np.eye(3), np.outer(moved_mm, [0.0, 1.0, 0.0]) + np.array([-60.0, -420.0, distance]))
     still, moving = (
         picture_of(render_frame(bare_camera(board, renderer, given, default_layout).model_dump_json()))
         for given in (poses[1:2], poses)
@@ -218,8 +217,7 @@ def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layo
     (px, visible), (still, _) = oracle.while_read(poses), oracle.by_mirrors(poses[1])
     steps = []
     for axis in (0, 1):
-        moved = np.eye(4)
-        moved[axis, 3] = 0.1
+        moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
         steps.append(oracle.while_read(poses @ moved)[0] - px)
     errors, moves = [], []
     for mirror in (0, 4, 8):

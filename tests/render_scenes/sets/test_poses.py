@@ -11,7 +11,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.sets.poses import (
     ROOM_MM,
@@ -188,11 +188,9 @@ def test_every_mirror_sees_boards_near_and_far_and_tilted(plan: Plan, default_la
 
 def test_reaches_are_those_of_the_poses_that_show_enough(default_layout: Layout) -> None:
     board, forward = default_board(), default_layout.view_from_rig[2]
-    poses = np.tile(np.eye(4), (3, 1, 1))
-    for pose, depth, tilt in zip(poses, (300.0, 400.0, 600.0), (10.0, 30.0, 50.0), strict=True):
-        turn = Rotation.from_euler("x", tilt, degrees=True).as_matrix()
-        pose[:3, :3] = default_layout.view_from_rig.T @ turn
-        pose[:3, 3] = depth * forward - pose[:3, :3] @ np.array([*board.size_mm, 0.0]) / 2.0
+    tilts = Rotation.from_rotvec(np.outer([10.0, 30.0, 50.0], [1.0, 0.0, 0.0]), degrees=True).as_matrix()
+    turns, depths_mm = default_layout.view_from_rig.T @ tilts, np.array([300.0, 400.0, 600.0])
+    poses = rigid(turns, np.outer(depths_mm, forward) - turns @ np.array([*board.size_mm, 0.0]) / 2.0)
     shown = np.array([[6, 99, 0], [5, 99, 0], [7, 99, 5]])
     first, second, third = reaches(Plan(poses, np.ones(3), shown), board, forward)
     assert first == Reach(nearest_mm=300, farthest_mm=600, tilt_deg=50)

@@ -12,7 +12,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards.motion import poses_at
 from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, Oracle
 
@@ -20,11 +20,9 @@ BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
 
 
 def facing(layout: Layout, target: Checkerboard, depth_mm: float) -> FloatArray:
-    rig_from_board = np.eye(4)
-    rig_from_board[:3, :3] = layout.view_from_rig.T
-    middle = layout.view_from_rig.T @ np.array([0.0, -70.0, depth_mm])
-    rig_from_board[:3, 3] = middle - rig_from_board[:3, :3] @ np.array([*target.size_mm, 0.0]) / 2.0
-    return rig_from_board
+    turn = layout.view_from_rig.T
+    middle = turn @ np.array([0.0, -70.0, depth_mm])
+    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
 
 
 def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
@@ -67,12 +65,11 @@ def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None
     for at, seen in ((4.0, True), (0.6, False)):
         # On the ray that meets the middle of the mirror; its image lies before the mirror when it lies behind.
         place = mirror.reflect(at * middle)
-        rig_from_board = np.eye(4)
         away = place - mirror.virtual_centre_in_rig_mm
         x_axis = np.cross(away, [0.0, 0.0, 1.0])
         axes = np.stack([x_axis, np.cross(away, x_axis), away], axis=1)
-        rig_from_board[:3, :3] = axes / np.linalg.norm(axes, axis=0)
-        rig_from_board[:3, 3] = place - rig_from_board[:3, :3] @ [2.0, 1.5, 0.0]
+        axes /= np.linalg.norm(axes, axis=0)
+        rig_from_board = rigid(axes, place - axes @ [2.0, 1.5, 0.0])
         px, visible = Oracle(default_layout, target).by_mirrors(rig_from_board)
         expected = default_layout.camera.project(middle)
         np.testing.assert_allclose(px[4].mean(axis=0), expected, atol=2.0)
@@ -109,8 +106,7 @@ def test_a_mirror_in_the_way_hides_the_board(left_mm: float, hidden: str) -> Non
 
 
 def test_corners_without_an_image_are_nan_and_not_seen(default_layout: Layout) -> None:
-    behind_camera = np.eye(4)
-    behind_camera[:3, 3] = [-120.0, -84.0, -300.0]
+    behind_camera = rigid(np.eye(3), [-120.0, -84.0, -300.0])
     oracle = Oracle(default_layout, BOARD)
     px, visible = oracle.direct(behind_camera)
     assert np.isnan(px).all()
@@ -119,8 +115,7 @@ def test_corners_without_an_image_are_nan_and_not_seen(default_layout: Layout) -
 
 def test_the_bare_camera_sees_the_printed_side_only(default_layout: Layout) -> None:
     oracle = Oracle(default_layout, BOARD)
-    pose = np.eye(4)
-    pose[:3, 3] = [-120.0, -84.0, 400.0]
+    pose = rigid(np.eye(3), [-120.0, -84.0, 400.0])
     px, visible = oracle.direct(pose)
     np.testing.assert_array_equal(px, default_layout.camera.project(BOARD.corners_in_board_mm + pose[:3, 3]))
     assert visible.all()

@@ -14,6 +14,7 @@ import numpy as np
 
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_json
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.formats.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.formats.views_file import VIEWS, read_views, write_views
@@ -34,9 +35,7 @@ def write_nerfstudio(folder: Path, light_field: LightField) -> None:
         name = f"{view_name(t, s)}.png"
         write_image(folder / "images" / name, rgb(views.samples[t, s]))
         write_image(folder / "masks" / name, weight_bytes(views.weights[t, s]))
-        world_from_camera = np.eye(4)
-        world_from_camera[:3, :3] = WORLD_FROM_VIEW @ FLIP
-        world_from_camera[:3, 3] = centres_m[t, s]
+        world_from_camera = rigid(WORLD_FROM_VIEW @ FLIP, centres_m[t, s])
         matrix = views.matrices[t, s]
         frames.append(
             {

@@ -20,6 +20,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.synthetic import posed, render
 
 CAMERA = Camera(
@@ -47,7 +48,7 @@ def one_mirror() -> Layout:
 
 
 def seen(points_in_board: FloatArray, pose: FloatArray, layout: Layout | None) -> FloatArray:
-    points = points_in_board @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, points_in_board)
     return CAMERA.project(points) if layout is None else layout.project(points, 0)
 
 

@@ -17,6 +17,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.conftest import faceted_parabola
 from tests.optics.synthetic import posed, render
 
@@ -48,7 +49,7 @@ def frame(
 ) -> tuple[Grey, FloatArray]:
     """A picture by way of mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
     pose = posed(target, np.array(middle), np.array(turn_deg), direct=False)
-    points = target.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3]
+    points = transform(pose, target.corners_in_board_mm)
     truth = np.array([TILTED.project(points, index) for index in range(len(TILTED.mirrors))])
     return render(CAMERA, TILTED, target, pose, noise_grey=2.0), truth
 
@@ -73,7 +74,7 @@ def test_mirrors_tilted_by_two_degrees_show_corners_exactly(charuco_frame: tuple
 
 def _points() -> FloatArray:
     pose = posed(BOARD, np.array([0.0, 290.0, 85.0]), np.array([20.0, 15.0, 5.0]), direct=False)
-    return np.asarray(BOARD.corners_in_board_mm @ pose[:3, :3].T + pose[:3, 3])
+    return transform(pose, BOARD.corners_in_board_mm)
 
 
 def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_given_to_that_mirror() -> None:

@@ -27,6 +27,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.synthetic import render
 
 BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
@@ -62,7 +63,7 @@ def picture_of(layout: Layout, pose: FloatArray, seed: int) -> Grey:
     size = np.array(BOARD.size_mm)
     outer = np.array([[0.0, 0, 0], [size[0], 0, 0], [*size, 0], [0, size[1], 0]])
     margin = 1.1 * (outer - outer.mean(axis=0)) + outer.mean(axis=0)
-    polygon = CAMERA.project(margin @ pose[:3, :3].T + pose[:3, 3])
+    polygon = CAMERA.project(transform(pose, margin))
     rows, cols = np.mgrid[: direct.shape[0], : direct.shape[1]]
     inside = np.ones(direct.shape, dtype=bool)
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -83,10 +84,8 @@ POSES = [
 def lying(centre: tuple[float, ...], turns_deg: tuple[float, ...]) -> FloatArray:
     """rig_from_board (4, 4) of a board that lies before the mirrors, its print towards camera and mirrors alike."""
     slope, spin, lean = turns_deg
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("XYZ", [slope, lean, spin], degrees=True).as_matrix()
-    matrix[:3, 3] = centre - matrix[:3, :3] @ BOARD.corners_in_board_mm.mean(axis=0)
-    return matrix
+    turn = Rotation.from_euler("XYZ", [slope, lean, spin], degrees=True).as_matrix()
+    return rigid(turn, centre - turn @ BOARD.corners_in_board_mm.mean(axis=0))
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from mirrorcam.optics.calibration.solver.residuals import (
     residuals_with_jacobians,
 )
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import disturbed, small_scene, start_from
 
@@ -59,10 +60,8 @@ def _make_scene(modes: int = 0) -> Scene:
         mirrored = number < 8
         turn = Rotation.from_euler("xyz", random.uniform(-35, 35, 3), degrees=True).as_matrix()
         middle = [0.0, random.uniform(300, 500), 80.0] if mirrored else [0.0, 0.0, random.uniform(250, 400)]
-        pose = np.eye(4)
-        pose[:3, :3] = fold @ turn if mirrored else turn
-        pose[:3, 3] = np.array(middle) - pose[:3, :3] @ corners.mean(axis=0)
-        poses.append(pose)
+        turn = fold @ turn if mirrored else turn
+        poses.append(rigid(turn, np.array(middle) - turn @ corners.mean(axis=0)))
     truth = Estimate(camera, centres, np.array(poses), 0.3 * random.normal(size=modes))
     every = np.arange(len(corners))
     views = [(frame, view) for frame in range(8) for view in range(MIRRORS)] + [(f, DIRECT) for f in range(8, 14)]
