@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.console.progress import Advance, long_work, print_metrics, say
-from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.console.progress import long_work, print_metrics, say
+from mirrorcam.optics.base.values import Metric, Value
 
 if TYPE_CHECKING:
-    from mirrorcam.optics.calibration.detection.checkerboard import Grey
-    from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-    from mirrorcam.optics.calibration.solver.observations import Observations
+    from mirrorcam.optics.calibration.detection.next_pose import NextPose
 
 
 class CalibrateOptions(Value):
@@ -55,82 +52,25 @@ class CalibrateOptions(Value):
         return self
 
 
-def pictures_in(paths: Sequence[Path]) -> list[Path]:
-    """The pictures themselves: a folder stands for all pictures in it, by name."""
-    from mirrorcam.optics.base.files import PICTURE_ENDINGS, is_picture
-
-    found: list[Path] = []
-    for path in paths:
-        if path.is_dir():
-            inside = sorted(p for p in path.iterdir() if is_picture(p))
-            if not inside:
-                raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
-            found += inside
-        else:
-            found.append(path)
-    return found
-
-
-def calibrate_pictures(options: CalibrateOptions, advance: Advance) -> Calibration:
-    """The calibration that the options ask for; every picture is read one at a time."""
-    from mirrorcam.optics.base.files import read_image
-    from mirrorcam.optics.calibration.calibration import calibrate
-    from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner
-    from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
-    from mirrorcam.optics.geometry.layout import Layout
-    from mirrorcam.optics.geometry.targets import Checkerboard, load_board
-    from mirrorcam.workflow.workers import cores
-
-    target = load_board(options.board)
-    paths, base_paths = pictures_in(options.images), pictures_in(options.base)
-
-    def images(of: list[Path]) -> Iterator[Grey]:
-        return (read_image(path, grey=True) for path in of)
-
-    if options.layout is not None:
-        layout = Layout.load(options.layout)
-        total = len(paths) + len(base_paths)
-
-        planner = NextPosePlanner(layout, target) if options.live_hint else None
-
-        def hint(seen: Sequence[Observations]) -> None:
-            if planner is not None:
-                say("calibrate", f"{paths[len(seen) - 1].name}: {planner.after(seen[-1]).sentence}")
-
-        return calibrate(
-            images(paths),
-            images(base_paths),
-            layout,
-            target,
-            level=options.level,
-            detections=options.out / "detections",
-            workers=cores(),
-            on_frame=lambda done: advance(done, total),
-            on_seen=hint,
-        )
-    if not isinstance(target, Checkerboard) or options.mirrors is None:
-        raise InputError(f"{options.board}: a ChArUco board, expected a checkerboard for --direct-view")
-    return calibrate_with_direct_view(
-        list(images(paths)), target, mirrors=options.mirrors, names=[path.name for path in paths], on_picture=advance
-    )
-
-
-def write_calibration(calibration: Calibration, out: Path, *, command: str) -> None:
-    """Write layout.json, metrics.json, report.html and residuals.png into `out`, each atomically."""
-    from mirrorcam.figures.calibration_figure import residual_figure
-    from mirrorcam.optics.base.files import write_metrics
-    from mirrorcam.pages.calibration.calibration_page import write_report
-
-    residual_figure(calibration, out / "residuals.png")
-    write_report(calibration, out / "report.html", command=command)
-    write_metrics(out / "metrics.json", calibration.metrics)
-    calibration.layout.save(out / "layout.json")
-
-
 def run(options: CalibrateOptions) -> int:
     """Calibrate, write the result, and print its figures; 1 where the diagnostics speak against the model."""
+    from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files, write_calibration
+
+    request = CalibrationRequest(
+        pictures=options.images,
+        board=options.board,
+        layout=options.layout,
+        base_pictures=options.base,
+        mirrors=options.mirrors,
+        level=options.level,
+        detections=options.out / "detections",
+    )
+
+    def on_hint(picture: Path, hint: NextPose) -> None:
+        say("calibrate", f"{picture.name}: {hint.sentence}")
+
     with long_work("calibrate", "finding corners", "pictures") as advance:
-        calibration = calibrate_pictures(options, advance)
+        calibration = calibrate_files(request, advance, on_hint if options.live_hint else None)
         write_calibration(calibration, options.out, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": shown})

@@ -8,7 +8,6 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.calibrate import pictures_in
 from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
 
@@ -28,6 +27,7 @@ class CamerasOptions(Value):
 
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
+    from mirrorcam.optics.base.files import pictures_in
     from mirrorcam.optics.exports.write_exports import write_exports
     from mirrorcam.optics.geometry.layout import Layout
 

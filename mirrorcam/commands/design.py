@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
 from pydantic import Field, model_validator
 
 from mirrorcam.console.progress import long_work, print_metrics, say
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import Metric, Value
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.tolerances import Tolerances
+
+if TYPE_CHECKING:
+    from mirrorcam.optics.design.assess.monte_carlo import Study
 
 GROUPS = {
     "what the views share": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
@@ -42,56 +45,54 @@ class DesignOptions(Value):
         return self
 
 
-def write_design(spec: DesignSpec, out: Path) -> str:
-    """Write layout.json (optimised), parabola.json (where the optimiser starts from) and before_after.png into `out`.
-
-    Some specs have no faceted parabola: then there is no parabola.json, and what is returned says why (else "").
-    Raises InfeasibleDesign, before anything is written, when no layout meets the spec.
-    """
-    from mirrorcam.figures.design_figure import before_after
-    from mirrorcam.optics.design.assess.layout_metrics import evaluate
-    from mirrorcam.optics.design.assess.verify import verify
-    from mirrorcam.optics.design.optimise import design
-    from mirrorcam.optics.design.program.seeds import faceted_parabola
-
-    optimised = design(spec)
-    try:
-        parabola = faceted_parabola(spec)
-        parabola = parabola.replaced(
-            spec=spec, metrics=evaluate(parabola, spec.depths_mm), verdict=verify(parabola, spec)
-        )
-        missing = ""
-    except InputError as error:
-        parabola, missing = None, str(error)
-    before_after(parabola, optimised, out / "before_after.png")
-    if parabola is None:
-        (out / "parabola.json").unlink(missing_ok=True)
-    else:
-        parabola.save(out / "parabola.json")
-    optimised.save(out / "layout.json")
-    return missing
-
-
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
-    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.workflow.design_files import write_design
 
     with long_work("design", f"{options.spec.rows} x {options.spec.cols} mirrors"):
-        missing = write_design(options.spec, options.out)
-    columns = {} if missing else {"parabola": Layout.load(options.out / "parabola.json")}
-    columns["optimised"] = Layout.load(options.out / "layout.json")
+        found = write_design(options.spec, options.out)
+    columns = {} if found.parabola is None else {"parabola": found.parabola}
+    columns["optimised"] = found.optimised
     print_metrics({name: layout.metrics for name, layout in columns.items()}, GROUPS)
     print_metrics({name: layout.verdict for name, layout in columns.items()}, {"verdict": ("",)})
-    if missing:
-        say("design", f"no faceted parabola to compare with: {missing}")
+    if found.no_parabola:
+        say("design", f"no faceted parabola to compare with: {found.no_parabola}")
     say("design", f"{options.out / 'layout.json'} and {options.out / 'before_after.png'} written")
     for name in ("tolerance.json", "tolerance.png"):
         (options.out / name).unlink(missing_ok=True)  # of an earlier layout
     if options.tolerance:
-        from mirrorcam.workflow.tolerance import print_tolerance, write_tolerance
+        from mirrorcam.workflow.tolerance import write_tolerance
 
         with long_work("tolerance", "devices as built"):
-            study = write_tolerance(columns["optimised"], options.tolerances, options.out)
+            study = write_tolerance(found.optimised, options.tolerances, options.out)
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
     return 0
+
+
+def print_tolerance(study: Study) -> None:
+    """Print three tables: figures at the tolerances, medians over accuracy, and the share of each tolerance."""
+    from mirrorcam.workflow.tolerance import hidden_mirrors, spread_columns
+
+    say("tolerance", f"{study.devices} devices, standard deviations: {study.tolerances.workmanship}")
+    columns: dict[str, dict[str, Metric]] = {}
+    for name, spread in study.spreads[1.0].items():
+        for column, metric in spread_columns(spread).items():
+            columns.setdefault(column, {})[name] = metric
+    columns["median"]["hidden_mirrors"] = hidden_mirrors(study, 1.0)
+    print_metrics(columns)
+    say("tolerance", "medians at multiples of these tolerances:")
+    medians = {
+        f"{accuracy:g}x": {name: Metric(value=s.median, unit=s.unit) for name, s in spreads.items()}
+        | {"hidden_mirrors": hidden_mirrors(study, accuracy)}
+        for accuracy, spreads in study.spreads.items()
+    }
+    print_metrics(medians)
+    if study.shares:
+        say("tolerance", "causes of the departures from the design (share of their mean square, one cause at a time):")
+        print_metrics(
+            {
+                cause: {name: Metric(value=round(100.0 * share), unit="%") for name, share in shares.items()}
+                for cause, shares in study.shares.items()
+            }
+        )

@@ -8,6 +8,8 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
+from mirrorcam.console.progress import print_metrics, say
+from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.values import Value
 
 
@@ -28,4 +30,9 @@ def run(options: RunOptions) -> int:
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
     out = options.out or Path("output/quick" if options.quick else "output/default")
     command = f"mirrorcam run{' --quick' if options.quick else ''} --seed {options.seed}"
-    return 0 if run_all(recipe, out, command) else 1
+    figures = run_all(recipe, out, command, TERMINAL)
+    failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
+    limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}
+    print_metrics({"measured": failed | limited})
+    say("done", f"open {out / 'index.html'}")
+    return 0 if figures.passed else 1

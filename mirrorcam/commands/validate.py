@@ -23,14 +23,11 @@ class ValidateOptions(Value):
 
 def run(options: ValidateOptions) -> int:
     """Validate, and print every figure beside its limit."""
-    from mirrorcam.commands.calibrate import write_calibration
-    from mirrorcam.optics.base.files import write_metrics
-    from mirrorcam.workflow.validation import validate
+    from mirrorcam.workflow.validation import validate, write_validation
 
     with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
         validation = validate(options.set, advance)
-        write_calibration(validation.calibration, options.out, command="mirrorcam validate")
-        write_metrics(options.out / "metrics.json", validation.metrics)
+        write_validation(validation, options.out, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
     say("validate", "passed" if validation.passed else "past a limit")
     return 0 if validation.passed else 1

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.commands.decode import decode_frames
-from mirrorcam.commands.design import write_design
-from mirrorcam.console.progress import Advance, long_work, print_metrics, say
+from mirrorcam.console.progress import Advance
+from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
+from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.pages.run_page import read_metrics, write_page, write_pictures
 from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.workflow.decoding import decode_pictures
+from mirrorcam.workflow.design_files import write_design
 from mirrorcam.workflow.extras import require
 from mirrorcam.workflow.stages import Stage, perform, staleness
+from mirrorcam.workflow.validation import validate, write_validation
 from mirrorcam.workflow.workers import cores
 
 # What decides about a result besides our own sources.
@@ -98,15 +103,10 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         render_set(request, folder, on_frame=advance)
 
     def check(folder: Path, advance: Advance) -> None:
-        from mirrorcam.commands.calibrate import write_calibration
-        from mirrorcam.workflow.validation import validate
-
-        validation = validate(synthetic, advance)
-        write_calibration(validation.calibration, folder, command="mirrorcam run")
-        write_metrics(folder / "metrics.json", validation.metrics)
+        write_validation(validate(synthetic, advance), folder, command="mirrorcam run")
 
     def decode(folder: Path, advance: Advance) -> None:
-        decode_frames([shown], calibrated, folder, advance)
+        decode_pictures([shown], Decoder(Layout.load(calibrated)), folder, advance)
 
     def pictures(folder: Path, advance: Advance) -> None:
         write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
@@ -117,7 +117,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             design,
             doing=f"{recipe.spec.rows} x {recipe.spec.cols} mirrors",
             parameters={"spec": recipe.spec.model_dump(mode="json")},
-            sources=("optics", "mirrorcam.commands.design", "mirrorcam.figures"),
+            sources=("optics", "mirrorcam.workflow.design_files", "mirrorcam.figures"),
             tools=(*SOLVERS, "matplotlib"),
         ),
         Stage(
@@ -164,7 +164,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             sources=(
                 "optics",
                 "mirrorcam.workflow.validation",
-                "mirrorcam.commands.calibrate",
+                "mirrorcam.workflow.calibration_files",
                 "mirrorcam.pages.calibration",
                 "mirrorcam.figures",
             ),
@@ -176,7 +176,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="views of one frame",
             unit="frames",
             reads=(calibrated, shown),
-            sources=("optics", "mirrorcam.commands.decode"),
+            sources=("optics", "mirrorcam.workflow.decoding"),
             tools=SOLVERS,
         ),
         Stage(
@@ -190,38 +190,49 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     )
 
 
-def finish(stage: Stage, root: Path) -> None:
-    """Do a stage, or say that what is there is what it would make."""
+def finish(stage: Stage, root: Path, reporter: Reporter = SILENT) -> None:
+    """Do a stage, unless its folder already holds what it would make."""
     reason = staleness(stage, root)
     if not reason:
-        say(stage.name, "nothing changed, re-used")
+        reporter.note(stage.name, "nothing changed, re-used")
         return
     if (root / stage.name).exists():
-        say(stage.name, f"done again: {reason}")
-    with long_work(stage.name, stage.doing, stage.unit) as advance:
+        reporter.note(stage.name, f"done again: {reason}")
+    with reporter.work(stage.name, stage.doing, stage.unit) as advance:
         perform(stage, root, advance)
 
 
-def run_all(recipe: Recipe, root: Path, command: str) -> bool:
-    """Run what has to be run into `root`, write `metrics.json` and `index.html`; whether every figure is in its limit.
+@dataclass(frozen=True)
+class RunFigures:
+    """The figures of a run, by name: of the design, of the parts, and of the calibration against the truth."""
 
-    Raises InputError where an extra is missing, before any work is done.
+    design: Mapping[str, Metric]
+    parts: Mapping[str, Metric]
+    validation: Mapping[str, Metric]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every figure is within its limit."""
+        return all(m.passed for metrics in (self.design, self.parts, self.validation) for m in metrics.values())
+
+
+def run_all(recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT) -> RunFigures:
+    """Do the stages that are not done yet in `root`, and write `metrics.json` and `index.html`.
+
+    `command` is what the page says it was made by. Raises InputError where an extra is missing, before any work.
     """
     require("cad", "render")
     for stage in stages(recipe, root):
-        finish(stage, root)
-    design = Layout.load(root / "design" / "layout.json").metrics
-    part, truth = read_metrics(root / "cad" / "checks.json"), read_metrics(root / "validation" / "metrics.json")
+        finish(stage, root, reporter)
+    figures = RunFigures(
+        Layout.load(root / "design" / "layout.json").metrics,
+        read_metrics(root / "cad" / "checks.json"),
+        read_metrics(root / "validation" / "metrics.json"),
+    )
+    named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
     write_metrics(
         root / "metrics.json",
-        {
-            f"{room}.{name}": metric
-            for room, metrics in {"design": design, "cad": part, "validation": truth}.items()
-            for name, metric in metrics.items()
-        },
+        {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},
     )
     write_page(root, command=command, small=recipe.small)
-    failed = {name: metric for name, metric in part.items() if not metric.passed}
-    print_metrics({"measured": failed | {name: metric for name, metric in truth.items() if metric.limit is not None}})
-    say("done", f"open {root / 'index.html'}")
-    return all(metric.passed for metrics in (design, part, truth) for metric in metrics.values())
+    return figures

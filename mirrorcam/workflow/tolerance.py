@@ -1,17 +1,16 @@
-"""`mirrorcam design --tolerance`: what a maker can expect, as figures for programs and tables for people."""
+"""The tolerance study of a layout as files: figures that devices as built can be expected to reach."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from mirrorcam.console.progress import print_metrics, say
+from mirrorcam.figures.tolerance_figure import tolerance_figure
+from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.design.assess import monte_carlo
+from mirrorcam.optics.design.assess.monte_carlo import Spread, Study
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
-
-if TYPE_CHECKING:
-    from mirrorcam.optics.design.assess.monte_carlo import Spread, Study
 
 SHARE_UNIT = "of the mean square departure"
 
@@ -23,8 +22,8 @@ def tolerance_metrics(study: Study) -> dict[str, Metric]:
     for accuracy, spreads in study.spreads.items():
         at = "" if accuracy == 1.0 else f"at_{accuracy:g}x."
         for name, spread in spreads.items():
-            metrics |= {f"{at}{name}.{column}": metric for column, metric in _columns(spread).items()}
-        metrics[f"{at}hidden_mirrors"] = Metric(value=study.hidden[accuracy], unit="of the devices")
+            metrics |= {f"{at}{name}.{column}": metric for column, metric in spread_columns(spread).items()}
+        metrics[f"{at}hidden_mirrors"] = hidden_mirrors(study, accuracy)
     for cause, shares in study.shares.items():
         for name, share in shares.items():
             metrics[f"share.{cause.replace(' ', '_')}.{name}"] = Metric(value=share, unit=SHARE_UNIT)
@@ -33,45 +32,21 @@ def tolerance_metrics(study: Study) -> dict[str, Metric]:
 
 def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
     """Study a layout at the depths of its spec; write tolerance.json and tolerance.png into `out`."""
-    from mirrorcam.figures.tolerance_figure import tolerance_figure
-    from mirrorcam.optics.base.files import write_metrics
-    from mirrorcam.optics.design.assess.monte_carlo import study
-
     if layout.spec is None:
         raise ValueError("write_tolerance needs a layout with a spec, found none to take depths from")
-    found = study(layout, tolerances, sorted(layout.spec.depths_mm))
+    found = monte_carlo.study(layout, tolerances, sorted(layout.spec.depths_mm))
     tolerance_figure(found, out / "tolerance.png")
     write_metrics(out / "tolerance.json", tolerance_metrics(found))
     return found
 
 
-def print_tolerance(study: Study) -> None:
-    """Three tables: figures at the tolerances, medians over accuracy, and which tolerance does what."""
-    say("tolerance", f"{study.devices} devices, standard deviations: {study.tolerances.workmanship}")
-    columns: dict[str, dict[str, Metric]] = {}
-    for name, spread in study.spreads[1.0].items():
-        for column, metric in _columns(spread).items():
-            columns.setdefault(column, {})[name] = metric
-    columns["median"]["hidden_mirrors"] = Metric(value=study.hidden[1.0], unit="of the devices")
-    print_metrics(columns)
-    say("tolerance", "medians at so many times these tolerances:")
-    medians = {
-        f"{accuracy:g}x": {name: Metric(value=s.median, unit=s.unit) for name, s in spreads.items()}
-        | {"hidden_mirrors": Metric(value=study.hidden[accuracy], unit="of the devices")}
-        for accuracy, spreads in study.spreads.items()
-    }
-    print_metrics(medians)
-    if study.shares:
-        say("tolerance", "what the departures from the design hang on (share of their mean square, one at a time):")
-        print_metrics(
-            {
-                cause: {name: Metric(value=round(100.0 * share), unit="%") for name, share in shares.items()}
-                for cause, shares in study.shares.items()
-            }
-        )
+def hidden_mirrors(study: Study, accuracy: float) -> Metric:
+    """The share of devices in which a mirror hides another, at a factor on the tolerances."""
+    return Metric(value=study.hidden[accuracy], unit="of the devices")
 
 
-def _columns(spread: Spread) -> dict[str, Metric]:
+def spread_columns(spread: Spread) -> dict[str, Metric]:
+    """Design value, quantiles and median of a figure over the devices, by the title of their column."""
     values = {"design": spread.nominal, "p5": spread.low, "median": spread.median, "p95": spread.high}
     return {column: Metric(value=value, unit=spread.unit) for column, value in values.items()}
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_image, read_model
+from mirrorcam.optics.base.files import read_image, read_model, write_metrics
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -24,6 +24,7 @@ from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.workflow.calibration_files import write_calibration
 from mirrorcam.workflow.workers import cores
 
 LIMITS = {
@@ -105,6 +106,12 @@ def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, t
         metrics[name] = metrics[name].replaced(limit=limit)
     limited = sorted(metrics, key=lambda name: name not in LIMITS)
     return Validation(calibration, {name: metrics[name] for name in limited})
+
+
+def write_validation(validation: Validation, folder: Path, *, command: str) -> None:
+    """Write the files of the calibration into a folder, and all figures of the validation as its metrics.json."""
+    write_calibration(validation.calibration, folder, command=command)
+    write_metrics(folder / "metrics.json", validation.metrics)
 
 
 def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:

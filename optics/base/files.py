@@ -7,7 +7,7 @@ import os
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -119,6 +119,17 @@ def _jpeg_ends(raw: bytes) -> bool:
 def is_picture(path: Path) -> bool:
     """Whether a file is named like a picture; capitals count as small letters."""
     return path.suffix.lower() in PICTURE_ENDINGS
+
+
+def pictures_in(paths: Sequence[Path]) -> list[Path]:
+    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name."""
+    found: list[Path] = []
+    for path in paths:
+        inside = sorted(filter(is_picture, path.iterdir())) if path.is_dir() else [path]
+        if not inside:
+            raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
+        found += inside
+    return found
 
 
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.decode import spans, taken_with
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -25,6 +24,8 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import read_any
 from mirrorcam.optics.light_field.io.npz import load_npz, read_light_field
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
+from mirrorcam.workflow.frame_checks import layout_identity_of
+from mirrorcam.workflow.stream_recording import spans
 from tests.optics.conftest import faceted_parabola
 from tests.optics.light_field.io.videos import cut, damage, pictures, write_h264, write_mjpeg
 
@@ -176,7 +177,7 @@ def test_frames_of_another_layout_are_refused_by_their_manifest(
         manifest.write_text(json.dumps({"schema": schema, "layout_identity": layout.identity}), encoding="utf-8")
         assert cli.main(f"decode set/frames/0000.png --layout layout.json --out out_{name}".split()) == 0
         manifest.write_text("of another program", encoding="utf-8")
-        assert taken_with(here / "set" / "frames" / "0000.png") is None
+        assert layout_identity_of(here / "set" / "frames" / "0000.png") is None
         manifest.unlink()
 
 

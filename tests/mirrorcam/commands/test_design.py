@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.commands.design import write_design
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.design_files import write_design
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.Ca
 def test_a_spec_without_a_parabola_is_designed_all_the_same(
     solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert write_design(DesignSpec(), tmp_path) == ""
+    assert write_design(DesignSpec(), tmp_path).no_parabola == ""
     monkeypatch.setattr("mirrorcam.optics.design.program.seeds.faceted_parabola", no_parabola)
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.console.progress import Advance
+from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
@@ -67,7 +68,7 @@ def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[s
 
 
 def test_all_figures_of_the_rooms_are_written_together(short_chain: dict[str, Metric], tmp_path: Path) -> None:
-    assert run_all(full_recipe(0), tmp_path / "out", "mirrorcam run")
+    assert run_all(full_recipe(0), tmp_path / "out", "mirrorcam run").passed
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["validation.normal_error_max_deg"] == {
         "value": 0.01,
@@ -82,19 +83,19 @@ def test_a_figure_past_its_limit_fails_the_run_every_time_and_the_page_is_writte
     short_chain: dict[str, Metric], tmp_path: Path
 ) -> None:
     short_chain["normal_error_max_deg"] = Metric(value=0.03, unit="deg", limit=0.02)
-    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run").passed
     assert (tmp_path / "index.html").exists()
-    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    assert not run_all(full_recipe(0), tmp_path, "mirrorcam run").passed
     short_chain["normal_error_max_deg"] = Metric(value=0.02, unit="deg", limit=0.02)
-    assert run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    assert run_all(full_recipe(0), tmp_path, "mirrorcam run").passed
 
 
 def test_a_second_run_says_what_it_reuses(
     short_chain: dict[str, Metric], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    run_all(full_recipe(0), tmp_path, "mirrorcam run", TERMINAL)
     assert "re-used" not in capsys.readouterr().out
-    run_all(full_recipe(0), tmp_path, "mirrorcam run")
+    run_all(full_recipe(0), tmp_path, "mirrorcam run", TERMINAL)
     said = capsys.readouterr().out
     assert [line.split()[0] for line in said.splitlines() if "re-used" in line] == ["design", "cad", "validation"]
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam import cli
+from mirrorcam.commands.design import print_tolerance
 from mirrorcam.console.progress import console, figure_text
 from mirrorcam.figures.tolerance_figure import COLOURS, tolerance_figure
 from mirrorcam.optics.base.files import read_image
@@ -20,7 +21,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.pages.run_page import read_metrics
-from mirrorcam.workflow.tolerance import print_tolerance, tolerance_metrics, write_tolerance
+from mirrorcam.workflow.tolerance import tolerance_metrics, write_tolerance
 
 FILES = ("tolerance.json", "tolerance.png")
 

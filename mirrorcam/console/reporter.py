@@ -1,0 +1,43 @@
+"""Who hears about work of several steps: a terminal, or nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
+
+from mirrorcam.console.progress import Advance, long_work, say
+
+
+class Reporter(Protocol):
+    """Hears what work of several steps does: each step as it begins and proceeds, and remarks in between."""
+
+    def note(self, title: str, text: str) -> None:
+        """Hear a remark about the step `title`."""
+
+    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Advance]:
+        """Hear that a step begins; the context gives its `advance(done, total)` and ends with the step."""
+
+
+class Terminal:
+    """Prints steps and remarks on standard output."""
+
+    def note(self, title: str, text: str) -> None:
+        say(title, text)
+
+    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Advance]:
+        return long_work(title, doing, unit)
+
+
+class Silent:
+    """Prints nothing."""
+
+    def note(self, title: str, text: str) -> None:
+        pass
+
+    @contextmanager
+    def work(self, title: str, doing: str, unit: str = "") -> Iterator[Advance]:
+        yield lambda done, total: None
+
+
+TERMINAL, SILENT = Terminal(), Silent()

@@ -1,0 +1,118 @@
+"""A calibration from picture files, and its result as files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.console.progress import Advance
+from mirrorcam.figures.calibration_figure import residual_figure
+from mirrorcam.optics.base.files import pictures_in, read_image, write_metrics
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
+from mirrorcam.pages.calibration.calibration_page import write_report
+from mirrorcam.workflow.workers import cores
+
+
+@dataclass(frozen=True)
+class CalibrationRequest:
+    """What a calibration from files starts from.
+
+    Parameters
+    ----------
+    pictures
+        Pictures of the board through the mirrors, or folders of such pictures.
+    board
+        `board.toml` of the target.
+    layout
+        Nominal `layout.json`; None where the camera sees the board directly, too.
+    base_pictures
+        Pictures of the board by the camera without mirrors, or folders of them.
+    mirrors
+        Number of mirrors, where there is no layout.
+    level
+        Model to fit; None: the one that the pictures support.
+    detections
+        Folder that keeps found corners, so that no picture is searched twice.
+    """
+
+    pictures: tuple[Path, ...]
+    board: Path
+    layout: Path | None = None
+    base_pictures: tuple[Path, ...] = ()
+    mirrors: int | None = None
+    level: str | None = None
+    detections: Path | None = None
+
+    def __post_init__(self) -> None:
+        if (self.layout is None) == (self.mirrors is None):
+            raise InputError("expected a nominal layout, or the number of mirrors that the direct view stands beside")
+
+
+def calibrate_files(
+    request: CalibrationRequest,
+    advance: Advance = lambda done, total: None,
+    on_hint: Callable[[Path, NextPose], None] | None = None,
+) -> Calibration:
+    """Calibrate from files; every picture is read when its turn comes.
+
+    `advance` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
+    through the mirrors with the pose that the next one should show. Raises InputError where a file cannot be read or
+    the pictures do not suffice.
+    """
+    target, paths = load_board(request.board), pictures_in(request.pictures)
+    if request.layout is None:
+        return _calibrate_directly(request, target, paths, advance)
+    layout = Layout.load(request.layout)
+    base_paths = pictures_in(request.base_pictures)
+    planner = None if on_hint is None else NextPosePlanner(layout, target)
+
+    def hint(seen: Sequence[Observations]) -> None:
+        if planner is not None and on_hint is not None:
+            on_hint(paths[len(seen) - 1], planner.after(seen[-1]))
+
+    return calibrate(
+        _grey(paths),
+        _grey(base_paths),
+        layout,
+        target,
+        level=request.level,
+        detections=request.detections,
+        workers=cores(),
+        on_frame=lambda done: advance(done, len(paths) + len(base_paths)),
+        on_seen=hint,
+    )
+
+
+def _calibrate_directly(
+    request: CalibrationRequest, target: Target, paths: Sequence[Path], advance: Advance
+) -> Calibration:
+    if not isinstance(target, Checkerboard) or request.mirrors is None:
+        raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
+    names = [path.name for path in paths]
+    return calibrate_with_direct_view(
+        list(_grey(paths)), target, mirrors=request.mirrors, names=names, on_picture=advance
+    )
+
+
+def _grey(paths: Sequence[Path]) -> Iterator[Grey]:
+    return (read_image(path, grey=True) for path in paths)
+
+
+def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:
+    """Write layout.json, metrics.json, report.html and residuals.png into a folder, each atomically.
+
+    `command` is what the report says it was made by.
+    """
+    residual_figure(calibration, folder / "residuals.png")
+    write_report(calibration, folder / "report.html", command=command)
+    write_metrics(folder / "metrics.json", calibration.metrics)
+    calibration.layout.save(folder / "layout.json")

@@ -1,0 +1,145 @@
+"""Pictures, videos and a camera's stream become light fields in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+from mirrorcam.console.progress import Advance, count_text
+from mirrorcam.console.reporter import SILENT, Reporter
+from mirrorcam.optics.base.files import is_picture, read_image, write_image
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.io.frames import Device, Frame, Video
+from mirrorcam.optics.light_field.io.npz import save_npz
+from mirrorcam.optics.light_field.io.tiles import tiles
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow.frame_checks import check_frames
+from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder
+
+EQUALISATION = "equalisation.json"
+MEASURED_FRAMES = 20
+"""How many frames of a video the brightness of its views is measured in."""
+
+
+@dataclass(frozen=True)
+class DecodeRequest:
+    """Which frames become light fields, and how.
+
+    Parameters
+    ----------
+    layout
+        `layout.json`, calibrated where there is one.
+    frames
+        Pictures and videos of the camera.
+    device
+        Number of a camera of this machine, which is recorded until it is interrupted.
+    limit
+        How many frames of a video or camera are decoded at most.
+    to
+        What a video becomes: a Zarr group, or folders in another tool's format.
+    field
+        What views show at the reference depth: what all of them see, or what any sees.
+    width_px
+        Width of every view; None: as sharp as the frame.
+    reference_depth_mm
+        Depth of zero disparity, from the pupil; None: midway between those of the design.
+    regular_grid_at_mm
+        Depth at which views are moved to an even grid; None: they stay in place.
+    equalise
+        Pictures or videos in which the brightness of the views is measured, or one equalisation.json.
+    """
+
+    layout: Path
+    frames: tuple[Path, ...] = ()
+    device: int | None = None
+    limit: int | None = None
+    to: StreamFormat = "zarr"
+    field: Literal["common", "union"] = "common"
+    width_px: int | None = None
+    reference_depth_mm: float | None = None
+    regular_grid_at_mm: float | None = None
+    equalise: tuple[Path, ...] = ()
+
+
+def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILENT) -> None:
+    """Decode pictures, videos and a camera into a folder; of each, the views in one picture beside the light field.
+
+    Every input is checked before anything is written. A video that was cut off earlier is gone on with. Raises
+    InputError for an input that cannot be read, or is not of the layout's camera.
+    """
+    layout = Layout.load(request.layout)
+    check_frames(request.frames, layout, request.layout)
+    decoder = _decoder(request, layout)
+    if layout.kind == "nominal":
+        reporter.note("decode", f"{request.layout} is a design, not calibrated: views are where it wants them to be")
+    images = [path for path in request.frames if is_picture(path)]
+    if images:
+        with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
+            decode_pictures(images, decoder, folder, advance)
+        reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {folder}")
+    if decoder.equalisation is not None and _equalisation_file(request) is None:
+        decoder.equalisation.save(folder / EQUALISATION)
+        reporter.note("decode", f"factors of the views' brightness written to {folder / EQUALISATION}")
+    recorder = StreamRecorder(decoder, folder, request.to, request.limit, request.regular_grid_at_mm, reporter)
+    for source, name, origin in _streams(request, layout):
+        recorder.record(source, name, origin)
+
+
+def decode_pictures(
+    pictures: Sequence[Path], decoder: Decoder, folder: Path, advance: Advance = lambda done, total: None
+) -> None:
+    """Decode pictures into NAME.npz and NAME_views.png of a folder."""
+    for done, path in enumerate(pictures, start=1):
+        light_field = decoder.decode(read_image(path))
+        save_npz(folder / f"{path.stem}.npz", light_field)
+        write_image(folder / f"{path.stem}_views.png", tiles(light_field))
+        advance(done, len(pictures))
+
+
+def _equalisation_file(request: DecodeRequest) -> Path | None:
+    """The one equalisation.json of a request, where it names that in place of pictures."""
+    return request.equalise[0] if [path.suffix for path in request.equalise] == [".json"] else None
+
+
+def _decoder(request: DecodeRequest, layout: Layout) -> Decoder:
+    """The decoder that a request asks for, equalised where it says so."""
+    known = _equalisation_file(request)
+    if known is None:
+        check_frames(request.equalise, layout, request.layout)
+    decoder = Decoder(
+        layout,
+        field=request.field,
+        width_px=request.width_px,
+        reference_depth_mm=request.reference_depth_mm,
+        regular_grid_at_mm=request.regular_grid_at_mm,
+    )
+    if not request.equalise:
+        return decoder
+    return decoder.equalised(Equalisation.load(known) if known else measure(_sampled(request.equalise, decoder)))
+
+
+def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
+    """The light fields of pictures and of the first frames of videos."""
+    for path in paths:
+        if is_picture(path):
+            yield decoder.decode(read_image(path))
+        else:
+            whole = (item for item in Video(path).frames() if isinstance(item, Frame))
+            yield from (decoder.decode(frame.pixels) for frame in islice(whole, MEASURED_FRAMES))
+
+
+def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | Device, str, dict[str, Any]]]:
+    """Each video and the camera, with a name and what the recording says of where it is from."""
+    for path in request.frames:
+        if not is_picture(path):
+            video = Video(path)
+            yield video, path.stem, {"file": path.name, "sha256": video.sha256(), "rate_hz": video.rate_hz}
+    if request.device is not None:
+        device = Device(request.device, layout.camera.width_px, layout.camera.height_px)
+        yield device, f"device{request.device}", {"device": request.device, "started": datetime.now(UTC).isoformat()}

@@ -1,0 +1,53 @@
+"""A design as files: the optimised layout, the faceted parabola that it starts from, and a figure of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.figures.design_figure import before_after
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.design import optimise
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.design.program import seeds
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+
+
+@dataclass(frozen=True)
+class DesignComparison:
+    """An optimised layout, and the faceted parabola of its spec, or why the spec has none; both with their figures."""
+
+    optimised: Layout
+    parabola: Layout | None
+    no_parabola: str = ""
+
+
+def compare_designs(spec: DesignSpec) -> DesignComparison:
+    """Optimise a layout and evaluate the faceted parabola of the same spec.
+
+    Raises InfeasibleDesign where no layout meets the spec.
+    """
+    optimised = optimise.design(spec)
+    try:
+        parabola = seeds.faceted_parabola(spec)
+        figures = {"metrics": evaluate(parabola, spec.depths_mm), "verdict": verify(parabola, spec)}
+    except InputError as error:
+        return DesignComparison(optimised, None, str(error))
+    return DesignComparison(optimised, parabola.replaced(spec=spec, **figures))
+
+
+def write_design(spec: DesignSpec, folder: Path) -> DesignComparison:
+    """Write layout.json (optimised), parabola.json (where the spec has one) and before_after.png into a folder.
+
+    Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
+    """
+    found = compare_designs(spec)
+    before_after(found.parabola, found.optimised, folder / "before_after.png")
+    if found.parabola is None:
+        (folder / "parabola.json").unlink(missing_ok=True)
+    else:
+        found.parabola.save(folder / "parabola.json")
+    found.optimised.save(folder / "layout.json")
+    return found

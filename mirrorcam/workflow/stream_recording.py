@@ -1,0 +1,121 @@
+"""A video or a camera's stream becomes a recording of light fields, which an interrupted run goes on with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Literal
+
+from mirrorcam.console.progress import count_text
+from mirrorcam.console.reporter import Reporter
+from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.formats.hci import write_hci
+from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
+from mirrorcam.optics.light_field.io.frames import Device, Video
+from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
+from mirrorcam.optics.light_field.io.stream import record
+from mirrorcam.optics.light_field.io.tiles import tiles
+from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
+from mirrorcam.optics.light_field.light_field import LightField
+
+StreamFormat = Literal["zarr", "hci", "stanford"]
+
+
+@dataclass(frozen=True)
+class StreamRecorder:
+    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each."""
+
+    decoder: Decoder
+    folder: Path
+    to: StreamFormat
+    limit: int | None
+    regular_grid_at_mm: float | None
+    reporter: Reporter
+
+    def record(self, source: Video | Device, name: str, origin: dict[str, Any]) -> None:
+        """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
+
+        Raises InputError for a stream without a frame that can be used, and where nothing can be written.
+        """
+        sink, suffix = _sink(self.to)
+        path, picture = self.folder / f"{name}{suffix}", self.folder / f"{name}_views.png"
+        equalisation = self.decoder.equalisation
+        recording = Recording(
+            path,
+            about(
+                self.decoder.views,
+                origin,
+                regular_grid_at_mm=self.regular_grid_at_mm,
+                limit=self.limit,
+                equalisation=None if equalisation is None else equalisation.gain.tolist(),
+            ),
+            sink,
+        )
+        if recording.complete:
+            self.reporter.note("decode", f"{path} is there already, of the same frames")
+            return
+        if recording.entries.last >= 0:
+            self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
+        expected = self._expected(source)
+        try:
+            self._decode(source, name, recording, picture, expected)
+        except KeyboardInterrupt:
+            kept = count_text(len(recording.entries.numbers), "frame")
+            if isinstance(source, Video):
+                recording.close()
+                self.reporter.note("decode", f"{kept} kept, the same command goes on")
+            else:
+                recording.finish()
+                self.reporter.note("decode", f"{path} written: {kept}")
+            raise
+        recording.finish()
+        for line in losses(recording, expected):
+            self.reporter.note("decode", f"{name}: {line}")
+        kept = count_text(len(recording.entries.numbers), "frame")
+        self.reporter.note("decode", f"{path} written: {kept}; the first in {picture}")
+
+    def _expected(self, source: Video | Device) -> int | None:
+        """How many frames a stream should give, as far as that is known."""
+        count = source.count if isinstance(source, Video) else None
+        return self.limit if count is None or (self.limit or count) < count else count
+
+    def _decode(
+        self, source: Video | Device, name: str, recording: Recording, picture: Path, expected: int | None
+    ) -> None:
+        with self.reporter.work("decode", name, "frames") as advance:
+
+            def on_frame(done: int, light_field: LightField | None) -> None:
+                if light_field is not None and not picture.exists():
+                    write_image(picture, tiles(light_field))
+                advance(done, max(done, expected or 0))
+
+            record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)
+
+
+def _sink(to: StreamFormat) -> tuple[Sink, str]:
+    """How a stream is written, and what its name ends in."""
+    if to == "zarr":
+        return ZarrSink(), ".zarr"
+    return Folders(write_hci if to == "hci" else write_stanford), ""
+
+
+def losses(recording: Recording, expected: int | None) -> list[str]:
+    """Which frames could not be used and why, a line for each reason, and whether the file ends before it should."""
+    entries = recording.entries
+    seen = len(entries.numbers) + len(entries.lost)
+    lines = []
+    for reason in dict.fromkeys(entries.lost.values()):
+        numbers = sorted(number for number, why in entries.lost.items() if why == reason)
+        lines.append(f"skipped {len(numbers)} of {seen} frames, each {reason}: {spans(numbers)}")
+    if expected is not None and seen < expected:
+        lines.append(f"ends after {seen} of {expected} frames; the file is cut off")
+    return lines
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Ascending numbers as text, with runs of neighbours joined: 3, 7 to 12."""
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), key=lambda each: each[1] - each[0])]
+    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
