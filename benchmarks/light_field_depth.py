@@ -35,8 +35,8 @@ Disparity = NDArray[np.float32]
 def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: int = 16, views: int = 9) -> None:
     """Photograph the desk with an even grid of square pinhole views about the central virtual camera, 9x9 as in the
     benchmark, and write it with its truth."""
-    from mirrorcam.render_scenes.tabletop.tabletop import desk, nearest_mm
-    from mirrorcam.render_scenes.tabletop.tabletop_scene import Room, pinhole_rays
+    from mirrorcam.render_scenes.tabletop.tabletop import arrange_tabletop, nearest_mm
+    from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene, pinhole_rays
     from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
     layout = Layout.load(DEFAULT_LAYOUT)
@@ -51,13 +51,13 @@ def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: i
         width_px=size_px,
         height_px=size_px,
     )
-    room = Room(layout, desk(layout, default_depths_mm(layout), 1), mirror_reflectance=0.92)
+    scene = TabletopScene(layout, arrange_tabletop(layout, default_depths_mm(layout), 1), mirror_reflectance=0.92)
     samples = np.empty((views, views, size_px, size_px, 3), np.uint8)
     for t, s in np.ndindex(views, views):
-        light = room.view(geometry, t, s, nearest_mm(layout), spp=spp, seed=100 * t + s)
+        light = scene.view(geometry, t, s, nearest_mm(layout), spp=spp, seed=100 * t + s)
         samples[t, s] = np.rint(255.0 * np.clip(light * np.float32(0.9), 0.0, 1.0) ** (1 / 2.2))
-    hits = room.hits(*pinhole_rays(geometry, views // 2, views // 2, nearest_mm(layout)))
-    depth = np.where(hits.thing < 0, np.nan, np.nan_to_num(hits.points) @ geometry.view_from_rig[2])
+    hits = scene.hits(*pinhole_rays(geometry, views // 2, views // 2, nearest_mm(layout)))
+    depth = np.where(hits.object_index < 0, np.nan, np.nan_to_num(hits.points) @ geometry.view_from_rig[2])
     light_field = LightField.of(geometry, samples, np.ones(samples.shape[:4], np.float32))
     write_hci(folder, light_field, depth.astype(np.float32))
 
@@ -165,9 +165,9 @@ def _inner(scene: HciScene) -> HciScene:
 
 
 def desk_errors(folder: Path) -> None:
-    from mirrorcam.render_scenes.tabletop.tabletop_set import DeskSet, read_map
+    from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet, read_map
 
-    manifest = DeskSet.load(folder)
+    manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
     light_field = Decoder(Layout.load(folder / "truth/layout.json")).decode(read_image(folder / manifest.frame_name))
     found = DepthEstimator(light_field).estimate(light_field)

@@ -37,7 +37,7 @@ from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, F
 from mirrorcam.optics.light_field.features.keypoints import detector, grey_views, inner_masks
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, DeskSet, read_map
+from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, TabletopSet, read_map
 
 RATIO = 0.8
 ON_LINE_PX = 1.0
@@ -58,7 +58,7 @@ class Desk:
 
 def read_desk(folder: Path) -> Desk:
     """The frame of a desk, decoded by the layout as built: errors of features, not of a calibration, are measured."""
-    manifest = DeskSet.load(folder)
+    manifest = TabletopSet.load(folder)
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
     t, s = manifest.central_view
     depth = read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")

@@ -30,7 +30,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, seen_from
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, homography, refocus
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths
-from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, DeskSet, read_map
+from mirrorcam.render_scenes.tabletop.tabletop_set import MASK, TabletopSet, read_map
 
 SOFTNESS_PX = 0.95
 IN_FOCUS_PX = 0.25
@@ -51,7 +51,7 @@ def true_view(folder: Path, t: int, s: int) -> NDArray[np.float64]:
 
 def in_focus_everywhere(folder: Path, light_field: LightField, depth_mm: float) -> NDArray[np.bool_]:
     """Pixels (v, u) of the central view that show, in every view, a matte thing on the plane at a depth."""
-    t, s = DeskSet.load(folder).central_view
+    t, s = TabletopSet.load(folder).central_view
     plane = FocalPlane.at_depth(light_field, depth_mm)
     size = light_field.width_px, light_field.height_px
     where = read_image(folder / f"truth/mask/{t}_{s}.png", grey=True) == MASK["matte"]
@@ -69,14 +69,14 @@ def in_focus_everywhere(folder: Path, light_field: LightField, depth_mm: float) 
 def decoded(folder: Path) -> LightField:
     """The frame of a desk, by the layout as built, its views made equally bright."""
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
-    frame = read_image(folder / DeskSet.load(folder).frame_name)
+    frame = read_image(folder / TabletopSet.load(folder).frame_name)
     return decoder.equalised(measure([decoder.decode(frame)])).decode(frame)
 
 
 def quality(folder: Path) -> None:
     """Print how near pictures of a desk are to what pinholes see."""
     light_field = decoded(folder)
-    t, s = DeskSet.load(folder).central_view
+    t, s = TabletopSet.load(folder).central_view
     true, central = true_view(folder, t, s), light_field.samples[t, s].astype(np.float64)
     print(
         f"{folder.name}: {light_field.cols}x{light_field.rows} views of {light_field.width_px}x{light_field.height_px}"

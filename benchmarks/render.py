@@ -29,7 +29,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, default_board
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.sets.frame_task import FrameTask, Stage, render_frame
+from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
@@ -65,10 +65,10 @@ def median_s(take: Callable[[int], object], frames: int) -> tuple[float, float]:
 
 def tasks(layout: Layout, board: Charuco, poses: FloatArray, settings: RenderSettings) -> list[str]:
     """The frames of a set without maps, as workers get them."""
-    stage = Stage(built=layout, mirrors=True, target=board, settings=settings)
+    setup = CaptureSetup(built=layout, mirrors=True, target=board, settings=settings)
     return [
         FrameTask(
-            stage=stage, name=f"{i:04d}{settings.suffix}", map_name=None, poses=pose[None], key=(0, i)
+            setup=setup, name=f"{i:04d}{settings.suffix}", map_name=None, poses=pose[None], key=(0, i)
         ).model_dump_json()
         for i, pose in enumerate(poses)
     ]

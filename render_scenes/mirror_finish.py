@@ -9,7 +9,7 @@ from pydantic import Field
 
 from mirrorcam.optics.base.values import FloatArray, Value
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.render_scenes.settings import Bend, Finish, RenderSettings
+from mirrorcam.render_scenes.settings import Bend, RenderSettings, SurfaceFinish
 
 
 class MirrorFinish(Value):
@@ -70,7 +70,7 @@ def radius_mm(mirror: Mirror) -> float:
     return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
 
 
-def even(settings: RenderSettings, count: int) -> tuple[MirrorFinish, ...]:
+def uniform_finishes(settings: RenderSettings, count: int) -> tuple[MirrorFinish, ...]:
     """Mirrors that are all as bright as the settings say, smooth and flat."""
     return (MirrorFinish(reflectance=(settings.mirror_reflectance,) * 3),) * count
 
@@ -81,7 +81,7 @@ def draw_finishes(settings: RenderSettings, count: int, random: np.random.Genera
     The same generator and settings of other sizes: the same, scaled.
     """
     asked = settings.finish
-    if asked == Finish():
+    if asked == SurfaceFinish():
         return ()
     found = []
     for brightness, sag in random.standard_normal((count, 2)):

@@ -72,7 +72,7 @@ SENSORS: dict[SensorName, SensorModel] = {
 Bend = Literal["sphere", "cylinder"]
 
 
-class Finish(Value):
+class SurfaceFinish(Value):
     """How the mirrors of a device stray from even, smooth and flat ones; each is drawn from the seed of its set."""
 
     tint: tuple[float, float, float] = Field(
@@ -102,7 +102,7 @@ class RenderSettings(Value):
     paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
     ink: float = Field(default=0.05, ge=0, description="radiance of its print")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
-    finish: Finish = Finish()
+    finish: SurfaceFinish = SurfaceFinish()
     surroundings: float = Field(
         default=0.25, ge=0, description="radiance of all around, where a device's parts stand in the scene; else none"
     )

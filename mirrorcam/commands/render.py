@@ -14,7 +14,14 @@ from pydantic import Field, ValidationError, model_validator
 from mirrorcam.console.progress import count_text, long_work, say
 from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.settings import SENSORS, Finish, RendererName, RenderSettings, SensorModel, VideoName
+from mirrorcam.render_scenes.settings import (
+    SENSORS,
+    RendererName,
+    RenderSettings,
+    SensorModel,
+    SurfaceFinish,
+    VideoName,
+)
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
@@ -70,7 +77,7 @@ def sensor_from_text(text: str) -> SensorModel:
     return read_model(SensorModel, Path(text))
 
 
-def settings_of(options: RenderOptions, sensor: SensorModel, finish: Finish) -> RenderSettings:
+def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFinish) -> RenderSettings:
     """The settings that options ask for; raises InputError where they contradict each other."""
     try:
         return RenderSettings(
@@ -161,7 +168,7 @@ def run(options: RenderOptions) -> int:
     target = default_board() if options.board is None else load_board(options.board)
     given = None if options.poses is None else read_model(PosesFile, options.poses)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
-    finish = Finish() if options.finish is None else read_model(Finish, options.finish)
+    finish = SurfaceFinish() if options.finish is None else read_model(SurfaceFinish, options.finish)
     settings = settings_of(options, sensor, finish)
     require("render")
     from mirrorcam.render_scenes.sets.dataset import MANIFEST

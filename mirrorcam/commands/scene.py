@@ -73,9 +73,9 @@ def run(options: SceneOptions) -> int:
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
     from mirrorcam.figures.tabletop_figure import overview
-    from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, DeskRequest, render_desk
+    from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, TabletopRequest, render_tabletop
 
-    request = DeskRequest(
+    request = TabletopRequest(
         layout=layout,
         depths_mm=options.depths_mm,
         meshes=tuple(mesh_from_text(text) for text in options.mesh),
@@ -86,7 +86,7 @@ def run(options: SceneOptions) -> int:
     )
     views = layout.rows * layout.cols
     with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
-        render_desk(request, options.out, on_picture=advance)
+        render_tabletop(request, options.out, on_picture=advance)
         write_image(options.out / OVERVIEW, overview(options.out))
     truth = options.out / "truth"
     say(

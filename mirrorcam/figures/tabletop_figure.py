@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import read_image
-from mirrorcam.render_scenes.tabletop.tabletop_set import DeskSet, read_map
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet, read_map
 
 HEIGHT_PX = 480
 GAP_PX = 10
@@ -17,7 +17,7 @@ GAP_PX = 10
 
 def overview(folder: Path) -> NDArray[np.uint8]:
     """The picture (h, w, 3) of a rendered desk; frame and view are brightened as screens expect, red is near."""
-    manifest = DeskSet.load(folder)
+    manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
     frame, view = (
         _for_screens(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")

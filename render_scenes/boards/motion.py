@@ -10,7 +10,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 
-def along(keys: FloatArray, times: FloatArray) -> FloatArray:
+def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
     """Poses (n, 4, 4) at times (n,) on a smooth way through poses (k, 4, 4), which it passes at times 0, 1, 2 ...
 
     A cubic spline of the positions, which sets out from rest and comes to rest, and one of the rotations (SciPy's

@@ -50,7 +50,7 @@ def board_from_texels(target: Target) -> FloatArray:
     return np.array([[texel_mm, 0.0, -margin_mm], [0.0, texel_mm, -margin_mm], [0.0, 0.0, 1.0]])
 
 
-def world_from_sheet(target: Target, rig_from_board: FloatArray) -> FloatArray:
+def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
     """The 4x4 that lays Mitsuba's rectangle ([-1, 1]^2, shining along +z, v up) on the sheet, printed side out."""
     width, height = target.size_mm
     margin = MARGIN_SQUARES * target.square_mm

@@ -21,9 +21,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
-from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, Compiled, Plain
-from mirrorcam.render_scenes.fast.pixel_footprints import Lanes, View, lanes_of, views_of
-from mirrorcam.render_scenes.mirror_finish import MirrorFinish, even
+from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, DrJitArithmetic, NumpyArithmetic
+from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, VirtualView, pixel_footprints, virtual_views
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
@@ -31,8 +31,8 @@ SAMPLED = 64  # lanes of a view at which footprints are looked at
 
 
 @dataclass(frozen=True)
-class Level:
-    """One scale of the print: `columns` x `rows` texels, with a rim of nothing, from `begin` on in `Pyramid.texels`."""
+class MipLevel:
+    """One scale of the print: `columns` x `rows` texels, with a rim of nothing, from `begin` on in `Mipmap.texels`."""
 
     begin: int
     columns: int
@@ -40,15 +40,15 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Pyramid:
+class Mipmap:
     """The print at scales of 1, 1/2, 1/4 ..., one after the other: on one, a footprint is at most a texel wide."""
 
     texels: NDArray[np.float32]
-    levels: tuple[Level, ...]
+    levels: tuple[MipLevel, ...]
 
 
 @dataclass(frozen=True)
-class Map:
+class PrintMap:
     """Light along r = (x, y, 1) of a view, its centre slid by s, left the print at (print - s slide) r / (depth r).
 
     `print` (2, 3) and `slide` (2, 3) are in texels, `depth` (3,) is positive along light that left the printed side.
@@ -60,7 +60,7 @@ class Map:
 
 
 @dataclass(frozen=True)
-class _Held:
+class _LoadedFootprints:
     """Lanes as arrays to compute with, and the normalized coordinates (m, 2) of some of them."""
 
     view: int
@@ -73,17 +73,17 @@ class _Held:
     weight: Any
 
 
-def pyramid_of(radiance: FloatArray) -> Pyramid:
+def build_mipmap(radiance: FloatArray) -> Mipmap:
     """The scales of a print (rows, columns); a texel is the mean of four of the scale before."""
     images = [radiance]
     while min(images[-1].shape) >= 4:
         rows, columns = images[-1].shape
-        even = np.pad(images[-1], ((0, rows % 2), (0, columns % 2)))
-        images.append(even.reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2).mean(axis=(1, 3)))
+        padded = np.pad(images[-1], ((0, rows % 2), (0, columns % 2)))
+        images.append(padded.reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2).mean(axis=(1, 3)))
     rimmed = [np.pad(image, 1) for image in images]
     begins = np.cumsum([0, *(image.size for image in rimmed)]).tolist()
-    levels = tuple(Level(begin, *image.shape[::-1]) for begin, image in zip(begins, rimmed, strict=False))
-    return Pyramid(np.concatenate([image.ravel() for image in rimmed]).astype(np.float32), levels)
+    levels = tuple(MipLevel(begin, *image.shape[::-1]) for begin, image in zip(begins, rimmed, strict=False))
+    return Mipmap(np.concatenate([image.ravel() for image in rimmed]).astype(np.float32), levels)
 
 
 class FastScene:
@@ -105,15 +105,15 @@ class FastScene:
         variant: str | None = None,
     ) -> None:
         self.variant = use_variant(variant)
-        self._xp: Arithmetic = Plain() if self.variant == SCALAR else Compiled()
+        self._xp: Arithmetic = NumpyArithmetic() if self.variant == SCALAR else DrJitArithmetic()
         self._shape = camera.height_px * settings.subpixels, camera.width_px * settings.subpixels
-        self._pyramid = pyramid_of(printed_radiance(target, settings))
-        self._texels = self._xp.held(self._pyramid.texels)
+        self._mipmap = build_mipmap(printed_radiance(target, settings))
+        self._texels = self._xp.loaded(self._mipmap.texels)
         self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
-        self._views = views_of(mirrors)
-        reflectances = np.array([finish.luminance for finish in finishes or even(settings, len(mirrors))])
-        layers = lanes_of(camera, mirrors, settings.subpixels, reflectances)
-        self._layers = [[self._held(lanes) for lanes in layer] for layer in layers]
+        self._views = virtual_views(mirrors)
+        reflectances = np.array([finish.luminance for finish in finishes or uniform_finishes(settings, len(mirrors))])
+        layers = pixel_footprints(camera, mirrors, settings.subpixels, reflectances)
+        self._layers = [[self._loaded(footprints) for footprints in layer] for layer in layers]
         self.place_board(np.eye(4))
 
     def place_board(self, *poses: FloatArray) -> None:
@@ -129,38 +129,46 @@ class FastScene:
         """Radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing of it is random."""
         canvases = [self._xp.canvas(self._shape[0] * self._shape[1]) for _ in self._layers]
         for canvas, layer in zip(canvases, self._layers, strict=True):
-            for lane in layer:
-                maps = self._maps[lane.view]
-                index = self._level(maps[len(maps) // 2], lane)
-                numbers = [self._xp.numbers(_scaled(to_print, lane, 0.5**index)) for to_print in maps]
-                self._xp.put(canvas, lane.square, self._radiance(lane, self._pyramid.levels[index], numbers))
+            for footprints in layer:
+                maps = self._maps[footprints.view]
+                index = self._level(maps[len(maps) // 2], footprints)
+                numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
+                self._xp.put(canvas, footprints.square, self._radiance(footprints, self._mipmap.levels[index], numbers))
         # One layer, and no copy of it, unless mirrors are sheets or hide each other.
         light = self._xp.finished(canvases[0])
         for canvas in canvases[1:]:
             light = light + self._xp.finished(canvas)
         return light.reshape(self._shape)
 
-    def _held(self, lanes: Lanes) -> _Held:
-        some = slice(None, None, max(len(lanes.square) // SAMPLED, 1))
-        arrays = (self._xp.held(values) for values in (lanes.square, lanes.x, lanes.y, lanes.slide_mm, lanes.weight))
-        return _Held(lanes.view, lanes.steps, np.column_stack([lanes.x, lanes.y])[some].astype(np.float64), *arrays)
+    def _loaded(self, footprints: PixelFootprints) -> _LoadedFootprints:
+        some = slice(None, None, max(len(footprints.square) // SAMPLED, 1))
+        arrays = (
+            self._xp.loaded(values)
+            for values in (footprints.square, footprints.x, footprints.y, footprints.slide_mm, footprints.weight)
+        )
+        return _LoadedFootprints(
+            footprints.view,
+            footprints.steps,
+            np.column_stack([footprints.x, footprints.y])[some].astype(np.float64),
+            *arrays,
+        )
 
-    def _level(self, to_print: Map, lane: _Held) -> int:
+    def _level(self, to_print: PrintMap, footprints: _LoadedFootprints) -> int:
         """The finest scale whose texels are as wide as the view's footprints."""
-        rays = np.column_stack([lane.some, np.ones(len(lane.some))])
+        rays = np.column_stack([footprints.some, np.ones(len(footprints.some))])
         rays = rays[rays @ to_print.depth > 0.0]
         depth = (rays @ to_print.depth)[:, None]
         at = rays @ to_print.print.T / depth
-        moves = to_print.print[:, :2] @ lane.steps - at[:, :, None] * (to_print.depth[:2] @ lane.steps)
+        moves = to_print.print[:, :2] @ footprints.steps - at[:, :, None] * (to_print.depth[:2] @ footprints.steps)
         widest = (np.linalg.norm(moves, axis=-1) / depth).max(initial=1.0)
-        return int(min(np.ceil(np.log2(widest)), len(self._pyramid.levels) - 1))
+        return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))
 
-    def _radiance(self, lane: _Held, level: Level, numbers: list[list[Any]]) -> Any:
+    def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]]) -> Any:
         """Mean radiance of the print over the footprints of lanes, times what of it arrives."""
-        xp, x, y, slide = self._xp, lane.x, lane.y, lane.slide_mm
+        xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
         n = numbers[0]
         if len(numbers) == 3:
-            time = xp.real(lane.square // self._shape[1]) * (1.0 / (self._shape[0] - 1))
+            time = xp.real(footprints.square // self._shape[1]) * (1.0 / (self._shape[0] - 1))
             n = [
                 a + time * (4.0 * b - 3.0 * a - c + time * (2.0 * (a + c) - 4.0 * b))
                 for a, b, c in zip(*numbers, strict=True)
@@ -177,10 +185,10 @@ class FastScene:
         at = row * columns + column + xp.index(level.begin)
         above = _mixed(xp.take(self._texels, at), xp.take(self._texels, at + 1), left)
         below = _mixed(xp.take(self._texels, at + columns), xp.take(self._texels, at + columns + 1), left)
-        return xp.where(per_depth > 0.0, lane.weight * _mixed(above, below, upper), 0.0)
+        return xp.where(per_depth > 0.0, footprints.weight * _mixed(above, below, upper), 0.0)
 
 
-def map_to_print(view: View, rig_from_board: FloatArray, texels_from_board: FloatArray) -> Map:
+def map_to_print(view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray) -> PrintMap:
     """Where light along (x, y, 1) of a view left the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose."""
     board_from_rig = rig_from_board[:3, :3].T
     centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
@@ -193,15 +201,21 @@ def map_to_print(view: View, rig_from_board: FloatArray, texels_from_board: Floa
     # Seen from the unprinted side, or looking away: a depth that is never positive.
     depth = turn[2] if centre[2] < 0.0 else np.array([0.0, 0.0, -1.0])
     flat = texels_from_board[:2, :2]
-    return Map(
+    return PrintMap(
         flat @ meets_board(centre) + np.outer(texels_from_board[:2, 2], turn[2]), depth, flat @ meets_board(normal)
     )
 
 
-def _scaled(to_print: Map, lane: _Held, scale: float) -> list[float]:
+def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> list[float]:
     """The 21 numbers of a map to a scale of the print, whose texels are counted from the corner of the rim."""
     at = scale * to_print.print + to_print.depth
-    parts = (at, to_print.depth, scale * to_print.slide, at[:, :2] @ lane.steps, to_print.depth[:2] @ lane.steps)
+    parts = (
+        at,
+        to_print.depth,
+        scale * to_print.slide,
+        at[:, :2] @ footprints.steps,
+        to_print.depth[:2] @ footprints.steps,
+    )
     return [float(number) for part in parts for number in part.ravel()]
 
 

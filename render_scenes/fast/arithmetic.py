@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 class Arithmetic(Protocol):
     """Single floats and unsigned integers. What `numbers` and `index` hold may change without a new compilation."""
 
-    def held(self, values: NDArray[Any]) -> Any:
+    def loaded(self, values: NDArray[Any]) -> Any:
         """An array of float32 or uint32 to compute with."""
 
     def numbers(self, values: list[float]) -> list[Any]:
@@ -47,10 +47,10 @@ class Arithmetic(Protocol):
         """What was put into a canvas."""
 
 
-class Plain:
+class NumpyArithmetic:
     """NumPy."""
 
-    def held(self, values: NDArray[Any]) -> Any:
+    def loaded(self, values: NDArray[Any]) -> Any:
         return values
 
     def numbers(self, values: list[float]) -> list[Any]:
@@ -90,7 +90,7 @@ class Plain:
         return np.asarray(canvas)
 
 
-class Compiled:
+class DrJitArithmetic:
     """Dr.Jit, in the variant of Mitsuba that has been set."""
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class Compiled:
 
         self._dr, self._float, self._uint = drjit, mitsuba.Float, mitsuba.UInt32
 
-    def held(self, values: NDArray[Any]) -> Any:
+    def loaded(self, values: NDArray[Any]) -> Any:
         array = (self._uint if values.dtype == np.uint32 else self._float)(values)
         self._dr.eval(array)
         return array

@@ -27,11 +27,11 @@ FINE = 4  # samples along each side of a square that the edge of a mirror cuts
 
 
 @dataclass(frozen=True)
-class View:
+class VirtualView:
     """Light along (x, y, 1) in the camera seems to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
 
     These are the virtual centre and the reflection of a mirror's front, or zero and the identity of the bare camera.
-    The centre slides along -`normal_in_rig` (3,) by `Lanes.slide_mm`.
+    The centre slides along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
     """
 
     centre_in_rig_mm: FloatArray
@@ -40,7 +40,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Lanes:
+class PixelFootprints:
     """Squares of the sensor that show a view, each once; all arrays are (n,).
 
     `square` is its index in the picture, row by row; `x`, `y` are the normalized image coordinates of its middle;
@@ -58,34 +58,34 @@ class Lanes:
     steps: FloatArray
 
 
-def views_of(mirrors: tuple[Mirror, ...]) -> tuple[View, ...]:
+def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
     """The view of each mirror; without mirrors that of the bare camera."""
     if not mirrors:
-        return (View(np.zeros(3), np.eye(3), np.zeros(3)),)
+        return (VirtualView(np.zeros(3), np.eye(3), np.zeros(3)),)
     return tuple(
-        View(-2.0 * _front_distance_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
+        VirtualView(-2.0 * _front_distance_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
         for mirror in mirrors
     )
 
 
-def lanes_of(
+def pixel_footprints(
     camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray
-) -> tuple[tuple[Lanes, ...], ...]:
+) -> tuple[tuple[PixelFootprints, ...], ...]:
     """The squares of a sensor whose pixels are cut into `cut` x `cut`, view by view, in layers whose light adds up.
 
     A layer for each number of passes through the sheets, and another where squares show two mirrors; within a layer no
     square is twice. `reflectances` (mirrors,) are those of the coatings.
     """
-    grid = _Grid(camera, cut)
+    grid = _SensorGrid(camera, cut)
     if not mirrors:
         nothing = np.zeros(grid.count)
-        return ((grid.lanes(0, np.arange(grid.count), nothing, nothing + 1.0),),)
-    layers: list[list[Lanes]] = []
+        return ((grid.footprints(0, np.arange(grid.count), nothing, nothing + 1.0),),)
+    layers: list[list[PixelFootprints]] = []
     # Nearer mirrors first: of a square, a farther one shows at most what they leave.
     order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
-        alone: list[Lanes] = []
+        alone: list[PixelFootprints] = []
         layers.append(alone)
         for index in order:
             mirror = mirrors[index]
@@ -95,15 +95,17 @@ def lanes_of(
             shared = free[square] < 1.0
             part = np.minimum(part, free[square])
             free[square] -= part
-            slide, light = _through(mirror, passes, grid.points(square), float(reflectances[index]))
-            alone.append(grid.lanes(index, square[~shared], slide[~shared], (light * part)[~shared]))
+            slide, light = _transmitted(mirror, passes, grid.points(square), float(reflectances[index]))
+            alone.append(grid.footprints(index, square[~shared], slide[~shared], (light * part)[~shared]))
             shared &= part > 0.0
             if shared.any():
-                layers.append([grid.lanes(index, square[shared], slide[shared], (light * part)[shared])])
-    return tuple(tuple(lanes for lanes in layer if len(lanes.square)) for layer in layers if layer)
+                layers.append([grid.footprints(index, square[shared], slide[shared], (light * part)[shared])])
+    return tuple(tuple(footprints for footprints in layer if len(footprints.square)) for layer in layers if layer)
 
 
-def _through(mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float) -> tuple[FloatArray, FloatArray]:
+def _transmitted(
+    mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float
+) -> tuple[FloatArray, FloatArray]:
     """How far the centre slides (n,), mm, and what is left of the light (n,) along rays (n, 2)."""
     count = len(normalized)
     if not mirror.is_second_surface:
@@ -124,7 +126,7 @@ def _tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(squared / along**2 - 1.0, 1e-12))
 
 
-class _Grid:
+class _SensorGrid:
     """The squares of a sensor, and the rays through them."""
 
     def __init__(self, camera: Camera, cut: int) -> None:
@@ -145,9 +147,11 @@ class _Grid:
         """Normalized coordinates (n, 2) of the middles of squares."""
         return np.asarray(self.normalized.reshape(-1, 2)[square])
 
-    def lanes(self, view: int, square: NDArray[np.int64], slide_mm: FloatArray, weight: FloatArray) -> Lanes:
+    def footprints(
+        self, view: int, square: NDArray[np.int64], slide_mm: FloatArray, weight: FloatArray
+    ) -> PixelFootprints:
         x, y = self.points(square).astype(np.float32).T
-        return Lanes(
+        return PixelFootprints(
             view=view,
             square=square.astype(np.uint32),
             x=np.ascontiguousarray(x),

@@ -16,11 +16,11 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import printed_radiance, world_from_sheet
-from mirrorcam.render_scenes.mirror_finish import MirrorFinish, even
-from mirrorcam.render_scenes.reference.bodies import Body, body_shapes, near_mm
+from mirrorcam.render_scenes.boards.printed_board import printed_radiance, rig_from_rectangle
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
+from mirrorcam.render_scenes.reference.bodies import DeviceBody, body_shapes, near_mm
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
-from mirrorcam.render_scenes.reference.integrator import SHEET_BRANCHES, Light, integrator, render
+from mirrorcam.render_scenes.reference.integrator import PLATE_BRANCHES, PathOptions, integrator, render
 from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import use_variant
@@ -41,14 +41,14 @@ class BoardScene:
         settings: RenderSettings,
         *,
         finishes: Sequence[MirrorFinish] = (),
-        bodies: Sequence[Body] = (),
+        bodies: Sequence[DeviceBody] = (),
         variant: str | None = None,
     ) -> None:
         self.variant = use_variant(variant)
         import mitsuba as mi
 
         self.camera, self.target = camera, target
-        finishes = finishes or even(settings, len(mirrors))
+        finishes = finishes or uniform_finishes(settings, len(mirrors))
         # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
         radiance = printed_radiance(target, settings)[::-1]
         self.scene = mi.load_dict(
@@ -56,7 +56,7 @@ class BoardScene:
                 "type": "scene",
                 "board": {
                     "type": "rectangle",
-                    "to_world": mi.ScalarTransform4f(world_from_sheet(target, np.eye(4)).astype(np.float32)),
+                    "to_world": mi.ScalarTransform4f(rig_from_rectangle(target, np.eye(4)).astype(np.float32)),
                     "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
                     "emitter": {
                         "type": "area",
@@ -83,9 +83,9 @@ class BoardScene:
         rough = any(finish.roughness > 0.0 for finish in finishes)
         sheets = any(mirror.is_second_surface for mirror in mirrors)
         self.integrator = integrator(
-            Light(
+            PathOptions(
                 mirrors_only=bool(mirrors) and not bodies,
-                branches=SHEET_BRANCHES if sheets else 1,
+                branches=PLATE_BRANCHES if sheets else 1,
                 lit=bool(bodies) or rough,
                 max_bounces=16 if sheets else 8,
             )
@@ -97,7 +97,7 @@ class BoardScene:
         import mitsuba as mi
 
         self._parameters["board.to_world"] = mi.Transform4f(
-            world_from_sheet(self.target, rig_from_board).astype(np.float32)
+            rig_from_rectangle(self.target, rig_from_board).astype(np.float32)
         )
         self._parameters.update()
 

@@ -32,7 +32,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class DeviceBody:
     """One thing: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear red, green and blue.
 
     `kind` is what `mirrorcam cad` calls it: part, mirror, camera, screw, insert, nut or pin.
@@ -46,7 +46,7 @@ class Body:
     rgb: tuple[float, float, float]
 
 
-class Parts(Value):
+class DeviceParts(Value):
     """What of a device stands around its mirrors: files by the checksum of all, and how the camera sits among them.
 
     `holder_from_rig` is rigid, from the frame of the camera to that of the parts, mm.
@@ -57,14 +57,14 @@ class Parts(Value):
     holder_from_rig: Matrix4
 
 
-def parts_of(folder: Path, nominal: Layout, built: Layout) -> Parts:
+def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
     """The parts in a folder around a device built of a layout.
 
     Raises InputError for a folder without any, or for one of a device with other mirrors.
     """
     if (folder / ASSEMBLY).is_file():
         check_mirrors(folder, nominal)
-    return Parts(
+    return DeviceParts(
         folder=str(folder.resolve()),
         checksum=checksum(folder),
         holder_from_rig=holder_from_rig(nominal, built),
@@ -82,7 +82,7 @@ def check_mirrors(folder: Path, nominal: Layout) -> None:
         raise InputError(f"{folder}: parts of another layout, expected what `mirrorcam cad` wrote of this one")
 
 
-def bodies_around(parts: Parts) -> tuple[Body, ...]:
+def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:
     """The bodies of a device in the frame of its camera, rig. Raises InputError where files are not those meant."""
     folder = Path(parts.folder)
     if checksum(folder) != parts.checksum:
@@ -111,7 +111,7 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
     return found
 
 
-def read_bodies(folder: Path) -> tuple[Body, ...]:
+def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
     """All that stands in a device but its mirrors: of the assembly of `mirrorcam cad`, or of STL files in rig, mm."""
     files = parts_files(folder)
     if files[0].name == ASSEMBLY:
@@ -119,11 +119,11 @@ def read_bodies(folder: Path) -> tuple[Body, ...]:
     bodies = []
     for path in files:
         found = read_mesh(path)
-        bodies.append(Body(path.stem, "part", found.points, found.faces.astype(np.int64), None, PLASTIC_RGB))
+        bodies.append(DeviceBody(path.stem, "part", found.points, found.faces.astype(np.int64), None, PLASTIC_RGB))
     return tuple(bodies)
 
 
-def read_assembly(path: Path) -> tuple[Body, ...]:
+def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
     """The pieces of an `assembly.glb`: of binary glTF 2.0, the nodes below `device`. Raises InputError in one line."""
     raw = read_bytes(path)
     try:
@@ -138,7 +138,7 @@ def read_assembly(path: Path) -> tuple[Body, ...]:
         raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {what}") from None
 
 
-def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Body:
+def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> DeviceBody:
     (primitive,) = tree["meshes"][node["mesh"]]["primitives"]
 
     def read(number: int) -> NDArray[Any]:
@@ -154,7 +154,7 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Body:
     if not np.isfinite(points).all() or faces.max() >= len(points):
         raise ValueError(f"{node['name']} is no mesh")
     normals = read(primitive["attributes"]["NORMAL"]).astype(np.float64)
-    return Body(
+    return DeviceBody(
         node["name"],
         node["extras"]["kind"],
         points.astype(np.float64),
@@ -164,7 +164,7 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Body:
     )
 
 
-def moved(body: Body, holder_from_rig: FloatArray) -> Body:
+def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
     """A body of the holder in the frame of the camera, by a rigid 4x4."""
     turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
     normals = None if body.normals is None else body.normals @ turn
@@ -186,7 +186,7 @@ def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
     return rigid(turn, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
 
 
-def near_mm(bodies: Sequence[Body]) -> float:
+def near_mm(bodies: Sequence[DeviceBody]) -> float:
     """The z at which the camera's own body ends, in which the pupil lies; 0 without one."""
     return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
 
@@ -194,21 +194,22 @@ def near_mm(bodies: Sequence[Body]) -> float:
 class Obstacles:
     """Bodies as what stops light, in the frame of the camera; the variant of Mitsuba must have been set."""
 
-    def __init__(self, bodies: Sequence[Body]) -> None:
+    def __init__(self, bodies: Sequence[DeviceBody]) -> None:
         import mitsuba as mi
 
         self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
         self._near_mm = near_mm(bodies)
 
-    def free_mm(self, start: FloatArray, way: FloatArray) -> FloatArray:
+    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
         """How far (...) rays from points (..., 3) along unit vectors (..., 3) go; infinite, and NaN of NaN."""
         import drjit as dr
         import mitsuba as mi
 
-        shape = np.shape(way)[:-1]
-        known = (np.isfinite(start) & np.isfinite(way)).all(axis=-1).ravel()
+        shape = np.shape(direction)[:-1]
+        known = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
         flat = [
-            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32) for values in (start, way)
+            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32)
+            for values in (start, direction)
         ]
         if dr.is_jit_v(mi.Float):
             rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
@@ -226,7 +227,7 @@ class Obstacles:
         return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))
 
 
-def body_shapes(bodies: Sequence[Body]) -> dict[str, Any]:
+def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
     """Bodies as matte shapes of the current variant, by name."""
     return {
         f"body_{body.name}": mesh(

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 CLEARANCE_MM = 0.02
 # Steps of the R2 sequence (Roberts): 1/g and 1/g^2 with g^3 = g + 1, the plane's best-spread additive recurrence.
 R2_STEPS = (0.7548776662466927, 0.5698402909959032)
-SHEET_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
+PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
 NUMBERS = 8  # random ones that a bounce may take
 
 
 @dataclass(frozen=True)
-class Light:
+class PathOptions:
     """What an integrator has to follow: only what a scene needs costs time.
 
     With `mirrors_only` what the camera sees directly is black. `branches` is how many ways through the first sheet are
@@ -87,7 +87,7 @@ def _plugin(variant: str) -> str:
         return total
 
     class LightPaths(mi.SamplingIntegrator):
-        """Plugin "light_paths": emission at the ends of paths, as `Light` says."""
+        """Plugin "light_paths": emission at the ends of paths, as `PathOptions` says."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
@@ -222,7 +222,7 @@ def _plugin(variant: str) -> str:
     return name
 
 
-def integrator(light: Light) -> Any:
+def integrator(light: PathOptions) -> Any:
     """The integrator for the current variant."""
     import mitsuba as mi
 

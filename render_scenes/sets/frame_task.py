@@ -20,7 +20,7 @@ from mirrorcam.render_scenes.boards.motion import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.bodies import Obstacles, Parts, bodies_around
+from mirrorcam.render_scenes.reference.bodies import DeviceParts, Obstacles, bodies_around
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.sets.video import as_key_frame
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -40,7 +40,7 @@ COARSE = 16
 STRIP_PX = 8
 
 
-class Stage(Value):
+class CaptureSetup(Value):
     """What the frames of a set share: the device as built (or, without mirrors, its camera), board and settings."""
 
     built: Layout
@@ -48,7 +48,7 @@ class Stage(Value):
     target: Target
     settings: RenderSettings
     finishes: tuple[MirrorFinish, ...] = Field(default=(), description="of the mirrors; none: all alike")
-    parts: Parts | None = Field(default=None, description="that stand around the mirrors")
+    parts: DeviceParts | None = Field(default=None, description="that stand around the mirrors")
     variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
 
 
@@ -58,38 +58,38 @@ class FrameTask(Value):
     Three poses are those at the first row of a rolling shutter, halfway, and at the last.
     """
 
-    stage: Stage
+    setup: CaptureSetup
     name: str
     map_name: str | None
     poses: Annotated[FloatArray, Shaped((None, 4, 4))]
     key: tuple[int, ...] = Field(min_length=1)
 
 
-class _Set:
+class _SetRenderer:
     """A stage that is built: its renderer, and how the rays of its pixels go."""
 
-    def __init__(self, stage: Stage) -> None:
-        built, settings = stage.built, stage.settings
-        mirrors = built.mirrors if stage.mirrors else ()
-        bodies = () if stage.parts is None else bodies_around(stage.parts)
+    def __init__(self, setup: CaptureSetup) -> None:
+        built, settings = setup.built, setup.settings
+        mirrors = built.mirrors if setup.mirrors else ()
+        bodies = () if setup.parts is None else bodies_around(setup.parts)
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
             self.scene = FastScene(
-                built.camera, mirrors, stage.target, settings, finishes=stage.finishes, variant=stage.variant
+                built.camera, mirrors, setup.target, settings, finishes=setup.finishes, variant=setup.variant
             )
         else:
             self.scene = BoardScene(
                 built.camera,
                 mirrors,
-                stage.target,
+                setup.target,
                 settings,
-                finishes=stage.finishes,
+                finishes=setup.finishes,
                 bodies=bodies,
-                variant=stage.variant,
+                variant=setup.variant,
             )
         self.settings = settings
         obstacles = Obstacles(bodies) if bodies else None
-        follow = partial(pixel_rays, built, mirrors=stage.mirrors, finishes=stage.finishes, obstacles=obstacles)
+        follow = partial(pixel_rays, built, mirrors=setup.mirrors, finishes=setup.finishes, obstacles=obstacles)
         self.rays = follow() if settings.maps else None
         self.coarse = follow(step=COARSE)
 
@@ -116,32 +116,32 @@ class _Set:
 
 
 @lru_cache(maxsize=2)
-def _set(stage_json: str) -> _Set:
+def _set_renderer(setup_json: str) -> _SetRenderer:
     # One for the frames and one for those of the camera alone.
-    return _Set(Stage.model_validate_json(stage_json))
+    return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 
 def render_frame(task_json: str) -> dict[str, bytes]:
     """The files of one frame, by their names in the set: the same for the same task, whoever renders it."""
     task = FrameTask.model_validate_json(task_json)
-    stage, settings = task.stage, task.stage.settings
-    made = _set(stage.model_dump_json())
+    setup, settings = task.setup, task.setup.settings
+    made = _set_renderer(setup.model_dump_json())
     key = np.random.SeedSequence(task.key)
     radiance = made.radiance(task.poses, seed=int(key.generate_state(1)[0]))
     halfway = task.poses[len(task.poses) // 2]
     picture = photograph(
         radiance,
         settings.subpixels,
-        stage.built.camera,
+        setup.built.camera,
         settings.sensor,
         np.random.default_rng(key.spawn(1)[0]),
         _full_size(path_lengths(made.coarse, halfway), radiance, settings.subpixels),
     )
     files = {task.name: _compressed(picture, settings)}
     if task.map_name is not None and made.rays is not None:
-        maps = _maps(made.rays, stage.target, task.poses)
-        header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": stage.built.identity, "units": "mm"}
-        header |= {"target": stage.target.model_dump_json(), "settings": settings.model_dump_json()}
+        maps = _maps(made.rays, setup.target, task.poses)
+        header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": setup.built.identity, "units": "mm"}
+        header |= {"target": setup.target.model_dump_json(), "settings": settings.model_dump_json()}
         files[task.map_name] = exr_bytes(maps, header)
     return files
 
@@ -150,7 +150,7 @@ def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, Float
     """What pixels show of a board along poses (1 or 3, 4, 4): each row when it is read."""
     if len(poses) == 1:
         return board_maps(rays, target, poses[0])
-    fields = (rays.mirror, rays.start, rays.way, rays.before_mm, rays.free_mm)
+    fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.free_mm)
     count = len(rays.mirror)
     meanwhile = poses_at(poses, np.arange(count) / (count - 1))
     rows = [
@@ -162,7 +162,7 @@ def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, Float
 
 def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
     """`render_frame` for one of as many processes as there are cores."""
-    use_variant(FrameTask.model_validate_json(task_json).stage.variant)
+    use_variant(FrameTask.model_validate_json(task_json).setup.variant)
     import drjit
 
     drjit.set_thread_count(1)

@@ -33,7 +33,7 @@ _ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
 
 
 @dataclass(frozen=True)
-class Plan:
+class PosePlan:
     """Board poses, rig_from_board (n, 4, 4) in mm, and what they show to views: the mirrors, or the bare camera.
 
     `coverage` (views,) is the part of each view's picture where some pose shows a corner, `corners` (n, views) how many
@@ -45,7 +45,7 @@ class Plan:
     corners: NDArray[np.int64]
 
 
-def reaches(plan: Plan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
+def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
     """How near, far and tilted each view of a plan shows `FEWEST_CORNERS` or more.
 
     Depth is that of the board's middle along a unit vector (3,) in rig, tilt that of its normal against it. In whole
@@ -86,7 +86,7 @@ def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
     return bounds.reshape(2, 2)
 
 
-def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> Plan:
+def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
     """Poses before the mirrors, at and around the depths of the spec, printed side toward them.
 
     Raises InputError when the board is too small or too large to be seen.
@@ -112,7 +112,7 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
     return plan
 
 
-def plan_of(layout: Layout, target: Target, poses: FloatArray) -> Plan:
+def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
     """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
     oracle = Oracle(layout, target)
     cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
@@ -124,10 +124,10 @@ def plan_of(layout: Layout, target: Target, poses: FloatArray) -> Plan:
         covered |= [cell.hit(px[index][visible[index]]) for index, cell in enumerate(cells)]
     if not covered.any():
         raise InputError(f"none of {len(poses)} poses shows a corner of the board to a mirror")
-    return Plan(poses, _shares(cells, covered), corners)
+    return PosePlan(poses, _shares(cells, covered), corners)
 
 
-def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> Plan:
+def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
     """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
 
     Raises InputError when the board is too small or too large to be seen.
@@ -199,7 +199,7 @@ def _choose(
     outlines_px: list[FloatArray],
     count: int,
     random: np.random.Generator,
-) -> Plan:
+) -> PosePlan:
     """Of several spread candidates for each frame, the one that shows corners where the frames before showed none.
 
     A pose has six numbers in [0, 1]: depth, place (2), tilt (2), roll. The depths of the frames are spread evenly.
@@ -232,7 +232,7 @@ def _choose(
             raise InputError("board: too large to be held before the mirrors without touching them")
         poses.append(best)
         covered |= best_hits
-    return Plan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered), corners)
+    return PosePlan(np.array(poses).reshape(count, 4, 4), _shares(cells, covered), corners)
 
 
 def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
@@ -242,7 +242,7 @@ def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
 
 def _check_visible(
     target: Target,
-    plan: Plan,
+    plan: PosePlan,
     seen: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
     outlines_px: list[FloatArray],
     what: str,

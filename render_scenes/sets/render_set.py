@@ -21,12 +21,12 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import Target, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.boards.motion import along
+from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.bodies import Obstacles, bodies_around, parts_of
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, sha256
-from mirrorcam.render_scenes.sets.frame_task import FrameTask, Stage, render_frame
-from mirrorcam.render_scenes.sets.poses import Plan, plan_base_frames, plan_frames, plan_of, reaches
+from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
+from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
 from mirrorcam.render_scenes.sets.video import write_h264, write_mjpeg
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
@@ -104,7 +104,7 @@ def render_set(
     dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
     tasks = [
         FrameTask(
-            stage=Stage(
+            setup=CaptureSetup(
                 built=built,
                 mirrors=mirrors,
                 target=request.target,
@@ -175,7 +175,7 @@ def _random(*key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(key))
 
 
-def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
+def _frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
     """Where the board is in each frame, and the poses (frames, 1 or 3, 4, 4) it goes through while it is read out."""
     layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
     keys = np.array(request.poses)
@@ -193,11 +193,11 @@ def _frames(request: SetRequest) -> tuple[Plan, FloatArray]:
     half_s = request.settings.sensor.readout_ms / 2000.0
     around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
     times = np.arange(count)[:, None] / request.rate_hz + around
-    moments = along(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
+    moments = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
     return plan_of(layout, target, moments[:, len(around) // 2]), moments
 
 
-def _digest(dataset: Dataset, built: Layout, plan: Plan, base_plan: Plan, seed: int) -> str:
+def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
     asked = dataset.model_dump(mode="json", exclude={"request", "files"})
     drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
@@ -262,7 +262,7 @@ def _write_truth(
     oracle: Oracle,
     finishes: tuple[MirrorFinish, ...],
     moments: FloatArray,
-    base_plan: Plan,
+    base_plan: PosePlan,
     seed: int,
 ) -> Dataset:
     """What only a validation may read."""

@@ -23,7 +23,7 @@ SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
 
 
-class Thing(Value):
+class SceneObject(Value):
     """Something on the desk: a surface around the origin of its own frame, a rigid motion away from the view axes.
 
     Of `size_mm`, a sphere uses x; a cylinder x and, along its z, z; a rectangle (in its x and y) x and y. The base of a
@@ -33,7 +33,7 @@ class Thing(Value):
     name: str
     kind: Kind
     material: Material
-    view_from_thing: Matrix4
+    view_from_object: Matrix4 = Field(serialization_alias="view_from_thing")
     size_mm: Vector3
     texture: TextureName | None = None
     texels_per_mm: float = 1.0
@@ -42,68 +42,68 @@ class Thing(Value):
     file: Path | None = None
 
 
-def shapes_of(thing: Thing, view_from_rig: FloatArray) -> list[Any]:
+def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
     """A thing as shapes of Mitsuba in rig, mm."""
     import mitsuba as mi
 
-    rig_from_thing = rigid(view_from_rig.T, np.zeros(3)) @ thing.view_from_thing
-    width, depth, height = thing.size_mm
-    bsdf = _bsdf(thing)
+    rig_from_object = rigid(view_from_rig.T, np.zeros(3)) @ item.view_from_object
+    width, depth, height = item.size_mm
+    bsdf = _bsdf(item)
 
-    def load(kind: str, thing_from_shape: FloatArray) -> Any:
-        to_world = (rig_from_thing @ thing_from_shape).astype(np.float32)
+    def load(kind: str, object_from_shape: FloatArray) -> Any:
+        to_world = (rig_from_object @ object_from_shape).astype(np.float32)
         return mi.load_dict({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
 
-    if thing.kind == "sphere":
+    if item.kind == "sphere":
         return [load("sphere", np.diag([width / 2, width / 2, width / 2, 1.0]))]
-    if thing.kind == "rectangle":
+    if item.kind == "rectangle":
         return [load("rectangle", np.diag([width / 2, depth / 2, 1.0, 1.0]))]
-    if thing.kind == "box":
+    if item.kind == "box":
         return [load("cube", np.diag([width / 2, depth / 2, height / 2, 1.0]))]
-    if thing.kind == "cylinder":
-        ends = [rig_from_thing[:3] @ [0.0, 0.0, z, 1.0] for z in (-height / 2, height / 2)]
+    if item.kind == "cylinder":
+        ends = [rig_from_object[:3] @ [0.0, 0.0, z, 1.0] for z in (-height / 2, height / 2)]
         side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
         return [mi.load_dict(side), load("disk", lid)]
-    surface = leaves(float(width), thing.seed) if thing.kind == "leaves" else based(thing)
-    points = transform(rig_from_thing, surface.points)
-    shape = mesh(thing.kind, points, surface.faces.astype(np.int64), bsdf)
+    surface = leaves(float(width), item.seed) if item.kind == "leaves" else based(item)
+    points = transform(rig_from_object, surface.points)
+    shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
         shape.add_attribute("vertex_color", 3, np.float32(surface.colours).ravel())
     return [shape]
 
 
-def based(thing: Thing) -> Triangles:
+def based(item: SceneObject) -> Triangles:
     """The mesh of a file, moved so that the middle of its base is the origin; InputError where it cannot be read."""
-    assert thing.file is not None
-    surface = read_mesh(thing.file)
+    assert item.file is not None
+    surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
     return Triangles(surface.points - [*(low[:2] + high[:2]) / 2.0, low[2]], surface.faces)
 
 
-def _bsdf(thing: Thing) -> dict[str, Any]:
-    if thing.material == "glass":
+def _bsdf(item: SceneObject) -> dict[str, Any]:
+    if item.material == "glass":
         return {"type": "dielectric", "int_ior": GLASS_INDEX, "ext_ior": 1.0}
-    colour = _reflectance(thing)
-    if thing.material == "glossy":
+    colour = _reflectance(item)
+    if item.material == "glossy":
         return {"type": "plastic", "int_ior": GLASS_INDEX, "ext_ior": 1.0, "diffuse_reflectance": colour}
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}}
 
 
-def _reflectance(thing: Thing) -> dict[str, Any]:
+def _reflectance(item: SceneObject) -> dict[str, Any]:
     import mitsuba as mi
 
-    if thing.kind == "leaves":
+    if item.kind == "leaves":
         return {"type": "mesh_attribute", "name": "vertex_color"}
-    if thing.texture is None:
-        return {"type": "rgb", "value": thing.colour.tolist()}
-    width, depth, height = thing.size_mm
+    if item.texture is None:
+        return {"type": "rgb", "value": item.colour.tolist()}
+    width, depth, height = item.size_mm
     around = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
     flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
-    size_px = tuple(int(np.clip(thing.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[thing.kind])
-    picture = texture(thing.texture, (size_px[0], size_px[1]), thing.seed)
-    if thing.kind == "cylinder":
+    size_px = tuple(int(np.clip(item.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[item.kind])
+    picture = texture(item.texture, (size_px[0], size_px[1]), item.seed)
+    if item.kind == "cylinder":
         # Its second coordinate grows towards its top.
         picture = picture[::-1].copy()
     return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.bodies import ASSEMBLY, Body, check_mirrors, read_assembly
-from mirrorcam.render_scenes.reference.integrator import Light, integrator, render
+from mirrorcam.render_scenes.reference.bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly
+from mirrorcam.render_scenes.reference.integrator import PathOptions, integrator, render
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.sets.poses import common_bounds
 from mirrorcam.render_scenes.variant import use_variant
@@ -31,7 +31,7 @@ LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """A pinhole at `eye_in_rig_mm` (3,) that looks at a point, upright, so that a pixel there is `mm_per_px` wide."""
 
     eye_in_rig_mm: FloatArray
@@ -60,7 +60,7 @@ class View:
         return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(way))
 
 
-def views_of(layout: Layout, bodies: Sequence[Body]) -> tuple[View, View]:
+def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
     """From the front, out of the middle of what all mirrors show, and from the front, the side and above.
 
     Whoever stands where every mirror shows the scene is what the camera sees in every mirror, and sees its lens there.
@@ -74,7 +74,7 @@ def views_of(layout: Layout, bodies: Sequence[Body]) -> tuple[View, View]:
     aside = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27])
     views = []
     for at in (eye, aside):
-        view = View(np.asarray(at), middle, 1.0, (width, height))
+        view = Viewpoint(np.asarray(at), middle, 1.0, (width, height))
         # As wide as the farthest point from the middle, seen from the eye.
         seen = (points - at) @ view.axes.T
         away = np.linalg.norm(middle - at)
@@ -96,9 +96,9 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     import mitsuba as mi
 
     scene = mi.load_dict({"type": "scene", **_studio(bodies), **_shapes(bodies)})
-    paths = integrator(Light(lit=True, colour=True, max_bounces=5))
+    paths = integrator(PathOptions(lit=True, colour=True, max_bounces=5))
     pictures = []
-    for view in views_of(layout, bodies):
+    for view in viewpoints(layout, bodies):
         width, height = (round(length * scale) for length in view.size_px)
         small = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
         light = render(scene, small, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)
@@ -115,7 +115,7 @@ def _developed(light: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.rint(255.0 * srgb.clip(0.0, 1.0)), dtype=np.uint8)
 
 
-def _shapes(bodies: Sequence[Body]) -> dict[str, Any]:
+def _shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
     shapes = {
         f"body_{body.name}": mesh(body.name, body.points, body.faces, _material(body), body.normals) for body in bodies
     }
@@ -125,7 +125,7 @@ def _shapes(bodies: Sequence[Body]) -> dict[str, Any]:
     return shapes
 
 
-def _material(body: Body) -> dict[str, Any]:
+def _material(body: DeviceBody) -> dict[str, Any]:
     colour = {"type": "rgb", "value": list(body.rgb)}
     if body.kind == "mirror":
         bright = {"type": "rgb", "value": [0.90, 0.92, 0.93]}
@@ -135,7 +135,7 @@ def _material(body: Body) -> dict[str, Any]:
     return {"type": "roughconductor", "material": "none", "alpha": 0.25, "specular_reflectance": colour}
 
 
-def _lens(camera: Body) -> dict[str, Any]:
+def _lens(camera: DeviceBody) -> dict[str, Any]:
     """Rings around the optical axis on the front of the camera."""
     points = camera.points
     front = points[:, 2].max()
@@ -155,7 +155,7 @@ def _lens(camera: Body) -> dict[str, Any]:
     return shapes
 
 
-def _studio(bodies: Sequence[Body]) -> dict[str, Any]:
+def _studio(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
     """Paper under and behind the device, two soft boxes, and a room that is not quite dark."""
     import mitsuba as mi
 

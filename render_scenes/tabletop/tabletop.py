@@ -16,7 +16,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Value, Vector3
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.sets.poses import ROOM_MM, common_bounds
-from mirrorcam.render_scenes.tabletop.objects import Kind, Material, Thing, based
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, based
 from mirrorcam.render_scenes.tabletop.textures import TextureName
 
 WALL_DEPTHS = 1.2  # how deep the wall is, in depths of the farthest things
@@ -27,7 +27,7 @@ _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Placement:
     """Where a thing stands: `rank` 0 is the nearest depth, 1 the farthest; x is in halves of the field that all see.
 
     `size` and `up` (from the desk) are in widths of that field. A texture has `detail` times as many texels as usual.
@@ -47,15 +47,15 @@ class _Place:
 
 
 # fmt: off
-_PLACES = (
-    _Place("twigs", "leaves", "matte", 0.0, -0.9, (0.34, 0.34, 0.34), up=0.2),
-    _Place("glass ball", "sphere", "glass", 0.0, 0.04, (0.16, 0.16, 0.16)),
-    _Place("glossy ball", "sphere", "glossy", 0.3, -0.32, (0.17, 0.17, 0.17)),
-    _Place("page", "rectangle", "matte", 0.5, 0.72, (0.3, 0.4, 0.0), turn_deg=-18.0, lean_deg=12.0,
+_PLACEMENTS = (
+    _Placement("twigs", "leaves", "matte", 0.0, -0.9, (0.34, 0.34, 0.34), up=0.2),
+    _Placement("glass ball", "sphere", "glass", 0.0, 0.04, (0.16, 0.16, 0.16)),
+    _Placement("glossy ball", "sphere", "glossy", 0.3, -0.32, (0.17, 0.17, 0.17)),
+    _Placement("page", "rectangle", "matte", 0.5, 0.72, (0.3, 0.4, 0.0), turn_deg=-18.0, lean_deg=12.0,
            texture="page", detail=3.0),
-    _Place("tin", "cylinder", "matte", 0.6, -0.62, (0.17, 0.17, 0.3), texture="label", detail=2.0),
-    _Place("box", "box", "matte", 1.0, -0.04, (0.22, 0.1, 0.3), turn_deg=28.0, texture="cover"),
-    _Place("globe", "sphere", "matte", 1.0, 0.34, (0.2, 0.2, 0.2), turn_deg=90.0, texture="globe"),
+    _Placement("tin", "cylinder", "matte", 0.6, -0.62, (0.17, 0.17, 0.3), texture="label", detail=2.0),
+    _Placement("box", "box", "matte", 1.0, -0.04, (0.22, 0.1, 0.3), turn_deg=28.0, texture="cover"),
+    _Placement("globe", "sphere", "matte", 1.0, 0.34, (0.2, 0.2, 0.2), turn_deg=90.0, texture="globe"),
 )
 # fmt: on
 
@@ -73,15 +73,17 @@ def nearest_mm(layout: Layout) -> float:
 
 
 @dataclass(frozen=True)
-class Desk:
+class Tabletop:
     """What stands where, and what the lamp shines on (3,), in view axes; `reach_mm` says how large it all is."""
 
-    things: tuple[Thing, ...]
+    objects: tuple[SceneObject, ...]
     lit_in_view: FloatArray
     reach_mm: float
 
 
-def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[NamedMesh, ...] = ()) -> Desk:
+def arrange_tabletop(
+    layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[NamedMesh, ...] = ()
+) -> Tabletop:
     """What stands on the desk, the desk and the wall behind it; all but colours, textures and small shifts is the same.
 
     Things stand at the given depths. Raises InputError for depths that do not grow or lie within the camera.
@@ -101,50 +103,55 @@ def desk(layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[
     wide, high = WALL_FIELDS * np.ptp(fields[far], axis=0)
     x, top = fields[far][:, 0].mean(), fields[near][1, 1] - 0.06 * np.ptp(fields[near], axis=0)[1]
     seeds = random.integers(2**31, size=2)
-    things = [
-        Thing(
+    objects = [
+        SceneObject(
             name="wall",
             kind="rectangle",
             material="matte",
-            view_from_thing=rigid(np.eye(3), [x, top - high / 2.0, wall]),
+            view_from_object=rigid(np.eye(3), [x, top - high / 2.0, wall]),
             size_mm=(wide, high, 0.0),
             texture="poster",
             texels_per_mm=px_mm / (wall - centre_mm),
             seed=int(seeds[0]),
         ),
-        Thing(
+        SceneObject(
             name="desk",
             kind="rectangle",
             material="matte",
-            view_from_thing=rigid(_STANDING, [x, top, (front + wall) / 2.0]),
+            view_from_object=rigid(_STANDING, [x, top, (front + wall) / 2.0]),
             size_mm=(wide, wall - front, 0.0),
             texture="wood",
             texels_per_mm=px_mm / (near - centre_mm),
             seed=int(seeds[1]),
         ),
     ]
-    for place in _PLACES:
+    for place in _PLACEMENTS:
         depth = float(depths[round(place.rank * (len(depths) - 1))])
-        things.append(_stood(place, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
+        objects.append(_placed(place, depth, fields[depth][:, 0], top, px_mm / (depth - centre_mm), random))
     for number, named in enumerate(meshes):
         at = [fields[middle][:, 0].mean(), top, middle] if named.place_in_view_mm is None else named.place_in_view_mm
-        things.append(
-            Thing(
+        objects.append(
+            SceneObject(
                 name=f"mesh {number}",
                 kind="mesh",
                 material="matte",
-                view_from_thing=rigid(_STANDING, at),
+                view_from_object=rigid(_STANDING, at),
                 size_mm=(0.0, 0.0, 0.0),
                 colour=random.uniform(0.15, 0.75, 3),
                 file=named.file,
             )
         )
-    return Desk(tuple(things), np.array([x, top, 0.75 * wall]), wide / WALL_FIELDS)
+    return Tabletop(tuple(objects), np.array([x, top, 0.75 * wall]), wide / WALL_FIELDS)
 
 
-def _stood(
-    place: _Place, depth: float, field_mm: FloatArray, top_mm: float, texels_per_mm: float, random: np.random.Generator
-) -> Thing:
+def _placed(
+    place: _Placement,
+    depth: float,
+    field_mm: FloatArray,
+    top_mm: float,
+    texels_per_mm: float,
+    random: np.random.Generator,
+) -> SceneObject:
     """A thing on a desk whose top is at y = `top_mm`, in the field (2,) that all views see from left to right."""
     left, right = field_mm
     size_mm = np.array(place.size) * (right - left)
@@ -156,11 +163,11 @@ def _stood(
     ]
     upright = np.eye(3) if place.kind == "rectangle" else _STANDING
     turned = Rotation.from_euler("YX", [place.turn_deg, -place.lean_deg], degrees=True).as_matrix() @ upright
-    return Thing(
+    return SceneObject(
         name=place.name,
         kind=place.kind,
         material=place.material,
-        view_from_thing=rigid(turned, at),
+        view_from_object=rigid(turned, at),
         size_mm=size_mm,
         texture=place.texture,
         texels_per_mm=place.detail * texels_per_mm,
@@ -169,11 +176,11 @@ def _stood(
     )
 
 
-def check_meshes(layout: Layout, things: tuple[Thing, ...]) -> None:
+def check_meshes(layout: Layout, objects: tuple[SceneObject, ...]) -> None:
     """Raise InputError for a mesh that cannot be read or reaches into the camera."""
-    for thing in things:
-        if thing.kind == "mesh":
-            depths = based(thing).points @ thing.view_from_thing[2, :3] + thing.view_from_thing[2, 3]
+    for item in objects:
+        if item.kind == "mesh":
+            depths = based(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]
             if depths.min() < nearest_mm(layout):
                 reach = f"reaches to a depth of {depths.min():.0f} mm"
-                raise InputError(f"{thing.file}: {reach}, expected no less than {nearest_mm(layout):.0f}")
+                raise InputError(f"{item.file}: {reach}, expected no less than {nearest_mm(layout):.0f}")

@@ -18,7 +18,7 @@ from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
 from mirrorcam.render_scenes.tabletop.lit_integrator import render_lit
 from mirrorcam.render_scenes.tabletop.objects import lights, shapes_of
-from mirrorcam.render_scenes.tabletop.tabletop import Desk
+from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 NOTHING = -1
@@ -32,17 +32,17 @@ class Hits:
     """
 
     points: FloatArray
-    way_mm: FloatArray
-    thing: NDArray[np.int64]
+    path_mm: FloatArray
+    object_index: NDArray[np.int64]
 
 
-class Room:
+class TabletopScene:
     """Things in their light before a layout's mirrors; `variant` is Mitsuba's, by default the fastest one in colour.
 
     Mirrors stand in the room: they hide light and are seen in what is glossy. Raises InputError where nothing compiles.
     """
 
-    def __init__(self, layout: Layout, desk: Desk, mirror_reflectance: float, variant: str | None = None):
+    def __init__(self, layout: Layout, tabletop: Tabletop, mirror_reflectance: float, variant: str | None = None):
         self.variant = use_variant(variant, colour=True)
         if self.variant == SCALAR:
             raise InputError("a scene in colour needs a GPU or an LLVM that compiles: pip install karellen-llvm-core")
@@ -50,11 +50,11 @@ class Room:
 
         self.layout = layout
         turn = layout.view_from_rig
-        shapes = {f"thing_{i}_{k}": s for i, t in enumerate(desk.things) for k, s in enumerate(shapes_of(t, turn))}
+        shapes = {f"thing_{i}_{k}": s for i, t in enumerate(tabletop.objects) for k, s in enumerate(shapes_of(t, turn))}
         self._scene = mi.load_dict(
             {
                 "type": "scene",
-                **lights(desk.lit_in_view, desk.reach_mm, turn),
+                **lights(tabletop.lit_in_view, tabletop.reach_mm, turn),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, mirror in enumerate(layout.mirrors)
@@ -80,25 +80,25 @@ class Room:
             through, (views.width_px, views.height_px), spp=spp, subpixels=1, seed=seed, by_mirrors=False
         )
 
-    def hits(self, start: FloatArray, way: FloatArray) -> Hits:
+    def hits(self, start: FloatArray, direction: FloatArray) -> Hits:
         """What rays from points (..., 3) along unit vectors (..., 3) in rig, mm, meet; NaN meets nothing."""
         use_variant(self.variant)
         import drjit as dr
         import mitsuba as mi
 
-        known = np.isfinite(start).all(axis=-1) & np.isfinite(way).all(axis=-1)
+        known = np.isfinite(start).all(axis=-1) & np.isfinite(direction).all(axis=-1)
         # Off the mirrors that they leave, along their own way.
-        leaves = start + CLEARANCE_MM * way
-        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, way)))
+        leaves = start + CLEARANCE_MM * direction
+        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, direction)))
         hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
-        thing = mi.Int32(NOTHING)
+        item = mi.Int32(NOTHING)
         for shape, index in self._owners:
-            thing = dr.select(hit.shape == mi.ShapePtr(shape), index, thing)
-        way_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
-        found = np.where(known, np.array(thing).reshape(known.shape), NOTHING)
-        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + way_mm)
+            item = dr.select(hit.shape == mi.ShapePtr(shape), index, item)
+        path_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
+        found = np.where(known, np.array(item).reshape(known.shape), NOTHING)
+        met = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
         with np.errstate(invalid="ignore"):
-            points = start + met[..., None] * way
+            points = start + met[..., None] * direction
         return Hits(points, met, found)
 
     def _render(self, through: Callable[[Any, Any], Any], size: tuple[int, int], **how: Any) -> NDArray[np.float32]:
@@ -109,10 +109,10 @@ class Room:
 def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
     """Where rays (v, u, 3) of the pixel centres of a view pass a depth, and along which unit vectors, in rig, mm."""
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
-    way = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
-    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    direction = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     forward = views.view_from_rig[2]
-    return centre + way * ((start_depth_mm - centre @ forward) / (way @ forward))[..., None], way
+    return centre + direction * ((start_depth_mm - centre @ forward) / (direction @ forward))[..., None], direction
 
 
 def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[Any, Any], Any]:
@@ -131,7 +131,9 @@ def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[A
     dr.make_opaque(numbers, forward, before)
 
     def ray_through(x: Any, y: Any) -> Any:
-        way = numbers[1] + x * numbers[2] + y * numbers[3]
-        return mi.Ray3f(mi.Point3f(numbers[0] + way * (before / dr.dot(way, forward))), dr.normalize(way))
+        direction = numbers[1] + x * numbers[2] + y * numbers[3]
+        return mi.Ray3f(
+            mi.Point3f(numbers[0] + direction * (before / dr.dot(direction, forward))), dr.normalize(direction)
+        )
 
     return ray_through

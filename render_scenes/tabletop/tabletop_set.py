@@ -30,9 +30,9 @@ from mirrorcam.render_scenes.mesh_shapes import sha256_of
 from mirrorcam.render_scenes.sets.dataset import sha256
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
-from mirrorcam.render_scenes.tabletop.objects import Thing
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, check_meshes, desk, nearest_mm
-from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Room, pinhole_rays
+from mirrorcam.render_scenes.tabletop.objects import SceneObject
+from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop, check_meshes, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
 
@@ -41,11 +41,11 @@ MAPS = "truth/maps/frames/0000.exr"
 # What a pixel of a mask says: nothing was met, or something that is ... and whose depth is that of its surface.
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 # Streams of random numbers, each independent of how much the others draw.
-_AS_BUILT, _DESK, _FRAME, _NOISE, _VIEWS = range(5)
+_AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
 _SUBPIXELS = 2
 
 
-class DeskRequest(Value):
+class TabletopRequest(Value):
     """All that a photographed desk follows from; without depths, things stand at those the layout was designed for."""
 
     layout: Layout
@@ -58,7 +58,7 @@ class DeskRequest(Value):
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
 
 
-class DeskSet(Value):
+class TabletopSet(Value):
     """The manifest, `scene.json`: what a real user would know, and a checksum for each file written so far.
 
     `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
@@ -94,7 +94,9 @@ class DeskSet(Value):
         return read_model(cls, folder / MANIFEST)
 
 
-def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, int], None] | None = None) -> DeskSet:
+def render_tabletop(
+    request: TabletopRequest, out: Path, *, on_picture: Callable[[int, int], None] | None = None
+) -> TabletopSet:
     """Photograph a desk through an as-built copy of a layout into `out`, and write the truth beside it.
 
     `on_picture(done, total)` is called at the start and after the frame and each true view. Raises InputError where
@@ -106,11 +108,13 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
     depths = request.depths_mm or default_depths_mm(layout)
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
-    stood = desk(layout, depths, int(_random(request.seed, _DESK).integers(2**31)), request.meshes)
-    things = stood.things
-    check_meshes(layout, things)
+    tabletop = arrange_tabletop(
+        layout, depths, int(_random(request.seed, _ARRANGEMENT).integers(2**31)), request.meshes
+    )
+    objects = tabletop.objects
+    check_meshes(layout, objects)
     views = _views(built, default_reference_depth_mm(layout))
-    manifest = DeskSet(
+    manifest = TabletopSet(
         layout_identity=layout.identity,
         depths_mm=depths,
         meshes=tuple((mesh.file.name, sha256_of(mesh.file)) for mesh in request.meshes),
@@ -124,28 +128,28 @@ def render_desk(request: DeskRequest, out: Path, *, on_picture: Callable[[int, i
         central_view=divmod(layout.central_index, layout.cols),
         request="",
     )
-    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, things, request.seed)))
+    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, objects, request.seed)))
     layout.save(out / "layout.json")
     built.save(out / "truth/layout.json")
-    write_json(out / "truth/things.json", _told(things, views, request.seed))
+    write_json(out / "truth/things.json", _object_list(objects, views, request.seed))
     manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
     grid = [(t, s) for t in range(views.rows) for s in range(views.cols)]
     report = on_picture or (lambda done, total: None)
     report(0, 1 + len(grid))
-    room = Room(built, stood, request.mirror_reflectance, variant)
+    scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
-        picture, maps = _frame(room, request)
+        picture, maps = _frame(scene, request)
         write_bytes(out / MAPS, maps)
         write_bytes(out / manifest.frame_name, picture)
         manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
     report(1, 1 + len(grid))
-    classes = np.array([*(MASK[thing.material] for thing in things), MASK["nothing"]], dtype=np.uint8)
+    classes = np.array([*(MASK[item.material] for item in objects), MASK["nothing"]], dtype=np.uint8)
     for number, (t, s) in enumerate(grid):
         # One view alone has no disparity.
         kinds = [kind for kind in _KINDS if kind != "disparity" or len(grid) > 1]
         names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
         if not set(names.values()) <= manifest.files.keys():
-            files = _true_view(room, views, t, s, request, classes)
+            files = _true_view(scene, views, t, s, request, classes)
             for kind, name in names.items():
                 write_bytes(out / name, files[kind])
             manifest = _recorded(out, manifest, *names.values())
@@ -187,47 +191,47 @@ def _views(built: Layout, reference_depth_mm: float) -> Views:
     return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
 
 
-def _frame(room: Room, request: DeskRequest) -> tuple[bytes, bytes]:
+def _frame(scene: TabletopScene, request: TabletopRequest) -> tuple[bytes, bytes]:
     """The file of what the camera photographs, and the maps of what its pixels show."""
-    layout = room.layout
+    layout = scene.layout
     seed = int(_random(request.seed, _FRAME).integers(2**32))
-    radiance = room.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
+    radiance = scene.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
     rays = pixel_rays(layout, mirrors=True)
-    hits = room.hits(rays.start, rays.way)
-    path = np.where(hits.thing == NOTHING, np.nan, rays.before_mm + hits.way_mm)
+    hits = scene.hits(rays.start, rays.direction)
+    path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)
     picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise, path)
-    depth = np.where(hits.thing == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
-    maps = {"mirror": rays.mirror, "thing": hits.thing + 1.0, "depth": depth, "path": path}
+    depth = np.where(hits.object_index == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
+    maps = {"mirror": rays.mirror, "thing": hits.object_index + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality
     encoded = encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
     return encoded, exr_bytes(maps, {"layout": layout.identity, "units": "mm"})
 
 
 def _true_view(
-    room: Room, views: Views, t: int, s: int, request: DeskRequest, classes: NDArray[np.uint8]
+    scene: TabletopScene, views: Views, t: int, s: int, request: TabletopRequest, classes: NDArray[np.uint8]
 ) -> dict[str, bytes]:
     """The files of a true view, by their kinds."""
-    start_mm = nearest_mm(room.layout)
+    start_mm = nearest_mm(scene.layout)
     seed = int(_random(request.seed, _VIEWS, t, s).integers(2**32))
-    radiance = room.view(views, t, s, start_mm, spp=request.spp, seed=seed)
+    radiance = scene.view(views, t, s, start_mm, spp=request.spp, seed=seed)
     grey = np.rint(radiance * np.float32(255.0 * request.mirror_reflectance * request.sensor.exposure))
-    hits = room.hits(*pinhole_rays(views, t, s, start_mm))
-    depth = np.where(hits.thing == NOTHING, np.inf, np.nan_to_num(hits.points) @ views.view_from_rig[2])
+    hits = scene.hits(*pinhole_rays(views, t, s, start_mm))
+    depth = np.where(hits.object_index == NOTHING, np.inf, np.nan_to_num(hits.points) @ views.view_from_rig[2])
     counts = {"s": views.cols, "t": views.rows}
     disparity = {axis: views.disparity_px_from_depth(depth, axis) for axis in ("s", "t") if counts[axis] > 1}
-    header = {"layout": room.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}
+    header = {"layout": scene.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}
     steps = header | {"units": "px per mean view step, positive nearer than the reference plane"}
     files = {"disparity": exr_bytes(disparity, steps)} if disparity else {}
     return files | {
         "views": encoded_image(np.clip(grey, 0, 255).astype(np.uint8), ".png"),
         "depth": exr_bytes({"depth": depth}, header),
-        "mask": encoded_image(classes[hits.thing], ".png"),
-        "things": encoded_image((hits.thing + 1).astype(np.uint8), ".png"),
+        "mask": encoded_image(classes[hits.object_index], ".png"),
+        "things": encoded_image((hits.object_index + 1).astype(np.uint8), ".png"),
     }
 
 
-def _told(things: tuple[Thing, ...], views: Views, seed: int) -> dict[str, object]:
+def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> dict[str, object]:
     """What stands where, as `truth/things.json`: pixels of `truth/things` count from 1, in this order."""
     return {
         "seed": seed,
@@ -237,19 +241,21 @@ def _told(things: tuple[Thing, ...], views: Views, seed: int) -> dict[str, objec
         "focal_px": views.focal_px,
         "centre_px": views.centre_px.tolist(),
         "positions_mm": views.positions_mm.tolist(),
-        "things": [thing.model_dump(mode="json", exclude_none=True, exclude={"file"}) for thing in things],
+        "things": [
+            item.model_dump(mode="json", by_alias=True, exclude_none=True, exclude={"file"}) for item in objects
+        ],
     }
 
 
-def _digest(manifest: DeskSet, built: Layout, things: tuple[Thing, ...], seed: int) -> str:
+def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
     asked = manifest.model_dump(mode="json", exclude={"request", "files"})
-    stand = [thing.model_dump(mode="json", exclude={"file"}) for thing in things]
+    stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}
     return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _continue(out: Path, manifest: DeskSet) -> DeskSet:
+def _continue(out: Path, manifest: TabletopSet) -> TabletopSet:
     """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file, expected a folder for the scene")
@@ -259,9 +265,9 @@ def _continue(out: Path, manifest: DeskSet) -> DeskSet:
             raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
         manifest.save(out)
         return manifest
-    before = DeskSet.load(out)
+    before = TabletopSet.load(out)
     if before.request != manifest.request:
-        asked = set(DeskSet.model_fields) - {"schema_id", "request", "files"}
+        asked = set(TabletopSet.model_fields) - {"schema_id", "request", "files"}
         other = sorted(name for name in asked if getattr(before, name) != getattr(manifest, name))
         differs = " and ".join(other) or "seed (or of another version of this program)"
         raise InputError(f"{out}: holds a scene of another {differs}, expected the same request or a new folder")
@@ -273,7 +279,7 @@ def _continue(out: Path, manifest: DeskSet) -> DeskSet:
     return before.replaced(files=whole)
 
 
-def _recorded(out: Path, manifest: DeskSet, *names: str) -> DeskSet:
+def _recorded(out: Path, manifest: TabletopSet, *names: str) -> TabletopSet:
     """The manifest with the checksums of files just written, saved."""
     written = manifest.files | {name: sha256(out / name) for name in names}
     manifest = manifest.replaced(files=dict(sorted(written.items())))

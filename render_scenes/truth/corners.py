@@ -150,9 +150,9 @@ class Oracle:
     def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
         """Whether nothing stops light beside pixels (n, 2) on its way to the mirror and on to points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
-        entry_mm, start, way, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
+        entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
         free = obstacles.free_from_pupil_mm(rays) > entry_mm
-        free &= obstacles.free_mm(start, way) > np.linalg.norm(points[:, None] - start, axis=-1)
+        free &= obstacles.free_mm(start, direction) > np.linalg.norm(points[:, None] - start, axis=-1)
         return np.asarray(free.all(axis=1))
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -25,11 +25,11 @@ STEP_PX = 1e-3
 
 @dataclass(frozen=True)
 class _Ray:
-    """Rays (..., 3) in the mirror's own frame, mm: unit vectors `way` from `start`, after `way_mm` (...)."""
+    """Rays (..., 3) in the mirror's own frame, mm: unit vectors `direction` from `start`, after `path_mm` (...)."""
 
     start: FloatArray
-    way: FloatArray
-    way_mm: FloatArray
+    direction: FloatArray
+    path_mm: FloatArray
 
 
 def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None) -> Reflected:
@@ -41,23 +41,23 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
     if finish is not None and not finish.flat:
         places, out = _followed(mirror, finish, rays)
         first, last = _in_rig(mirror, places[0]), _in_rig(mirror, places[-1])
-        along = out.way @ mirror.rig_from_plane[:3, :3].T
-        return _cut(mirror, first, np.linalg.norm(first, axis=-1), last, along, out.way_mm)
+        along = out.direction @ mirror.rig_from_plane[:3, :3].T
+        return _cut(mirror, first, np.linalg.norm(first, axis=-1), last, along, out.path_mm)
     normal = mirror.normal_in_rig
     cosine = np.maximum(-(rays @ normal), 1e-12)
     entry_mm = (mirror.distance_mm - mirror.front_mm) / cosine
     entry = rays * entry_mm[..., None]
-    leaves, way_mm = entry, entry_mm
+    leaves, path_mm = entry, entry_mm
     if mirror.is_second_surface:
         # To the coating and back. Snell: what of a ray is along the surface shrinks by the index.
         flat = (rays + cosine[..., None] * normal) / mirror.refractive_index
         inside_mm = 2.0 * mirror.thickness_mm / np.sqrt(1.0 - np.square(flat).sum(axis=-1))
-        leaves, way_mm = entry + flat * inside_mm[..., None], entry_mm + inside_mm
-    return _cut(mirror, entry, entry_mm, leaves, rays + 2.0 * cosine[..., None] * normal, way_mm)
+        leaves, path_mm = entry + flat * inside_mm[..., None], entry_mm + inside_mm
+    return _cut(mirror, entry, entry_mm, leaves, rays + 2.0 * cosine[..., None] * normal, path_mm)
 
 
 def _cut(
-    mirror: Mirror, entry: FloatArray, entry_mm: FloatArray, leaves: FloatArray, along: FloatArray, way_mm: FloatArray
+    mirror: Mirror, entry: FloatArray, entry_mm: FloatArray, leaves: FloatArray, along: FloatArray, path_mm: FloatArray
 ) -> Reflected:
     """What of light that enters and leaves at points (..., 3) of the mirror's planes its outline lets through."""
     met = _on(mirror, entry)
@@ -66,7 +66,7 @@ def _cut(
         np.where(met, entry_mm, np.inf),
         np.where(through[..., None], leaves, np.nan),
         np.where(through[..., None], along, np.nan),
-        np.where(through, way_mm, np.nan),
+        np.where(through, path_mm, np.nan),
     )
 
 
@@ -98,8 +98,8 @@ def image_px(
         """By how much light of pixels passes the points (..., 2), mm, in the plane along the mirror's."""
         rays = camera.unproject(at)
         _, out = _followed(mirror, finish, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-        along = (points[:, 2] - out.start[..., 2]) / out.way[..., 2]
-        return (out.start + along[..., None] * out.way - points)[..., :2]
+        along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
+        return (out.start + along[..., None] * out.direction - points)[..., :2]
 
     for _ in range(IMAGE_STEPS):
         here = missed(px)
@@ -121,42 +121,42 @@ def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[l
     ray = _Ray(np.broadcast_to(pupil, rays.shape), rays @ frame[:3, :3], np.zeros(rays.shape[:-1]))
     if not mirror.is_second_surface:
         ray, normal = _met(mirror, finish, ray, 0.0)
-        return [ray.start], _Ray(ray.start, _mirrored(ray.way, normal), ray.way_mm)
+        return [ray.start], _Ray(ray.start, _reflected(ray.direction, normal), ray.path_mm)
     thick, index = mirror.thickness_mm, mirror.refractive_index
     ray, normal = _met(mirror, finish, ray, thick)
     places = [ray.start]
-    ray = _Ray(ray.start, _refracted(ray.way, normal, 1.0 / index), ray.way_mm)
+    ray = _Ray(ray.start, _refracted(ray.direction, normal, 1.0 / index), ray.path_mm)
     ray, normal = _met(mirror, finish, ray, 0.0)
     places.append(ray.start)
-    ray = _Ray(ray.start, _mirrored(ray.way, normal), ray.way_mm)
+    ray = _Ray(ray.start, _reflected(ray.direction, normal), ray.path_mm)
     ray, normal = _met(mirror, finish, ray, thick)
     places.append(ray.start)
-    return places, _Ray(ray.start, _refracted(ray.way, -normal, index), ray.way_mm)
+    return places, _Ray(ray.start, _refracted(ray.direction, -normal, index), ray.path_mm)
 
 
 def _met(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
     """Rays moved on to a surface of the mirror, and its unit normals (..., 3) there."""
     radius = radius_mm(mirror)
-    length = (lift_mm - ray.start[..., 2]) / ray.way[..., 2]
+    length = (lift_mm - ray.start[..., 2]) / ray.direction[..., 2]
     for _ in range(SURFACE_STEPS):
-        at = ray.start + length[..., None] * ray.way
+        at = ray.start + length[..., None] * ray.direction
         height, slopes = finish.shape(radius, at[..., :2])
         above = at[..., 2] - lift_mm - height
-        length = length - above / (ray.way[..., 2] - (slopes * ray.way[..., :2]).sum(axis=-1))
-    at = ray.start + length[..., None] * ray.way
+        length = length - above / (ray.direction[..., 2] - (slopes * ray.direction[..., :2]).sum(axis=-1))
+    at = ray.start + length[..., None] * ray.direction
     _, slopes = finish.shape(radius, at[..., :2])
     normal = np.concatenate([-slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
-    return _Ray(at, ray.way, ray.way_mm + length), normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    return _Ray(at, ray.direction, ray.path_mm + length), normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
-def _mirrored(way: FloatArray, normal: FloatArray) -> FloatArray:
-    return np.asarray(way - 2.0 * (way * normal).sum(axis=-1, keepdims=True) * normal)
+def _reflected(direction: FloatArray, normal: FloatArray) -> FloatArray:
+    return np.asarray(direction - 2.0 * (direction * normal).sum(axis=-1, keepdims=True) * normal)
 
 
-def _refracted(way: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
+def _refracted(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
     """Unit vectors past a surface against whose normal light comes; `ratio` is the index before over that behind it."""
-    cosine = -(way * normal).sum(axis=-1, keepdims=True)
-    flat = ratio * (way + cosine * normal)
+    cosine = -(direction * normal).sum(axis=-1, keepdims=True)
+    flat = ratio * (direction + cosine * normal)
     return np.asarray(flat - np.sqrt(1.0 - (flat * flat).sum(axis=-1, keepdims=True)) * normal)
 
 

@@ -30,14 +30,14 @@ class PixelRays:
     """How the ray of every pixel (h, w) goes on: what all frames through one device share.
 
     `mirror` is the index of the mirror that a pixel shows, `NO_MIRROR` without one; from `start` (h, w, 3) in rig, mm,
-    its ray goes along the unit vector `way` (h, w, 3), after `before_mm` on its way from the pupil, for `free_mm` until
+    its ray goes along the unit vector `direction` (h, w, 3), after `path_before_mm` from the pupil, for `free_mm` until
     something stops it, if anything does. NaN where the pixel shows neither the scene nor a mirror that shows it.
     """
 
     mirror: FloatArray
     start: FloatArray
-    way: FloatArray
-    before_mm: FloatArray
+    direction: FloatArray
+    path_before_mm: FloatArray
     free_mm: FloatArray
 
 
@@ -59,7 +59,7 @@ def pixel_rays(
         nothing, endless = np.zeros(shape), np.full(shape, np.inf)
         return PixelRays(nothing + NO_MIRROR, np.zeros_like(rays), rays, nothing, endless)
     index, depth = np.full(shape, float(NO_MIRROR)), np.full(shape, np.inf)
-    start, way, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
+    start, direction, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
     for number, mirror in enumerate(layout.mirrors):
         window = _window(layout, number, step)
         entry, leaves, along, travelled = reflected(mirror, rays[window], finishes[number] if finishes else None)
@@ -68,17 +68,17 @@ def pixel_rays(
             (depth, entry),
             (index, np.full(entry.shape, float(number))),
             (start, leaves),
-            (way, along),
+            (direction, along),
             (before, travelled),
         ):
             target[window][nearer] = values[nearer]
     if obstacles is None:
-        return PixelRays(index, start, way, before, np.full(shape, np.inf))
+        return PixelRays(index, start, direction, before, np.full(shape, np.inf))
     hidden = obstacles.free_from_pupil_mm(rays) < depth
     index[hidden] = NO_MIRROR
-    for values in (start, way, before):
+    for values in (start, direction, before):
         values[hidden] = np.nan
-    return PixelRays(index, start, way, before, obstacles.free_mm(start, way))
+    return PixelRays(index, start, direction, before, obstacles.free_mm(start, direction))
 
 
 def _unit_rays(camera: Camera, step: int) -> FloatArray:
@@ -108,8 +108,8 @@ def path_lengths(rays: PixelRays, rig_from_board: FloatArray) -> FloatArray:
     """How far (h, w), mm, light has come from the plane of a board at a rigid 4x4 pose; NaN where it does not."""
     normal = rig_from_board[:3, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        length = (rig_from_board[:3, 3] - rays.start) @ normal / (rays.way @ normal)
-    return np.where(length > 0.0, rays.before_mm + length, np.nan)
+        length = (rig_from_board[:3, 3] - rays.start) @ normal / (rays.direction @ normal)
+    return np.where(length > 0.0, rays.path_before_mm + length, np.nan)
 
 
 def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
@@ -119,15 +119,15 @@ def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> d
     for the mirror, where a pixel does not show the sheet's printed side.
     """
     board_from_rig, origin = rig_from_board[:3, :3].T, rig_from_board[:3, 3]
-    start, way = (rays.start - origin) @ board_from_rig.T, rays.way @ board_from_rig.T
+    start, direction = (rays.start - origin) @ board_from_rig.T, rays.direction @ board_from_rig.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        length = -start[..., 2] / way[..., 2]
-        x, y = (start[..., axis] + length * way[..., axis] for axis in range(2))
+        length = -start[..., 2] / direction[..., 2]
+        x, y = (start[..., axis] + length * direction[..., axis] for axis in range(2))
         margin = MARGIN_SQUARES * target.square_mm
         width, height = target.size_mm
-        shown = (length > 0.0) & (length < rays.free_mm) & (way[..., 2] > 0.0)
+        shown = (length > 0.0) & (length < rays.free_mm) & (direction[..., 2] > 0.0)
         shown &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)
-    values = (np.where(shown, value, np.nan) for value in (x, y, rays.before_mm + length))
+    values = (np.where(shown, value, np.nan) for value in (x, y, rays.path_before_mm + length))
     return dict(zip(CHANNELS, (rays.mirror, *values), strict=True))
 
 

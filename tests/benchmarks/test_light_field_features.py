@@ -105,9 +105,9 @@ def test_light_field_features_are_more_and_righter_than_pairs(
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 def test_on_a_rendered_desk_the_limits_hold(tmp_path: Path) -> None:
-    from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, render_desk
+    from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
 
-    render_desk(DeskRequest(layout=Layout.load(LAYOUT), seed=23, spp=32), tmp_path / "desk")
+    render_tabletop(TabletopRequest(layout=Layout.load(LAYOUT), seed=23, spp=32), tmp_path / "desk")
     desk = read_desk(tmp_path / "desk")
     light_field = desk.decoder.decode(desk.frame)
     marked = np.zeros(4, dtype=int)

@@ -17,12 +17,12 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
-from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes, even, radius_mm
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes, radius_mm, uniform_finishes
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
-from mirrorcam.render_scenes.settings import SENSORS, Finish, RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
@@ -44,7 +44,9 @@ def drawn(settings: RenderSettings, seed: int = 3) -> tuple[MirrorFinish, ...]:
 
 def test_mirrors_are_drawn_each_its_own_and_the_same_again() -> None:
     asked = RenderSettings(
-        finish=Finish(tint=(1.0, 0.9, 0.8), reflectance_percent=2.0, sag_mm=0.05, ripple_mm=0.001, bend="cylinder")
+        finish=SurfaceFinish(
+            tint=(1.0, 0.9, 0.8), reflectance_percent=2.0, sag_mm=0.05, ripple_mm=0.001, bend="cylinder"
+        )
     )
     found = drawn(asked)
     assert found == drawn(asked)
@@ -60,8 +62,10 @@ def test_mirrors_are_drawn_each_its_own_and_the_same_again() -> None:
     assert drawn(RenderSettings()) == ()
 
 
-@pytest.mark.parametrize("finish", [Finish(roughness=0.001), Finish(sag_mm=0.01), Finish(ripple_mm=0.001)])
-def test_the_renderer_by_formula_refuses_what_it_cannot_show(finish: Finish) -> None:
+@pytest.mark.parametrize(
+    "finish", [SurfaceFinish(roughness=0.001), SurfaceFinish(sag_mm=0.01), SurfaceFinish(ripple_mm=0.001)]
+)
+def test_the_renderer_by_formula_refuses_what_it_cannot_show(finish: SurfaceFinish) -> None:
     with pytest.raises(ValidationError, match=r"renderer fast: mirrors are smooth and flat, expected .* 0"):
         RenderSettings(renderer="fast", finish=finish)
 
@@ -84,7 +88,7 @@ def test_slopes_are_those_of_the_shape(bend: str) -> None:
 
 
 def test_mirrors_are_as_bright_as_drawn_by_both(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
-    asked = RenderSettings(paper=1.0, ink=1.0, finish=Finish(reflectance_percent=5.0, tint=(0.9, 0.8, 0.7)))
+    asked = RenderSettings(paper=1.0, ink=1.0, finish=SurfaceFinish(reflectance_percent=5.0, tint=(0.9, 0.8, 0.7)))
     finishes = drawn(asked)
     traced = BoardScene(small_layout.camera, small_layout.mirrors, small_board, asked, finishes=finishes)
     computed = FastScene(
@@ -112,9 +116,13 @@ def edge_width(picture: NDArray[np.float32]) -> float:
 def test_a_rough_mirror_blurs_and_loses_no_light(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
     crop, found = (200, 100, 60, 30), []
     for roughness in (0.0, 0.004):
-        asked = RenderSettings(finish=Finish(roughness=roughness))
+        asked = RenderSettings(finish=SurfaceFinish(roughness=roughness))
         scene = BoardScene(
-            small_layout.camera, small_layout.mirrors, small_board, asked, finishes=drawn(asked) or even(asked, 9)
+            small_layout.camera,
+            small_layout.mirrors,
+            small_board,
+            asked,
+            finishes=drawn(asked) or uniform_finishes(asked, 9),
         )
         scene.place_board(pose)
         found.append(scene.render(spp=256, seed=1, crop=crop))
@@ -131,7 +139,7 @@ def test_a_set_tells_the_finish_in_its_truth_alone(tmp_path: Path, small_layout:
         base_frames=0,
         tolerances=Tolerances.none(),
         settings=RenderSettings(
-            spp=4, maps=False, sensor=SENSORS["ideal"], finish=Finish(reflectance_percent=3.0, sag_mm=0.02)
+            spp=4, maps=False, sensor=SENSORS["ideal"], finish=SurfaceFinish(reflectance_percent=3.0, sag_mm=0.02)
         ),
     )
     dataset = render_set(request, tmp_path)
@@ -204,9 +212,9 @@ def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface:
     for index, mirror in enumerate(layout.mirrors):
         rays = layout.camera.unproject(px[index][visible[index]])
         unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        _, start, way, _ = reflected(mirror, unit, finishes[index])
-        start, way = (start - pose[:3, 3]) @ pose[:3, :3], way @ pose[:3, :3]
-        at = start[:, :2] - way[:, :2] * (start[:, 2] / way[:, 2])[:, None]
+        _, start, direction, _ = reflected(mirror, unit, finishes[index])
+        start, direction = (start - pose[:3, 3]) @ pose[:3, :3], direction @ pose[:3, :3]
+        at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-6)
 
 
@@ -214,7 +222,7 @@ def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface:
 def test_a_bend_of_nothing_is_a_plane(small_layout: Layout, surface: str) -> None:
     """Followed from surface to surface, a mirror that is all but flat does what the closed form says."""
     layout = bent_layout(small_layout, surface)
-    rays = pixel_rays(layout, mirrors=False, step=9).way
+    rays = pixel_rays(layout, mirrors=False, step=9).direction
     for mirror in layout.mirrors[::4]:
         flat, bent = reflected(mirror, rays), reflected(mirror, rays, BENT.replaced(sag_mm=1e-12, ripple_mm=0.0))
         for one, other in zip(flat, bent, strict=True):

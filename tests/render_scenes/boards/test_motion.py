@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.boards.motion import along, poses_at
+from mirrorcam.render_scenes.boards.motion import poses_at, smooth_motion
 
 
 def poses(count: int, seed: int = 0) -> FloatArray:
@@ -20,12 +20,12 @@ def poses(count: int, seed: int = 0) -> FloatArray:
 @pytest.mark.parametrize("count", [1, 2, 3, 7])
 def test_a_motion_passes_its_poses_at_whole_times_and_stays_there_before_and_after(count: int) -> None:
     keys = poses(count)
-    np.testing.assert_allclose(along(keys, np.arange(float(count))), keys, atol=1e-9)
-    np.testing.assert_allclose(along(keys, np.array([-3.0, count + 5.0])), keys[[0, -1]], atol=1e-9)
+    np.testing.assert_allclose(smooth_motion(keys, np.arange(float(count))), keys, atol=1e-9)
+    np.testing.assert_allclose(smooth_motion(keys, np.array([-3.0, count + 5.0])), keys[[0, -1]], atol=1e-9)
 
 
 def test_every_moment_is_rigid() -> None:
-    moments = along(poses(6), np.linspace(-1.0, 6.0, 200))
+    moments = smooth_motion(poses(6), np.linspace(-1.0, 6.0, 200))
     turns = moments[:, :3, :3]
     np.testing.assert_allclose(turns @ np.swapaxes(turns, 1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-12)
     assert np.linalg.det(turns).min() > 0.0
@@ -35,7 +35,7 @@ def test_every_moment_is_rigid() -> None:
 def test_speed_has_no_jumps_and_is_nil_at_either_end() -> None:
     keys, step = poses(5), 1e-4
     times = np.arange(0.0, 4.0 + step / 2, step)
-    places = along(keys, times)[:, :3, 3]
+    places = smooth_motion(keys, times)[:, :3, 3]
     velocity = np.diff(places, axis=0) / step
     assert np.linalg.norm(velocity[[0, -1]], axis=1).max() < 0.001 * np.linalg.norm(velocity, axis=1).max()
     jumps = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
@@ -44,7 +44,7 @@ def test_speed_has_no_jumps_and_is_nil_at_either_end() -> None:
 
 def test_between_two_poses_it_goes_straight_and_turns_about_one_axis() -> None:
     keys = poses(2, seed=3)
-    moments = along(keys, np.linspace(0.0, 1.0, 21))
+    moments = smooth_motion(keys, np.linspace(0.0, 1.0, 21))
     way = keys[1, :3, 3] - keys[0, :3, 3]
     aside = np.cross(moments[:, :3, 3] - keys[0, :3, 3], way / np.linalg.norm(way))
     assert np.abs(aside).max() < 1e-9
@@ -66,8 +66,8 @@ def test_a_readout_is_as_good_as_the_motion_it_is_part_of() -> None:
     keys[:, :3, 3] *= 0.5
     middle, half = 1.37, 0.015 * 2.0
     parts = np.linspace(0.0, 1.0, 21)
-    true = along(keys, middle + (2.0 * parts - 1.0) * half)
-    found = poses_at(along(keys, middle + np.array([-half, 0.0, half])), parts)
+    true = smooth_motion(keys, middle + (2.0 * parts - 1.0) * half)
+    found = poses_at(smooth_motion(keys, middle + np.array([-half, 0.0, half])), parts)
     assert np.abs(found - true)[:, :3, 3].max() < 5e-3
     assert np.abs(found - true)[:, :3, :3].max() < 5e-5
     # And not trivially so: the board moves by millimetres meanwhile.

@@ -10,8 +10,8 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels
-from mirrorcam.render_scenes.fast.analytic_scene import FastScene, map_to_print, pyramid_of
-from mirrorcam.render_scenes.fast.pixel_footprints import lanes_of, views_of
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene, build_mipmap, map_to_print
+from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints, virtual_views
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -76,21 +76,21 @@ def test_sheets_are_followed_like_rays_surface_by_surface(sheets: Layout, small_
     small = sheets.replaced(camera=camera)
     pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
     truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
-    views, board = views_of(small.mirrors), board_from_texels(small_board)
-    ghost, picture, twice, thrice = lanes_of(camera, small.mirrors, 1, np.full(9, 0.92))
-    for lanes in picture:
-        to_print = map_to_print(views[lanes.view], pose, np.asarray(np.linalg.inv(board)))
-        rays = np.column_stack([lanes.x, lanes.y, np.ones(len(lanes.x))]).astype(np.float64).T
-        texels = (to_print.print @ rays - lanes.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
+    views, board = virtual_views(small.mirrors), board_from_texels(small_board)
+    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92))
+    for footprints in picture:
+        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)))
+        rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
+        texels = (to_print.print @ rays - footprints.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
         at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
-        same = truth["mirror"].ravel()[lanes.square] == lanes.view
-        same &= np.isfinite(truth["board.x"].ravel()[lanes.square])
-        assert same.sum() > 0.5 * len(lanes.square)
+        same = truth["mirror"].ravel()[footprints.square] == footprints.view
+        same &= np.isfinite(truth["board.x"].ravel()[footprints.square])
+        assert same.sum() > 0.5 * len(footprints.square)
         for name, found in zip(("board.x", "board.y"), at, strict=True):
-            np.testing.assert_allclose(found[same], truth[name].ravel()[lanes.square][same], atol=2e-4)
+            np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.square][same], atol=2e-4)
     # About 5 % at the front; what is left of it goes on; as much of that again at the front from within.
     for layer, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
-        weights = np.concatenate([lanes.weight for lanes in layer])
+        weights = np.concatenate([footprints.weight for footprints in layer])
         assert low < np.median(weights) < high
 
 
@@ -99,13 +99,13 @@ def test_no_square_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None:
     first, *others = distorted_layout.mirrors
     nearer = first.moved(np.eye(3), 0.35 * first.virtual_centre_in_rig_mm * [-0.05, 0.0, 0.0])
     built = distorted_layout.replaced(mirrors=(nearer, *others), kind="as-built")
-    layers = lanes_of(built.camera, built.mirrors, 1, np.ones(9))
+    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9))
     assert len(layers) > 1
     filled = np.zeros(built.camera.width_px * built.camera.height_px)
     for layer in layers:
-        squares = np.concatenate([lanes.square for lanes in layer])
+        squares = np.concatenate([footprints.square for footprints in layer])
         assert len(np.unique(squares)) == len(squares)
-        np.add.at(filled, squares, np.concatenate([lanes.weight for lanes in layer]))
+        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in layer]))
     assert filled.max() <= 1.0 + 1e-6
 
 
@@ -156,7 +156,7 @@ def test_no_frame_compiles_anything_but_the_first(small_layout: Layout, small_bo
 
 def test_every_scale_of_a_print_is_as_bright_as_the_print() -> None:
     radiance = np.random.default_rng(0).random((37, 50))
-    pyramid = pyramid_of(radiance)
+    pyramid = build_mipmap(radiance)
     assert len(pyramid.levels) > 3
     for index, level in enumerate(pyramid.levels):
         texels = pyramid.texels[level.begin : level.begin + level.columns * level.rows].reshape(level.rows, -1)

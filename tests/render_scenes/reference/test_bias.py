@@ -11,7 +11,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
-from mirrorcam.render_scenes.reference.integrator import Light, integrator
+from mirrorcam.render_scenes.reference.integrator import PathOptions, integrator
 from mirrorcam.render_scenes.settings import RenderSettings
 from tests.render_scenes.corners import TARGET, Crop, errors_by_mirror, photographed, tilted_board, windows
 
@@ -87,6 +87,6 @@ def test_the_stock_loop_is_innocent(
     scene: BoardScene, crops: list[Crop], distorted_layout: Layout, rig_from_board: FloatArray
 ) -> None:
     two = {index: crops[index] for index in (1, 3)}
-    pictures = stock_pictures(scene, two, distorted_layout, integrator(Light(mirrors_only=True)), 16)
+    pictures = stock_pictures(scene, two, distorted_layout, integrator(PathOptions(mirrors_only=True)), 16)
     for index, error in errors_by_mirror(pictures, crops, distorted_layout, rig_from_board).items():
         assert np.linalg.norm(error.mean(axis=0)) <= LIMIT_PX, (index, error.mean(axis=0))

@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.bodies import (
     PLASTIC_RGB,
-    Body,
+    DeviceBody,
     Obstacles,
     bodies_around,
     checksum,
@@ -34,7 +34,7 @@ from mirrorcam.render_scenes.reference.bodies import (
 )
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
-from mirrorcam.render_scenes.settings import SENSORS, Finish, RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR
@@ -42,12 +42,12 @@ from mirrorcam.render_scenes.variant import SCALAR
 SETTINGS = RenderSettings()
 
 
-def box(low: Sequence[float] | FloatArray, high: Sequence[float] | FloatArray, kind: str = "part") -> Body:
+def box(low: Sequence[float] | FloatArray, high: Sequence[float] | FloatArray, kind: str = "part") -> DeviceBody:
     """A box, its faces outwards, of a plastic that scatters a fifth of the light."""
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
-    return Body("box", kind, corners, faces, None, (0.2, 0.2, 0.2))
+    return DeviceBody("box", kind, corners, faces, None, (0.2, 0.2, 0.2))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,9 @@ def pose(small_layout: Layout, small_board: Charuco) -> FloatArray:
     return plan_frames(small_layout, small_board, 1, np.random.default_rng(1)).poses[0]
 
 
-def scene_of(layout: Layout, board: Charuco, pose: FloatArray, *bodies: Body, variant: str | None = None) -> BoardScene:
+def scene_of(
+    layout: Layout, board: Charuco, pose: FloatArray, *bodies: DeviceBody, variant: str | None = None
+) -> BoardScene:
     scene = BoardScene(layout.camera, layout.mirrors, board, SETTINGS, bodies=bodies, variant=variant)
     scene.place_board(pose)
     return scene
@@ -280,7 +282,9 @@ def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout:
         target=small_board,
         frames=2,
         base_frames=0,
-        settings=RenderSettings(spp=4, maps=False, finish=Finish(roughness=1e-3, sag_mm=0.02, reflectance_percent=2.0)),
+        settings=RenderSettings(
+            spp=4, maps=False, finish=SurfaceFinish(roughness=1e-3, sag_mm=0.02, reflectance_percent=2.0)
+        ),
         parts=tmp_path / "parts",
     )
     sets = [tmp_path / "workers", tmp_path / "here"]
@@ -292,13 +296,13 @@ def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout:
         assert (sets[0] / name).read_bytes() == (sets[1] / name).read_bytes(), name
 
 
-def write_stl(path: Path, body: Body) -> None:
+def write_stl(path: Path, body: DeviceBody) -> None:
     facets = np.zeros(len(body.faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     facets["corners"] = body.points[body.faces]
     path.write_bytes(bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
 
 
-def write_glb(path: Path, pieces: dict[str, tuple[str, Body]]) -> None:
+def write_glb(path: Path, pieces: dict[str, tuple[str, DeviceBody]]) -> None:
     """Binary glTF as `mirrorcam cad` writes it."""
     data, views, accessors = b"", [], []
 

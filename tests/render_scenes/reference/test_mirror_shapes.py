@@ -107,9 +107,9 @@ def test_corners_of_the_truth_lie_where_the_maps_see_them(sheets: Layout, pose: 
     board_from_rig = pose[:3, :3].T
     for index, mirror in enumerate(sheets.mirrors):
         rays = sheets.camera.unproject(px[index][visible[index]])
-        _, start, way, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
-        start, way = (start - pose[:3, 3]) @ board_from_rig.T, way @ board_from_rig.T
-        at = start[:, :2] - way[:, :2] * (start[:, 2] / way[:, 2])[:, None]
+        _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        start, direction = (start - pose[:3, 3]) @ board_from_rig.T, direction @ board_from_rig.T
+        at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
     # The part of a sheet that light enters but does not leave shows nothing.
     planes = sheets.replaced(mirrors=tuple(mirror.apparent for mirror in sheets.mirrors))
@@ -121,10 +121,12 @@ def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray
     mirror, camera = layout.mirrors[index], layout.camera
     low, high = mirror.usable_normalized.min(axis=0), mirror.usable_normalized.max(axis=0)
     grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T, [1.0]), axis=-1).reshape(-1, 3)
-    _, start, way, _ = reflected(mirror, grid / np.linalg.norm(grid, axis=1, keepdims=True))
-    start, way = (values[np.isfinite(start).all(axis=1)] @ layout.view_from_rig.T for values in (start, way))
+    _, start, direction, _ = reflected(mirror, grid / np.linalg.norm(grid, axis=1, keepdims=True))
+    start, direction = (
+        values[np.isfinite(start).all(axis=1)] @ layout.view_from_rig.T for values in (start, direction)
+    )
     depths = np.array(depths_mm)[:, None, None]
-    points = (start + way * ((depths - start[:, 2:]) / way[:, 2:])).reshape(-1, 3) @ layout.view_from_rig
+    points = (start + direction * ((depths - start[:, 2:]) / direction[:, 2:])).reshape(-1, 3) @ layout.view_from_rig
     truth = camera.project(mirror.image_of(points))
     assert np.isfinite(truth).all()
 

@@ -20,8 +20,8 @@ from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.sets.frame_task import (
+    CaptureSetup,
     FrameTask,
-    Stage,
     render_frame,
     render_frame_in_turn,
     render_frame_on_one_core,
@@ -41,7 +41,7 @@ def task_of(layout: Layout, board: Charuco, sensor: SensorModel, **settings: obj
     changed = RenderSettings(renderer="fast", sensor=sensor).replaced(**settings)
     poses = plan_frames(layout, board, 2, np.random.default_rng(1)).poses[:1]
     return FrameTask(
-        stage=Stage(built=layout, mirrors=True, target=board, settings=changed),
+        setup=CaptureSetup(built=layout, mirrors=True, target=board, settings=changed),
         name=f"frames/0000{changed.suffix}",
         map_name="truth/maps/frames/0000.exr" if changed.maps else None,
         poses=poses,
@@ -67,7 +67,7 @@ def test_a_frame_is_a_picture_and_its_maps(small_layout: Layout, small_board: Ch
         channels = {name: channel.pixels.copy() for name, channel in file.channels().items()}
     assert np.array(json.loads(header["rig_from_board"])).tolist() == task.poses.tolist()
     assert header["layout"] == small_layout.identity
-    assert RenderSettings.model_validate_json(header["settings"]) == task.stage.settings
+    assert RenderSettings.model_validate_json(header["settings"]) == task.setup.settings
     # At its corners the board is where the maps say.
     px, visible = Oracle(small_layout, small_board).by_mirrors(task.poses[0])
     assert visible.sum() > 100
@@ -94,7 +94,7 @@ def test_a_worker_renders_by_the_variant_it_is_told_or_not_at_all(
     # Mixed variants would differ in their last bits.
     monkeypatch.setattr("mirrorcam.render_scenes.variant.gpu_answers", lambda: False)
     task = task_of(small_layout, small_board, PLAIN, maps=False)
-    elsewhere = task.replaced(stage=task.stage.replaced(variant=CUDA))
+    elsewhere = task.replaced(setup=task.setup.replaced(variant=CUDA))
     with pytest.raises(InputError, match="variant cuda_ad_mono needs a GPU"):
         render_frame(elsewhere.model_dump_json())
 
@@ -140,8 +140,8 @@ def bare_camera(board: Checkerboard, renderer: RendererName, poses: FloatArray, 
         cy_px=(HEIGHT_PX - 1) / 2.0,
     )
     settings = RenderSettings(renderer=renderer, spp=64, sensor=PLAIN, maps=False)
-    stage = Stage(built=default_layout.replaced(camera=camera), mirrors=False, target=board, settings=settings)
-    return FrameTask(stage=stage, name="frames/0000.png", map_name=None, poses=poses, key=(0,))
+    setup = CaptureSetup(built=default_layout.replaced(camera=camera), mirrors=False, target=board, settings=settings)
+    return FrameTask(setup=setup, name="frames/0000.png", map_name=None, poses=poses, key=(0,))
 
 
 def edges_px(row: NDArray[np.uint8]) -> FloatArray:

@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.sets.poses import (
     ROOM_MM,
-    Plan,
+    PosePlan,
     common_bounds,
     fields,
     plan_base_frames,
@@ -30,16 +30,16 @@ def random() -> np.random.Generator:
 
 
 @pytest.fixture(scope="module")
-def plan(default_layout: Layout) -> Plan:
+def plan(default_layout: Layout) -> PosePlan:
     return plan_frames(default_layout, default_board(), 20, random())
 
 
 @pytest.fixture(scope="module")
-def poses(plan: Plan) -> FloatArray:
+def poses(plan: PosePlan) -> FloatArray:
     return plan.poses
 
 
-def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layout, plan: Plan) -> None:
+def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layout, plan: PosePlan) -> None:
     assert plan.poses.shape == (20, 4, 4)
     assert plan.coverage.shape == (9,)
     assert plan.coverage.min() > 0.95
@@ -176,7 +176,7 @@ def test_mirrors_too_far_apart_for_the_board_are_refused() -> None:
         plan_frames(parting_mirrors(0.5), default_board(), 6, random())
 
 
-def test_every_mirror_sees_boards_near_and_far_and_tilted(plan: Plan, default_layout: Layout) -> None:
+def test_every_mirror_sees_boards_near_and_far_and_tilted(plan: PosePlan, default_layout: Layout) -> None:
     found = reaches(plan, default_board(), default_layout.view_from_rig[2])
     assert len(found) == 9
     for reach in found:
@@ -192,8 +192,8 @@ def test_reaches_are_those_of_the_poses_that_show_enough(default_layout: Layout)
     turns, depths_mm = default_layout.view_from_rig.T @ tilts, np.array([300.0, 400.0, 600.0])
     poses = rigid(turns, np.outer(depths_mm, forward) - turns @ np.array([*board.size_mm, 0.0]) / 2.0)
     shown = np.array([[6, 99, 0], [5, 99, 0], [7, 99, 5]])
-    first, second, third = reaches(Plan(poses, np.ones(3), shown), board, forward)
+    first, second, third = reaches(PosePlan(poses, np.ones(3), shown), board, forward)
     assert first == Reach(nearest_mm=300, farthest_mm=600, tilt_deg=50)
     assert second == first
     assert third == Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
-    assert reaches(Plan(poses[:2], np.ones(3), shown[:2]), board, forward)[0].farthest_mm == 300
+    assert reaches(PosePlan(poses[:2], np.ones(3), shown[:2]), board, forward)[0].farthest_mm == 300

@@ -11,12 +11,12 @@ import shapely
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.bodies import Body
-from mirrorcam.render_scenes.tabletop.product_picture import product_picture, views_of
+from mirrorcam.render_scenes.reference.bodies import DeviceBody
+from mirrorcam.render_scenes.tabletop.product_picture import product_picture, viewpoints
 from tests.render_scenes.reference.test_bodies import box, write_glb
 
 
-def boxed(layout: Layout) -> dict[str, tuple[str, Body]]:
+def boxed(layout: Layout) -> dict[str, tuple[str, DeviceBody]]:
     """A device of a camera, a wall behind it, and sheets of a millimetre where the layout's mirrors are."""
     pieces = {
         "camera": ("camera", box((-40.0, -12.0, -30.0), (40.0, 12.0, 5.0))),
@@ -25,13 +25,13 @@ def boxed(layout: Layout) -> dict[str, tuple[str, Body]]:
     for index, mirror in enumerate(layout.mirrors):
         corners, count = mirror.outline_in_rig_mm, len(mirror.outline_in_rig_mm)
         fan = np.array([[0, k, k + 1] for k in range(1, count - 1)])
-        body = Body("mirror", "mirror", corners, np.concatenate([fan, fan[:, ::-1]]), None, (0.9, 0.9, 0.9))
+        body = DeviceBody("mirror", "mirror", corners, np.concatenate([fan, fan[:, ::-1]]), None, (0.9, 0.9, 0.9))
         pieces[f"mirror_{index}"] = ("mirror", body)
     return pieces
 
 
 def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout) -> None:
-    front, aside = views_of(default_layout, [body for _, body in boxed(default_layout).values()])
+    front, aside = viewpoints(default_layout, [body for _, body in boxed(default_layout).values()])
     for mirror in default_layout.mirrors:
         way = mirror.virtual_centre_in_rig_mm - front.eye_in_rig_mm
         height, slope = front.eye_in_rig_mm @ mirror.normal_in_rig + mirror.distance_mm, way @ mirror.normal_in_rig

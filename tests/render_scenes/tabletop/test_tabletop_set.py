@@ -20,18 +20,18 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, desk
-from mirrorcam.render_scenes.tabletop.tabletop_scene import Room
+from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop
+from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
 from mirrorcam.render_scenes.tabletop.tabletop_set import (
     MANIFEST,
     MAPS,
     MASK,
-    DeskRequest,
-    DeskSet,
+    TabletopRequest,
+    TabletopSet,
     _views,
     default_depths_mm,
     read_map,
-    render_desk,
+    render_tabletop,
 )
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
@@ -62,19 +62,19 @@ def test_maps_are_read_back_or_refused_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def asked(small_layout: Layout) -> DeskRequest:
+def asked(small_layout: Layout) -> TabletopRequest:
     """A desk by way of the default mirrors, built by a hobbyist, before a sensor of 480 x 270 pixels."""
     if use_variant(colour=True) == SCALAR:
         pytest.skip("nothing compiles in colour")
-    return DeskRequest(
+    return TabletopRequest(
         layout=small_layout, seed=11, tolerances=Tolerances(centre_px=2.0), sensor=SENSORS["ideal"], spp=16
     )
 
 
 @pytest.fixture(scope="module")
-def finished(asked: DeskRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(asked: TabletopRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("desks") / "desk"
-    render_desk(asked, out)
+    render_tabletop(asked, out)
     return out
 
 
@@ -89,8 +89,8 @@ def views(built: Layout) -> Views:
     return Decoder(built).views
 
 
-def test_a_set_holds_what_was_promised(finished: Path, asked: DeskRequest) -> None:
-    manifest = DeskSet.load(finished)
+def test_a_set_holds_what_was_promised(finished: Path, asked: TabletopRequest) -> None:
+    manifest = TabletopSet.load(finished)
     truths = {f"truth/{kind}/{t}_{s}{end}" for kind, end in KINDS.items() for t in range(3) for s in range(3)}
     known = {MAPS, "frames/0000.png", "layout.json", "truth/layout.json", "truth/things.json"}
     assert set(contents(finished)) == truths | known | {MANIFEST}
@@ -138,15 +138,17 @@ def test_a_decoded_frame_is_the_true_views(finished: Path, built: Layout) -> Non
 
 @pytest.mark.slow
 def test_a_decoded_frame_of_a_webcam_is_the_true_views(default_layout: Layout, tmp_path: Path) -> None:
-    request = DeskRequest(layout=default_layout, seed=1, sensor=SENSORS["ideal"], spp=16)
-    render_desk(request, tmp_path / "desk")
+    request = TabletopRequest(layout=default_layout, seed=1, sensor=SENSORS["ideal"], spp=16)
+    render_tabletop(request, tmp_path / "desk")
     sharp, soft, shifts = compared(tmp_path / "desk", Decoder(Layout.load(tmp_path / "desk/truth/layout.json")))
     assert min(sharp) > 28.0
     assert min(soft) > 36.0
     assert max(shifts) < 0.03
 
 
-def test_decoding_as_designed_instead_of_as_built_is_noticed(finished: Path, asked: DeskRequest, built: Layout) -> None:
+def test_decoding_as_designed_instead_of_as_built_is_noticed(
+    finished: Path, asked: TabletopRequest, built: Layout
+) -> None:
     # The same grid but other mirrors: the pictures no longer come from where they should.
     designed = built.replaced(mirrors=asked.layout.mirrors)
     width, height = Decoder(built).views.width_px, Decoder(built).views.height_px
@@ -170,42 +172,42 @@ def rays_of(views: Views, t: int, s: int) -> tuple[FloatArray, FloatArray]:
     return centre, pixels @ np.linalg.inv(views.matrices[t, s]).T
 
 
-def analytic_depth(thing: dict[str, object], centre: FloatArray, ways: FloatArray) -> FloatArray:
+def analytic_depth(item: dict[str, object], centre: FloatArray, ways: FloatArray) -> FloatArray:
     """Depth (v, u) at which rays first meet a ball or a flat picture; infinite where they miss it."""
-    view_from_thing, size = np.array(thing["view_from_thing"]), np.array(thing["size_mm"])
-    start = (centre - view_from_thing[:3, 3]) @ view_from_thing[:3, :3]
-    way = ways @ view_from_thing[:3, :3]
+    view_from_object, size = np.array(item["view_from_thing"]), np.array(item["size_mm"])
+    start = (centre - view_from_object[:3, 3]) @ view_from_object[:3, :3]
+    direction = ways @ view_from_object[:3, :3]
     with np.errstate(invalid="ignore", divide="ignore"):
-        if thing["kind"] == "sphere":
-            a, b = np.square(way).sum(axis=-1), way @ start
+        if item["kind"] == "sphere":
+            a, b = np.square(direction).sum(axis=-1), direction @ start
             part = (-b - np.sqrt(b * b - a * (start @ start - (size[0] / 2.0) ** 2))) / a
             met = np.isfinite(part)
         else:
-            part = -start[2] / way[..., 2]
-            at = start[:2] + part[..., None] * way[..., :2]
+            part = -start[2] / direction[..., 2]
+            at = start[:2] + part[..., None] * direction[..., :2]
             met = (np.abs(at) <= size[:2] / 2.0).all(axis=-1)
         return np.where(met & (part > 0.0), centre[2] + part * ways[..., 2], np.inf)
 
 
 @pytest.mark.parametrize(("t", "s"), [(1, 1), (0, 0), (2, 1)])
 def test_depths_are_those_of_rays_in_double_precision(finished: Path, views: Views, t: int, s: int) -> None:
-    things = json.loads((finished / "truth/things.json").read_text(encoding="utf-8"))["things"]
+    objects = json.loads((finished / "truth/things.json").read_text(encoding="utf-8"))["things"]
     depth = exr(finished / f"truth/depth/{t}_{s}.exr")["depth"]
     labels = read_image(finished / f"truth/things/{t}_{s}.png", grey=True)
     centre, ways = rays_of(views, t, s)
-    known = {number: thing for number, thing in enumerate(things, start=1) if thing["kind"] in ("sphere", "rectangle")}
-    expected = {number: analytic_depth(thing, centre, ways) for number, thing in known.items()}
+    known = {number: item for number, item in enumerate(objects, start=1) if item["kind"] in ("sphere", "rectangle")}
+    expected = {number: analytic_depth(item, centre, ways) for number, item in known.items()}
     seen = 0
     for number in known:
         here = labels == number
         seen += int(here.sum() > 20)
         # Past an edge that single precision puts elsewhere, the analytic ray misses: nowhere but on the rim.
         missed = here & ~np.isfinite(expected[number])
-        assert missed.sum() <= 2, things[number - 1]["name"]
+        assert missed.sum() <= 2, objects[number - 1]["name"]
         error = np.abs(depth - expected[number])[here & ~missed]
         # A ray that grazes a ball, or the desk, magnifies the rounding of its start.
-        assert np.quantile(error, 0.99) < 2e-3, things[number - 1]["name"]
-        assert error.max() < 0.2, things[number - 1]["name"]
+        assert np.quantile(error, 0.99) < 2e-3, objects[number - 1]["name"]
+        assert error.max() < 0.2, objects[number - 1]["name"]
     assert seen == 6  # wall, desk, page and three balls
     # And nothing analytic is hidden behind what it is before.
     nearest = np.min(list(expected.values()), axis=0)
@@ -213,8 +215,8 @@ def test_depths_are_those_of_rays_in_double_precision(finished: Path, views: Vie
 
 
 def test_masks_tell_what_is_glossy_or_transparent(finished: Path) -> None:
-    things = json.loads((finished / "truth/things.json").read_text(encoding="utf-8"))["things"]
-    materials = np.array([MASK["nothing"], *(MASK[thing["material"]] for thing in things)])
+    objects = json.loads((finished / "truth/things.json").read_text(encoding="utf-8"))["things"]
+    materials = np.array([MASK["nothing"], *(MASK[item["material"]] for item in objects)])
     counts = np.zeros(4, dtype=int)
     for t, s in np.ndindex(3, 3):
         labels = read_image(finished / f"truth/things/{t}_{s}.png", grey=True)
@@ -262,8 +264,8 @@ def test_pixels_of_the_frame_are_told_as_the_views_see_them(finished: Path, buil
     plain = shown & (np.abs(maps["depth"][v, u] - flat) < 5.0)
     assert plain.sum() > 0.9 * shown.sum()
     assert np.median(np.abs(maps["depth"][v, u] - flat)[plain]) < 0.3
-    way = np.linalg.norm(built.mirrors[4].reflect(points.reshape(-1, 3)), axis=-1)
-    assert np.median(np.abs(maps["path"][v, u] - way)[plain]) < 0.5
+    direction = np.linalg.norm(built.mirrors[4].reflect(points.reshape(-1, 3)), axis=-1)
+    assert np.median(np.abs(maps["path"][v, u] - direction)[plain]) < 0.5
     assert (maps["mirror"] == -1.0).any()
     assert np.isnan(maps["depth"][maps["mirror"] == -1.0]).all()
     assert (maps["thing"][maps["mirror"] == -1.0] == 0.0).all()
@@ -277,37 +279,39 @@ def test_truth_says_what_it_is_of(finished: Path, built: Layout) -> None:
     assert "mm" in header["units"]
 
 
-def test_an_interrupted_set_is_continued_to_the_same_bytes(finished: Path, asked: DeskRequest, tmp_path: Path) -> None:
+def test_an_interrupted_set_is_continued_to_the_same_bytes(
+    finished: Path, asked: TabletopRequest, tmp_path: Path
+) -> None:
     out = tmp_path / "desk"
     shutil.copytree(finished, out)
     (out / "truth/depth/1_2.exr").unlink()
     (out / "frames/0000.png").write_bytes(b"torn")
     (out / "frames/.0000-left.png").write_bytes(b"over")
     heard: list[tuple[int, int]] = []
-    render_desk(asked, out, on_picture=lambda done, total: heard.append((done, total)))
+    render_tabletop(asked, out, on_picture=lambda done, total: heard.append((done, total)))
     assert contents(out) == contents(finished)
     assert heard == [(done, 10) for done in range(11)]
 
 
-def test_other_requests_leave_a_set_alone(finished: Path, asked: DeskRequest, tmp_path: Path) -> None:
+def test_other_requests_leave_a_set_alone(finished: Path, asked: TabletopRequest, tmp_path: Path) -> None:
     before = contents(finished)
     with pytest.raises(InputError, match=r"holds a scene of another spp, expected the same request or a new folder$"):
-        render_desk(asked.replaced(spp=32), finished)
+        render_tabletop(asked.replaced(spp=32), finished)
     with pytest.raises(InputError, match=r"holds a scene of another seed \(or of another version of this program\)"):
-        render_desk(asked.replaced(seed=12), finished)
+        render_tabletop(asked.replaced(seed=12), finished)
     assert contents(finished) == before
     (tmp_path / "truth").mkdir()
     with pytest.raises(InputError, match=r"has a folder 'truth' but no scene.json, expected a new or empty folder$"):
-        render_desk(asked, tmp_path)
+        render_tabletop(asked, tmp_path)
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match=r"file: is a file, expected a folder for the scene$"):
-        render_desk(asked, tmp_path / "file")
+        render_tabletop(asked, tmp_path / "file")
     with pytest.raises(InputError, match=r"^a desk is one picture, expected a sensor without h264_crf$"):
-        render_desk(asked.replaced(sensor=SENSORS["ideal"].replaced(h264_crf=20)), tmp_path / "new")
+        render_tabletop(asked.replaced(sensor=SENSORS["ideal"].replaced(h264_crf=20)), tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
-def test_a_mesh_of_the_user_stands_on_the_desk(asked: DeskRequest, tmp_path: Path) -> None:
+def test_a_mesh_of_the_user_stands_on_the_desk(asked: TabletopRequest, tmp_path: Path) -> None:
     block = tmp_path / "block.obj"
     corners = [(x, y, z) for z in (7.0, 37.0) for y in (0.0, 10.0) for x in (100.0, 120.0)]
     quads = [(1, 3, 4, 2), (5, 6, 8, 7), (1, 2, 6, 5), (2, 4, 8, 6), (4, 3, 7, 8), (3, 1, 5, 7)]
@@ -315,7 +319,7 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: DeskRequest, tmp_path: Pat
     block.write_text(text + "".join("f {} {} {} {}\n".format(*quad) for quad in quads), encoding="utf-8")
     place = np.array([5.0, -40.0, 290.0])
     request = asked.replaced(meshes=(NamedMesh(file=block, place_in_view_mm=place),), spp=4)
-    manifest = render_desk(request, tmp_path / "desk")
+    manifest = render_tabletop(request, tmp_path / "desk")
     assert manifest.meshes == (("block.obj", hashlib.sha256(block.read_bytes()).hexdigest()),)
     views = Decoder(Layout.load(tmp_path / "desk/truth/layout.json")).views
     labels = read_image(tmp_path / "desk/truth/things/1_1.png", grey=True)
@@ -340,16 +344,16 @@ def test_sheets_coated_behind_have_the_views_of_what_they_look_like(small_layout
     assert (views.width_px, views.height_px, views.focal_px) == (plain.width_px, plain.height_px, plain.focal_px)
 
 
-def test_one_mirror_has_a_true_view_and_no_disparity(asked: DeskRequest, tmp_path: Path) -> None:
+def test_one_mirror_has_a_true_view_and_no_disparity(asked: TabletopRequest, tmp_path: Path) -> None:
     alone = asked.layout.replaced(rows=1, cols=1, mirrors=asked.layout.mirrors[4:5])
-    manifest = render_desk(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
+    manifest = render_tabletop(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
     views = {name for name in manifest.files if name.startswith("truth/") and name.count("/") == 2}
     assert views == {f"truth/{kind}/0_0{end}" for kind, end in KINDS.items() if kind != "disparity"}
 
 
 def test_without_a_compiler_a_desk_is_refused(small_layout: Layout) -> None:
     with pytest.raises(InputError, match=r"^a scene in colour needs a GPU or an LLVM"):
-        Room(small_layout, desk(small_layout, (400.0,), 0), 0.9, variant=SCALAR)
+        TabletopScene(small_layout, arrange_tabletop(small_layout, (400.0,), 0), 0.9, variant=SCALAR)
 
 
 def test_depths_come_from_the_spec_where_there_is_one(default_layout: Layout) -> None:

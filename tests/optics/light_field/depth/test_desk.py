@@ -11,12 +11,12 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, read_map, render_desk
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, read_map, render_tabletop
 
 
 @pytest.mark.slow
 def test_depth_is_within_a_percent_of_range_at_working_depths(default_layout: Layout, tmp_path: Path) -> None:
-    manifest = render_desk(DeskRequest(layout=default_layout, seed=3, spp=16), tmp_path)
+    manifest = render_tabletop(TabletopRequest(layout=default_layout, seed=3, spp=16), tmp_path)
     layout = Layout.load(tmp_path / "truth/layout.json")
     light_field = Decoder(layout).decode(read_image(tmp_path / manifest.frame_name))
     found = DepthEstimator(light_field).estimate(light_field)

@@ -11,12 +11,14 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, render_desk
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
 
 
 @pytest.mark.slow
 def test_a_plane_in_focus_is_within_35_db_of_the_pinhole(default_layout: Layout, tmp_path: Path) -> None:
-    manifest = render_desk(DeskRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"]), tmp_path)
+    manifest = render_tabletop(
+        TabletopRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"]), tmp_path
+    )
     light_field = decoded(tmp_path)
     t, s = manifest.central_view
     true = true_view(tmp_path, t, s)

@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, read_any, 
 from mirrorcam.optics.light_field.io.formats.views_file import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop_set import DeskRequest, read_map, render_desk
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, read_map, render_tabletop
 
 THEIRS = ("lftoolbox", "hci", "stanford", "colmap", "nerfstudio")
 """Formats that tell where the views are."""
@@ -62,8 +62,8 @@ def unlike(light_field: LightField, distance_mm: FloatArray, *, row_only: bool =
 
 @pytest.mark.slow
 def test_the_desks_true_depth_fits_what_other_tools_read(default_layout: Layout, tmp_path: Path) -> None:
-    request = DeskRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"])
-    manifest = render_desk(request, tmp_path)
+    request = TabletopRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"])
+    manifest = render_tabletop(request, tmp_path)
     assert manifest.central_view == (1, 1)
     layout = Layout.load(tmp_path / "truth/layout.json")
     light_field = Decoder(layout).decode(read_image(tmp_path / manifest.frame_name))
