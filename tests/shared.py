@@ -1,0 +1,37 @@
+"""Expensive fixtures that all workers of a parallel test run build once between them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+
+def built_once(factory: pytest.TempPathFactory, name: str, build: Callable[[Path], object]) -> Path:
+    """Return the folder `name`, filled by `build`, which one worker calls while the others wait.
+
+    Parameters
+    ----------
+    factory
+        The fixture `tmp_path_factory`. The folder lies in the base folder of the whole run, beside those of the
+        workers, so that it must only be read.
+    name
+        Name of the folder, unique in the test suite.
+    build
+        Called with a path that does not exist yet, in an existing folder. When it raises, the next worker that asks
+        for the folder tries again.
+    """
+    root = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent
+    folder = root / "shared" / name
+    folder.parent.mkdir(exist_ok=True)
+    with FileLock(f"{folder}.lock"):
+        if not folder.exists():
+            unfinished = folder.with_name(f".{name}-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
+            build(unfinished)
+            unfinished.rename(folder)
+    return folder
