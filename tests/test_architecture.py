@@ -43,7 +43,7 @@ LAYERS = {
         *("light_field.io", "light_field.io.formats"),
     ),
     "mirrorcam.cad": ("plan", "mirrors", "holder", "parts", "assembly", "write", "checks", "documents", ""),
-    "mirrorcam.render_scenes": ("", "boards", "reference", "truth", "fast", "sets", "tabletop"),
+    "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop"),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "commands", ""),
 }
 # Neighbours that do without each other, whatever their order above.
@@ -58,7 +58,7 @@ APART = {
         ),
     ),
     "mirrorcam.cad": (("holder", "mirrors"), ("parts", "mirrors"), ("checks", "documents"), ("write", "documents")),
-    "mirrorcam.render_scenes": (("reference", "fast"),),
+    "mirrorcam.render_scenes": (("truth", "reference"), ("truth", "fast"), ("reference", "fast")),
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),

@@ -35,7 +35,7 @@ def run(options: PictureOptions) -> int:
         raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(PICTURE_ENDINGS)}")
     layout = Layout.load(options.layout)
     require("render")
-    from mirrorcam.render_scenes.tabletop.product_picture import product_picture
+    from mirrorcam.render_scenes.reference.product_picture import product_picture
 
     say("picture", f"{options.spp} samples a pixel ...")
     picture = product_picture(layout, options.parts, spp=options.spp)

@@ -18,8 +18,8 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import printed_radiance, rig_from_rectangle
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
-from mirrorcam.render_scenes.reference.bodies import DeviceBody, body_shapes, near_mm
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.reference.device_bodies import DeviceBody, body_shapes, near_mm
 from mirrorcam.render_scenes.reference.integrator import PLATE_BRANCHES, PathOptions, integrator, render
 from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
 from mirrorcam.render_scenes.settings import RenderSettings

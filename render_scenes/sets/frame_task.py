@@ -20,7 +20,8 @@ from mirrorcam.render_scenes.boards.motion import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.bodies import DeviceParts, Obstacles, bodies_around
+from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around
+from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.sets.video import as_key_frame
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -88,7 +89,7 @@ class _SetRenderer:
                 variant=setup.variant,
             )
         self.settings = settings
-        obstacles = Obstacles(bodies) if bodies else None
+        obstacles = BodyObstacles(bodies) if bodies else None
         follow = partial(pixel_rays, built, mirrors=setup.mirrors, finishes=setup.finishes, obstacles=obstacles)
         self.rays = follow() if settings.maps else None
         self.coarse = follow(step=COARSE)

@@ -17,6 +17,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
@@ -63,27 +64,6 @@ def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach,
         near, far, tilt = (round(float(v)) for v in (depths[shown].min(), depths[shown].max(), tilts[shown].max()))
         found.append(Reach(nearest_mm=near, farthest_mm=far, tilt_deg=tilt))
     return tuple(found)
-
-
-def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
-    """What each mirror shows of the plane at a depth, in view x and y, mm."""
-    found = []
-    for mirror in layout.mirrors:
-        centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm
-        rays = mirror.outline_in_rig_mm @ layout.view_from_rig.T - centre
-        found.append(shapely.Polygon((centre + rays * ((depth_mm - centre[2]) / rays[:, 2])[:, None])[:, :2]))
-    return found
-
-
-def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
-    """Bounds [[low x, low y], [high x, high y]] of what all mirrors show at a depth, in view x and y, mm.
-
-    Where there is no such part: of what the middling ones show.
-    """
-    shown = fields(layout, depth_mm)
-    common = shapely.intersection_all(shown)
-    bounds = np.median([field.bounds for field in shown], axis=0) if common.is_empty else np.array(common.bounds)
-    return bounds.reshape(2, 2)
 
 
 def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:

@@ -23,7 +23,8 @@ from mirrorcam.optics.geometry.targets import Target, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
-from mirrorcam.render_scenes.reference.bodies import Obstacles, bodies_around, parts_of
+from mirrorcam.render_scenes.reference.device_bodies import bodies_around, parts_of
+from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, sha256
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
@@ -99,7 +100,7 @@ def render_set(
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
     finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
-    obstacles = None if parts is None else Obstacles(bodies_around(parts))
+    obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
     tasks = [

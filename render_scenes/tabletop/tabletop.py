@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray, InputError, Value, Vector3
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.sets.poses import ROOM_MM, common_bounds
+from mirrorcam.render_scenes.fields_of_view import common_bounds
+from mirrorcam.render_scenes.sets.poses import ROOM_MM
 from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, based
 from mirrorcam.render_scenes.tabletop.textures import TextureName
 

@@ -19,8 +19,8 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards.motion import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.reference.bodies import Obstacles
 from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
+from mirrorcam.render_scenes.truth.obstacles import Obstacles
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by

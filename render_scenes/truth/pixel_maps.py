@@ -18,8 +18,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import MARGIN_SQUARES
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.reference.bodies import Obstacles
 from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.obstacles import Obstacles
 
 NO_MIRROR = -1
 CHANNELS = ("mirror", "board.x", "board.y", "path")

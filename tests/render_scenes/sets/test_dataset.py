@@ -93,5 +93,9 @@ def test_maps_lie_in_the_truth_under_the_names_of_their_pictures() -> None:
 
 
 def test_the_manifest_needs_no_renderer() -> None:
-    code = "import sys, render_scenes.dataset; sys.exit(any(m in sys.modules for m in ('mitsuba', 'drjit', 'casadi')))"
+    code = """
+import sys
+import mirrorcam.render_scenes.sets.dataset
+sys.exit(any(name in sys.modules for name in ('mitsuba', 'drjit', 'casadi')))
+"""
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

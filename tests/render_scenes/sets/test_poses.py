@@ -12,12 +12,11 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.render_scenes.fields_of_view import fields
 from mirrorcam.render_scenes.sets.dataset import Reach
 from mirrorcam.render_scenes.sets.poses import (
     ROOM_MM,
     PosePlan,
-    common_bounds,
-    fields,
     plan_base_frames,
     plan_frames,
     reaches,
@@ -115,23 +114,6 @@ def test_no_frames_are_an_empty_plan(default_layout: Layout) -> None:
 def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> None:
     plan = plan_frames(default_layout.replaced(spec=None), default_board(), 4, random())
     assert plan.coverage.min() > 0.7
-
-
-def test_every_mirror_shows_the_common_field(default_layout: Layout) -> None:
-    (low_x, low_y), (high_x, high_y) = common_bounds(default_layout, 400.0)
-    assert high_x - low_x > 100.0
-    assert high_y - low_y > 60.0
-    middle = [(low_x + high_x) / 2, (low_y + high_y) / 2, 400.0]
-    for point_in_view, shown in ((middle, True), ([high_x + 200.0, middle[1], 400.0], False)):
-        point = default_layout.view_from_rig.T @ np.array(point_in_view)
-        px = np.array([default_layout.project(point, index) for index in range(9)])
-        assert all((0 < x < 1919 and 0 < y < 1079) for x, y in px) == shown
-    for index, field in enumerate(fields(default_layout, 400.0)):
-        corners = np.array(field.exterior.coords[:-1])
-        in_rig = np.column_stack([corners, np.full(len(corners), 400.0)]) @ default_layout.view_from_rig
-        mirror = default_layout.mirrors[index]
-        seen = mirror.reflect(in_rig)
-        np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], mirror.outline_normalized, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import shapely
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.sets.poses import fields
+from mirrorcam.render_scenes.fields_of_view import fields
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
 from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop, nearest_mm
 

@@ -191,42 +191,6 @@ def near_mm(bodies: Sequence[DeviceBody]) -> float:
     return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
 
 
-class Obstacles:
-    """Bodies as what stops light, in the frame of the camera; the variant of Mitsuba must have been set."""
-
-    def __init__(self, bodies: Sequence[DeviceBody]) -> None:
-        import mitsuba as mi
-
-        self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
-        self._near_mm = near_mm(bodies)
-
-    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
-        """How far (...) rays from points (..., 3) along unit vectors (..., 3) go; infinite, and NaN of NaN."""
-        import drjit as dr
-        import mitsuba as mi
-
-        shape = np.shape(direction)[:-1]
-        known = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
-        flat = [
-            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32)
-            for values in (start, direction)
-        ]
-        if dr.is_jit_v(mi.Float):
-            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
-            found = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
-        else:
-            pairs = zip(*(values.tolist() for values in flat), strict=True)
-            found = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
-        free = np.full(known.shape, np.nan)
-        free[known] = found
-        return free.reshape(shape)
-
-    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
-        """The same (...) of unit rays (..., 3) from the pupil; the camera's own body stops none of them."""
-        before = (self._near_mm / rays[..., 2])[..., None] * rays
-        return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))
-
-
 def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
     """Bodies as matte shapes of the current variant, by name."""
     return {

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,10 +18,8 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.bodies import (
+from mirrorcam.render_scenes.reference.device_bodies import (
     PLASTIC_RGB,
-    DeviceBody,
-    Obstacles,
     bodies_around,
     checksum,
     holder_from_rig,
@@ -35,32 +30,13 @@ from mirrorcam.render_scenes.reference.bodies import (
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
-from mirrorcam.render_scenes.truth.corners import Oracle
-from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR
-
-SETTINGS = RenderSettings()
-
-
-def box(low: Sequence[float] | FloatArray, high: Sequence[float] | FloatArray, kind: str = "part") -> DeviceBody:
-    """A box, its faces outwards, of a plastic that scatters a fifth of the light."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
-    return DeviceBody("box", kind, corners, faces, None, (0.2, 0.2, 0.2))
+from tests.render_scenes.devices import SETTINGS, box, scene_of, write_glb, write_stl
 
 
 @pytest.fixture(scope="module")
 def pose(small_layout: Layout, small_board: Charuco) -> FloatArray:
     return plan_frames(small_layout, small_board, 1, np.random.default_rng(1)).poses[0]
-
-
-def scene_of(
-    layout: Layout, board: Charuco, pose: FloatArray, *bodies: DeviceBody, variant: str | None = None
-) -> BoardScene:
-    scene = BoardScene(layout.camera, layout.mirrors, board, SETTINGS, bodies=bodies, variant=variant)
-    scene.place_board(pose)
-    return scene
 
 
 def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_layout: Layout) -> None:
@@ -168,38 +144,6 @@ def test_the_camera_does_not_hide_itself(small_layout: Layout, small_board: Char
     assert np.abs(hidden.render(spp=4, seed=1, crop=crop) - free).mean() > 0.1
 
 
-def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
-    """A wall between camera and mirror, then one between mirror and board: maps and corners, against the picture."""
-    middle = small_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
-    seen = board_maps(pixel_rays(small_layout, mirrors=True), small_board, pose)
-    px, before = Oracle(small_layout, small_board).by_mirrors(pose)
-    free = scene_of(small_layout, small_board, pose).render(spp=16, seed=1)
-    walls = (0.6 * middle, [3.0, 3.0, 0.1]), (middle + 120.0 * small_layout.view_from_rig[2], [4.0, 0.1, 4.0])
-    for kept, (at, half) in enumerate(walls):
-        wall = box(at - half, at + half)
-        obstacles = Obstacles([wall])
-        maps = board_maps(pixel_rays(small_layout, mirrors=True, obstacles=obstacles), small_board, pose)
-        hidden = np.isfinite(seen["board.x"]) & ~np.isfinite(maps["board.x"])
-        assert 20 < hidden.sum() < 3000
-        lost_mirrors = (maps["mirror"][hidden] == NO_MIRROR).mean()
-        assert lost_mirrors == (0.0 if kept else 1.0)
-        picture = scene_of(small_layout, small_board, pose, wall).render(spp=16, seed=1)
-        shown = np.isfinite(maps["board.x"])
-        inside, outside = (cv2.erode(part.astype(np.uint8), np.ones((3, 3))) > 0 for part in (hidden, shown))
-        assert inside.sum() > 10
-        plastic = 0.2 * SETTINGS.surroundings * (SETTINGS.mirror_reflectance if kept else 1.0)
-        assert (np.abs(picture[inside] - plastic) < 0.3 * plastic).mean() > 0.95
-        assert (np.abs(picture - free)[outside] < 1e-5).mean() > 0.999
-        after = Oracle(small_layout, small_board, (), obstacles).by_mirrors(pose)[1]
-        assert not (after & ~before).any()
-        near = cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7))) > 0
-        lost = px[before & ~after].round().astype(int)
-        assert len(lost) > 0
-        assert near[lost[:, 1], lost[:, 0]].all()
-        still = px[after].round().astype(int)
-        assert not hidden[still[:, 1], still[:, 0]].any()
-
-
 def test_the_scalar_variant_shows_parts_alike(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
     """The same but for noise."""
     wall, crop = box((-60.0, -60.0, 150.0), (60.0, 60.0, 160.0)), (220, 130, 12, 8)
@@ -294,48 +238,3 @@ def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout:
     assert len(names) == 10
     for name in names:
         assert (sets[0] / name).read_bytes() == (sets[1] / name).read_bytes(), name
-
-
-def write_stl(path: Path, body: DeviceBody) -> None:
-    facets = np.zeros(len(body.faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    facets["corners"] = body.points[body.faces]
-    path.write_bytes(bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
-
-
-def write_glb(path: Path, pieces: dict[str, tuple[str, DeviceBody]]) -> None:
-    """Binary glTF as `mirrorcam cad` writes it."""
-    data, views, accessors = b"", [], []
-
-    def add(values: Any, component: int, shape: str) -> int:
-        nonlocal data
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": values.nbytes})
-        accessors.append(
-            {"componentType": component, "type": shape, "bufferView": len(views) - 1, "count": len(values)}
-        )
-        data += values.tobytes()
-        return len(views) - 1
-
-    meshes, nodes = [], []
-    for name, (kind, body) in pieces.items():
-        corners = body.points[body.faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        index = add(np.arange(3 * len(corners), dtype=np.uint32), 5125, "SCALAR")
-        points = {"POSITION": add(np.float32(corners).reshape(-1, 3), 5126, "VEC3")}
-        normals = {"NORMAL": add(np.float32(np.repeat(across, 3, axis=0)), 5126, "VEC3")}
-        meshes.append({"primitives": [{"attributes": points | normals, "indices": index, "material": 0}]})
-        nodes.append({"name": name, "mesh": len(meshes) - 1, "extras": {"kind": kind}})
-    tree = {
-        "nodes": [{"name": "device", "children": list(range(1, len(nodes) + 1))}, *nodes],
-        "meshes": meshes,
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.25, 0.5, 0.75, 1.0]}}],
-        "accessors": accessors,
-        "bufferViews": views,
-    }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    length = 12 + 8 + len(text) + 8 + len(data)
-    head = b"glTF" + (2).to_bytes(4, "little") + length.to_bytes(4, "little")
-    path.write_bytes(
-        head + len(text).to_bytes(4, "little") + b"JSON" + text + len(data).to_bytes(4, "little") + b"BIN\0" + data
-    )

@@ -11,9 +11,9 @@ import shapely
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.bodies import DeviceBody
-from mirrorcam.render_scenes.tabletop.product_picture import product_picture, viewpoints
-from tests.render_scenes.reference.test_bodies import box, write_glb
+from mirrorcam.render_scenes.reference.device_bodies import DeviceBody
+from mirrorcam.render_scenes.reference.product_picture import product_picture, viewpoints
+from tests.render_scenes.devices import box, write_glb
 
 
 def boxed(layout: Layout) -> dict[str, tuple[str, DeviceBody]]:

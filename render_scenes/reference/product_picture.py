@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly
+from mirrorcam.render_scenes.fields_of_view import common_bounds
+from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly
 from mirrorcam.render_scenes.reference.integrator import PathOptions, integrator, render
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
-from mirrorcam.render_scenes.sets.poses import common_bounds
 from mirrorcam.render_scenes.variant import use_variant
 
 SIZE_PX = (1920, 1080)  # of both views side by side

@@ -1,0 +1,30 @@
+"""What the mirrors of a layout show of a plane parallel to the views, by their virtual pinholes."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+
+def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
+    """What each mirror shows of the plane at a depth, in view x and y, mm."""
+    found = []
+    for mirror in layout.mirrors:
+        centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm
+        rays = mirror.outline_in_rig_mm @ layout.view_from_rig.T - centre
+        found.append(shapely.Polygon((centre + rays * ((depth_mm - centre[2]) / rays[:, 2])[:, None])[:, :2]))
+    return found
+
+
+def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
+    """Bounds [[low x, low y], [high x, high y]] of what all mirrors show at a depth, in view x and y, mm.
+
+    Where there is no such part: of what the middling ones show.
+    """
+    shown = fields(layout, depth_mm)
+    common = shapely.intersection_all(shown)
+    bounds = np.median([field.bounds for field in shown], axis=0) if common.is_empty else np.array(common.bounds)
+    return bounds.reshape(2, 2)
