@@ -13,8 +13,8 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.constraints import Kind
 from mirrorcam.optics.design.program.design_problem import Problem
+from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import IPOPT
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -26,8 +26,8 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import MEETINGS, design
-from mirrorcam.optics.design.program.design_problem import Keep, problem_of, usual_keeps
-from mirrorcam.optics.design.program.nonlinear_program import Outcome
+from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
+from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -75,7 +75,7 @@ def designed(spec: DesignSpec, wanted_mm: tuple[float, ...] = ()) -> Point:
 
 
 def searched(
-    spec: DesignSpec, keeps: tuple[Keep, ...], *, checked: bool, tradeoffs: Sequence[float] = TRADEOFFS
+    spec: DesignSpec, pairs: tuple[PairConstraint, ...], *, checked: bool, tradeoffs: Sequence[float] = TRADEOFFS
 ) -> list[Point]:
     """The front of a spec from many starts: seeds, then the neighbours' optima up and down the tradeoffs.
 
@@ -84,9 +84,9 @@ def searched(
     """
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
     asked = [spec.replaced(tradeoff=tradeoff) for tradeoff in tradeoffs]
-    problems = [problem_of(one, seed_of(one, working_mm), keeps) for one in asked]
+    problems = [problem_of(one, seed_of(one, working_mm), pairs) for one in asked]
     seeds = [seed_of(spec, meeting * working_mm) for meeting in MORE_MEETINGS]
-    best: list[Outcome | None] = [None] * len(asked)
+    best: list[SolverOutcome | None] = [None] * len(asked)
     layouts: list[Layout | None] = [None] * len(asked)
 
     def attempt(k: int, start: FloatArray) -> None:
@@ -102,7 +102,7 @@ def searched(
             return
         best[k], layouts[k] = outcome, layout
 
-    for start in (problem_of(spec, seed, keeps).solver.program.start for seed in seeds):
+    for start in (problem_of(spec, seed, pairs).solver.program.start for seed in seeds):
         for k in range(len(asked)):
             attempt(k, start)
     for hops in (range(1, len(asked)), range(len(asked) - 2, -1, -1)):
@@ -164,7 +164,7 @@ def fronts(workers: int) -> Fronts:
         }
         more = {
             depths: pool.submit(
-                partial(searched, checked=True), DesignSpec(depths_mm=depths, spacing_mm=1.0), usual_keeps(3, 3)
+                partial(searched, checked=True), DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(3, 3)
             )
             for depths in PROTOTYPE
         }

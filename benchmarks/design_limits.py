@@ -32,7 +32,7 @@ from benchmarks.design_account import (
 from benchmarks.design_front import Point, designed, efficiency_at, searched, upper
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.program.design_problem import Keep, problem_of, usual_keeps
+from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
 from mirrorcam.optics.design.program.seeds import seed_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -45,16 +45,16 @@ SINGLE_MM = 400.0
 COLOURS = ("#000000", "#0077bb", "#ee7733", "#cc3311", "#009988")
 
 
-def relaxations(spec: DesignSpec) -> dict[str, tuple[DesignSpec, tuple[Keep, ...], bool]]:
-    """Specs and keeps with more and more left out, and whether their layouts are to be checked."""
-    keeps = usual_keeps(spec.rows, spec.cols)
+def relaxations(spec: DesignSpec) -> dict[str, tuple[DesignSpec, tuple[PairConstraint, ...], bool]]:
+    """Specs and pairs with more and more left out, and whether their layouts are to be checked."""
+    pairs = neighbour_pairs(spec.rows, spec.cols)
     touching = spec.replaced(spacing_mm=0.0, seen_gap_mm=0.0)
     thin = touching.replaced(thickness_mm=1e-4, min_edge_mm=0.0, min_area_mm2=0.0)
-    apart = tuple(keep for keep in keeps if keep.way in ("seen", "in"))
+    apart = tuple(pair for pair in pairs if pair.kind in ("seen", "in"))
     return {
-        "all constraints": (spec, keeps, True),
-        "no gaps": (touching, keeps, True),
-        "no gaps, thin, any size": (thin, keeps, True),
+        "all constraints": (spec, pairs, True),
+        "no gaps": (touching, pairs, True),
+        "no gaps, thin, any size": (thin, pairs, True),
         "only disjoint sub-images": (thin, apart, False),
         "the same, 6 corners": (thin.replaced(sides=6), apart, False),
     }
@@ -64,8 +64,8 @@ def bounds(spec: DesignSpec, workers: int) -> dict[str, list[Point]]:
     """The best fronts found with constraints left out."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {
-            name: pool.submit(partial(searched, checked=checked, tradeoffs=FEW_TRADEOFFS), relaxed, keeps)
-            for name, (relaxed, keeps, checked) in relaxations(spec).items()
+            name: pool.submit(partial(searched, checked=checked, tradeoffs=FEW_TRADEOFFS), relaxed, pairs)
+            for name, (relaxed, pairs, checked) in relaxations(spec).items()
         }
         return {name: future.result() for name, future in futures.items()}
 
@@ -217,7 +217,7 @@ def main(workers: int, pictures: Path | None) -> None:
     print_budgets(budgets)
     print_parallax_bounds(layouts, budgets, spec.depths_mm)
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    problem = problem_of(spec, seed_of(spec, working_mm), usual_keeps(spec.rows, spec.cols))
+    problem = problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.rows, spec.cols))
     found = prices(spec, problem, problem.solver.optimise().values)
     print_prices(found)
     folded = {90: layouts[0.3]} | {fold: design(spec.replaced(fold_deg=float(fold))) for fold in (75, 120)}

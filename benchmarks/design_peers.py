@@ -17,7 +17,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program.design_problem import Problem, problem_of, usual_keeps
+from mirrorcam.optics.design.program.design_problem import Problem, neighbour_pairs, problem_of
 from mirrorcam.optics.design.program.seeds import seed_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
@@ -36,7 +36,7 @@ def seconds_of(action: Callable[[], Any]) -> float:
 def first_problem(spec: DesignSpec) -> Problem:
     """What `design` hands to IPOPT first."""
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    return problem_of(spec, seed_of(spec, working_mm), usual_keeps(spec.rows, spec.cols))
+    return problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.rows, spec.cols))
 
 
 class Question:

@@ -14,12 +14,12 @@ from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.program.design_problem import (
     LEAST_EFFICIENCY,
     SLACK_WEIGHTS,
-    Keep,
+    PairConstraint,
     Problem,
+    neighbour_pairs,
     problem_of,
-    usual_keeps,
 )
-from mirrorcam.optics.design.program.nonlinear_program import Outcome, Solver
+from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
@@ -89,30 +89,30 @@ def _easier(spec: DesignSpec, part: float) -> DesignSpec:
     )
 
 
-def _problem(spec: DesignSpec, keeps: tuple[Keep, ...], meeting: float = MEETINGS[0]) -> Problem:
-    return problem_of(spec, seed_of(spec, meeting * _working_depth_mm(spec)), keeps)
+def _problem(spec: DesignSpec, pairs: tuple[PairConstraint, ...], meeting: float = MEETINGS[0]) -> Problem:
+    return problem_of(spec, seed_of(spec, meeting * _working_depth_mm(spec)), pairs)
 
 
-def _least(outcomes: Iterable[Outcome]) -> Outcome | None:
+def _least(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
     """The best of those that are optima, the first of equals."""
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
 
-def _from_seeds(spec: DesignSpec, problem: Problem, keeps: tuple[Keep, ...]) -> Outcome | None:
+def _from_seeds(spec: DesignSpec, problem: Problem, pairs: tuple[PairConstraint, ...]) -> SolverOutcome | None:
     """The best of the optima next to the seeds; where that of `problem` leads to none, the others are not asked."""
     first = problem.solver.optimise()
     if not first.solved:
         return None
-    return _least([first, *(_problem(spec, keeps, meeting).solver.optimise() for meeting in MEETINGS[1:])])
+    return _least([first, *(_problem(spec, pairs, meeting).solver.optimise() for meeting in MEETINGS[1:])])
 
 
-def _by_detours(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome:
+def _by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
     """The optimum next to the nearest feasible points or, where there seem to be none, at the end of easier specs.
 
     Raises InfeasibleDesign where both seeds lead to points that clearly miss something, or no way leads to an optimum.
     """
     least: list[dict[str, float]] = []
-    for solver, start in _searches(spec, keeps):
+    for solver, start in _searches(spec, pairs):
         feasible, missed = solver.find_feasible(start)
         if not feasible.solved:
             continue
@@ -128,45 +128,47 @@ def _by_detours(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Outcome:
     raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
 
 
-def _searches(spec: DesignSpec, keeps: tuple[Keep, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
+def _searches(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
     """Where to look for a feasible point: around each seed and, long to come by, around the end of easier specs."""
     for meeting in MEETINGS:
-        yield _problem(spec, keeps, meeting).solver, None
-    yield _problem(spec, keeps).solver, _continued(spec, keeps)
+        yield _problem(spec, pairs, meeting).solver, None
+    yield _problem(spec, pairs).solver, _continued(spec, pairs)
 
 
-def _continued(spec: DesignSpec, keeps: tuple[Keep, ...]) -> FloatArray | None:
+def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
     """Values of all unknowns at the last optimum on the way from an easy spec to this one."""
     values: FloatArray | None = None
     for part in EASIER:
-        outcome = _problem(_easier(spec, part), keeps).solver.optimise(values)
+        outcome = _problem(_easier(spec, part), pairs).solver.optimise(values)
         if outcome.solved:
             values = outcome.values
     return values
 
 
 def _optimum(
-    spec: DesignSpec, keeps: tuple[Keep, ...], values: FloatArray | None
+    spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None
 ) -> tuple[tuple[Mirror, ...], FloatArray]:
     """Mirrors at the optimum when pairs of them keep out of each other's way, and the values of all unknowns.
 
     From earlier values, else from the seeds, else by detours.
     """
-    problem = _problem(spec, keeps)
+    problem = _problem(spec, pairs)
     outcome = None if values is None else _least([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = _from_seeds(spec, problem, keeps) or _by_detours(spec, keeps)
+        outcome = _from_seeds(spec, problem, pairs) or _by_detours(spec, pairs)
     centres, corners = problem.solution(outcome.values)
     return mirrors_of(spec, centres * spec.scale_mm, corners), outcome.values
 
 
-def _stricter(spec: DesignSpec, mirrors: tuple[Mirror, ...], keeps: tuple[Keep, ...]) -> tuple[Keep, ...]:
+def _stricter(
+    spec: DesignSpec, mirrors: tuple[Mirror, ...], pairs: tuple[PairConstraint, ...]
+) -> tuple[PairConstraint, ...]:
     """What was kept and, after it, what was not kept all the same."""
-    found = {Keep("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
-    found |= {Keep("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
+    found = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
+    found |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2])
-    found |= {Keep(part.leg, part.light_of, part.sheet_of) for part in light}
-    return keeps + tuple(sorted(found - set(keeps)))
+    found |= {PairConstraint(part.leg, part.mirror, part.occluder) for part in light}
+    return pairs + tuple(sorted(found - set(pairs)))
 
 
 def design(spec: DesignSpec) -> Layout:
@@ -179,14 +181,14 @@ def design(spec: DesignSpec) -> Layout:
     by how much it is missed, or "every" where the search ended without saying why.
     """
     _check_at_once(spec)
-    keeps = usual_keeps(spec.rows, spec.cols)
+    pairs = neighbour_pairs(spec.rows, spec.cols)
     values: FloatArray | None = None
     while True:
-        mirrors, values = _optimum(spec, keeps, values)
-        stricter = _stricter(spec, mirrors, keeps)
-        if stricter == keeps:
+        mirrors, values = _optimum(spec, pairs, values)
+        stricter = _stricter(spec, mirrors, pairs)
+        if stricter == pairs:
             break
-        keeps = stricter
+        pairs = stricter
     made_by = {"made_by": "optics.design.optimise.design", "solver": f"IPOPT of CasADi {version('casadi')}"}
     layout = layout_of(spec, mirrors, made_by)
     verdict = verify(layout, spec)

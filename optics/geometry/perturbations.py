@@ -20,7 +20,7 @@ DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens th
 
 
 @dataclass(frozen=True)
-class Strays:
+class Perturbations:
     """How far n devices of m mirrors stray from their design.
 
     Attributes:
@@ -44,7 +44,9 @@ class Strays:
     camera_turns: FloatArray
 
 
-def draw_strays(tolerances: Tolerances, mirrors: int, devices: int, random: np.random.Generator) -> Strays:
+def draw_perturbations(
+    tolerances: Tolerances, mirrors: int, devices: int, random: np.random.Generator
+) -> Perturbations:
     """Draw devices from normal distributions; the same generator and tolerances of other sizes: the same, scaled.
 
     The first devices do not depend on how many follow.
@@ -53,7 +55,7 @@ def draw_strays(tolerances: Tolerances, mirrors: int, devices: int, random: np.r
     placed = random.spawn(1)[0].standard_normal((devices, 7))
     drawn = random.standard_normal((devices, 8 + 3 * mirrors))
     by_mirror = drawn[:, 8:].reshape(devices, mirrors, 3)
-    return Strays(
+    return Perturbations(
         focal=tolerances.focal_percent / 100.0 * drawn[:, 0],
         centre_px=tolerances.centre_px * drawn[:, 1:3],
         lens=np.array(tolerances.distortion_mean) + np.array(tolerances.distortion_sigma) * drawn[:, 3:8],
@@ -65,9 +67,9 @@ def draw_strays(tolerances: Tolerances, mirrors: int, devices: int, random: np.r
     )
 
 
-def strayed_camera(camera: Camera, strays: Strays, device: int) -> Camera:
+def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) -> Camera:
     """The camera of one device; itself where it does not stray."""
-    focal, centre, lens = 1.0 + strays.focal[device], strays.centre_px[device], strays.lens[device]
+    focal, centre, lens = 1.0 + perturbations.focal[device], perturbations.centre_px[device], perturbations.lens[device]
     if focal == 1.0 and not centre.any() and not lens.any():
         return camera
     return camera.replaced(
@@ -102,35 +104,35 @@ class Devices:
     holder_from_camera: FloatArray
 
 
-def strayed_mirrors(layout: Layout, strays: Strays) -> Devices:
+def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
     """The devices that a layout becomes: each mirror tilted about its middle, then shifted along the normal it had.
 
     The back of a sheet rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
     second-surface one where it did, behind more glass.
     """
-    shape = strays.shifts_mm.shape
+    shape = perturbations.shifts_mm.shape
     designed = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
     frames = np.array([mirror.rig_from_plane for mirror in layout.mirrors])
     middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
     spokes = stacked([mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
     lifts = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
-    vectors = (frames[:, :3, :2] @ strays.tilts[..., None])[..., 0]
+    vectors = (frames[:, :3, :2] @ perturbations.tilts[..., None])[..., 0]
     turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    shifts = (strays.shifts_mm + np.where(lifts, strays.sheets_mm[:, None], 0.0))[..., None] * designed
+    shifts = (perturbations.shifts_mm + np.where(lifts, perturbations.sheets_mm[:, None], 0.0))[..., None] * designed
     return Devices(
         normals=(turns @ designed[..., None])[..., 0],
         middles=middles + shifts,
         axes=turns @ frames[:, :3, :2],
         outlines=spokes @ np.swapaxes(turns, -1, -2) + middles[:, None] + shifts[..., None, :],
-        thicknesses_mm=np.array([mirror.thickness_mm for mirror in layout.mirrors]) + strays.sheets_mm[:, None],
-        pupils=strays.camera_shifts_mm,
-        holder_from_camera=Rotation.from_rotvec(strays.camera_turns).as_matrix(),
+        thicknesses_mm=np.array([mirror.thickness_mm for mirror in layout.mirrors]) + perturbations.sheets_mm[:, None],
+        pupils=perturbations.camera_shifts_mm,
+        holder_from_camera=Rotation.from_rotvec(perturbations.camera_turns).as_matrix(),
     )
 
 
-def _built(layout: Layout, strays: Strays) -> Layout:
+def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     """The first device as a layout in its own rig frame, which is that of its camera."""
-    devices = strayed_mirrors(layout, strays)
+    devices = perturbed_mirrors(layout, perturbations)
     turn, pupil = devices.holder_from_camera[0], devices.pupils[0]
     mirrors = tuple(
         Mirror.from_plane(
@@ -145,7 +147,7 @@ def _built(layout: Layout, strays: Strays) -> Layout:
     )
     return layout.replaced(
         kind="as-built",
-        camera=strayed_camera(layout.camera, strays, 0),
+        camera=perturbed_camera(layout.camera, perturbations, 0),
         mirrors=mirrors,
         view_from_rig=layout.view_from_rig @ turn,
         metrics={},
@@ -178,9 +180,9 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
     if bent:
         raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected flat mirrors to draw a device around")
     for _ in range(DRAWS):
-        strays = draw_strays(tolerances, len(layout.mirrors), 1, random)
+        perturbations = draw_perturbations(tolerances, len(layout.mirrors), 1, random)
         try:
-            built = _built(layout, strays)
+            built = _built(layout, perturbations)
         except ValidationError as error:
             reason = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
             blame = f"{workmanship(tolerances)}: {reason}"

@@ -64,7 +64,7 @@ def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Views:
+class FieldsOfView:
     """The light of all views: corner rays of each sub-image, from where they leave their mirrors, in view axes, mm.
 
     `leaving` and `directions` (m, 3) hold the corners of one sub-image after the other, `corners_of` those of each
@@ -109,7 +109,7 @@ class Views:
         return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
 
 
-def views_of(layout: Layout) -> Views:
+def fields_of_view(layout: Layout) -> FieldsOfView:
     """The light of all views of a layout; that which does not head for the scene is left out."""
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
@@ -123,7 +123,7 @@ def views_of(layout: Layout) -> Views:
         leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
         directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
     reach_mm = max(float((mirror.solid.corners_in_rig_mm @ turn)[:, 2].max()) for mirror in layout.mirrors)
-    return Views(layout, reach_mm, leaving, directions, corners_of)
+    return FieldsOfView(layout, reach_mm, leaving, directions, corners_of)
 
 
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
@@ -144,11 +144,11 @@ def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygo
 
     The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
     """
-    return views_of(layout).common_region(depth_mm)
+    return fields_of_view(layout).common_region(depth_mm)
 
 
 def pixel_efficiency(layout: Layout, depth_mm: float) -> float:
     """Sensor pixels, over all sub-images, that see the region common to all views at a depth / all pixels."""
-    views = views_of(layout)
+    views = fields_of_view(layout)
     region, _ = views.common_region(depth_mm)
     return views.pixel_efficiency(region, depth_mm)

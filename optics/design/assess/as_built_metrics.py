@@ -12,8 +12,8 @@ import shapely
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, Polygons, built_views
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_strays
-from mirrorcam.optics.geometry.sub_images import views_of
+from mirrorcam.optics.geometry.perturbations import draw_perturbations
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 UNITS = {
@@ -48,7 +48,7 @@ class Probe:
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class DesignReference:
     """A design, and where devices are held against it.
 
     Attributes:
@@ -101,15 +101,15 @@ class Yardstick:
         return figures
 
 
-def yardstick(layout: Layout, depths_mm: Sequence[float]) -> Yardstick:
+def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:
     """What devices are held against at depths, mm. Raises InputError where the views of the design share nothing."""
     reference_mm = harmonic_mean(depths_mm)
     for depth_mm in (*depths_mm, reference_mm):
-        if views_of(layout).common_region(depth_mm)[0].is_empty:
+        if fields_of_view(layout).common_region(depth_mm)[0].is_empty:
             raise InputError(f"the views share nothing at {depth_mm:g} mm, expected a layout whose views overlap")
-    exact = draw_strays(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
+    exact = draw_perturbations(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
     design = built_views(layout, exact)
-    return Yardstick(
+    return DesignReference(
         design=design,
         probes=tuple(_probe(design, depth_mm) for depth_mm in depths_mm),
         reference_mm=reference_mm,

@@ -17,7 +17,7 @@ from shapely import Polygon
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import Devices, Strays, strayed_camera, strayed_mirrors
+from mirrorcam.optics.geometry.perturbations import Devices, Perturbations, perturbed_camera, perturbed_mirrors
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
 
@@ -116,14 +116,16 @@ class BuiltViews:
         return found
 
 
-def built_views(layout: Layout, strays: Strays) -> BuiltViews:
+def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
     """The views of devices that stray from a layout.
 
     Raises InputError where a device could not be built: a sheet without thickness, a mirror behind its camera, a lens
     that folds inside the sensor.
     """
-    devices = strayed_mirrors(layout, strays)
-    cameras = tuple(strayed_camera(layout.camera, strays, device) for device in range(len(strays.focal)))
+    devices = perturbed_mirrors(layout, perturbations)
+    cameras = tuple(
+        perturbed_camera(layout.camera, perturbations, device) for device in range(len(perturbations.focal))
+    )
     behind = (devices.pupils[:, None] - devices.middles)[..., None, :] @ devices.normals[..., None]
     distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
     if (thicknesses <= 0).any():

@@ -19,11 +19,11 @@ SAMPLES = 24
 
 
 @dataclass(frozen=True)
-class Blocked:
-    """Part of the light of one mirror that the sheet of another stops, on its way in or out."""
+class Occlusion:
+    """Fraction of the light of one mirror that the solid of another blocks, on the way in or out."""
 
-    light_of: int
-    sheet_of: int
+    mirror: int
+    occluder: int
     leg: Literal["in", "out"]
     fraction: float
 
@@ -75,7 +75,7 @@ def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArr
     return met, leaving, rays @ mirror.reflection
 
 
-def slab_stray_mm(mirror: Mirror) -> float:
+def apparent_offset_mm(mirror: Mirror) -> float:
     """How far the light of a mirror, at most, runs beside that of its apparent mirror, mm; both run in parallel.
 
     A ray of incidence i that meets the slab where it looks d higher than at the chief ray leaves 2 d sin(i) aside.
@@ -106,7 +106,7 @@ def blocked_light(
     steps: int = SAMPLES,
     *,
     view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
-) -> list[Blocked]:
+) -> list[Occlusion]:
     """Which mirrors stand in the light of which, by casting rays from the pupil through sub-images to a depth.
 
     The depth is along the view axis (3,) in rig: of a layout, `layout.view_from_rig[2]`; by default that of a fold by
@@ -117,7 +117,7 @@ def blocked_light(
     found, axis = [], np.asarray(view_axis, dtype=np.float64)
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
-    for light_of, mirror in enumerate(mirrors):
+    for index, mirror in enumerate(mirrors):
         met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, steps))
         heading = directions @ axis > 1e-9
         met, leaving, directions = met[heading], leaving[heading], directions[heading]
@@ -134,10 +134,10 @@ def blocked_light(
             sides = np.cross(outline - source, np.roll(outline, -1, axis=0) - source)
             planes = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
             close = _may_meet(np.concatenate([starts, ends]), planes, bodies)
-            for sheet_of in np.flatnonzero(close):
-                if sheet_of == light_of:
+            for occluder in np.flatnonzero(close):
+                if occluder == index:
                     continue
-                fraction = float(np.mean(length_inside_mm(starts, ends, *faces[sheet_of]) > TOUCH_MM))
+                fraction = float(np.mean(length_inside_mm(starts, ends, *faces[occluder]) > TOUCH_MM))
                 if fraction > 0:
-                    found.append(Blocked(light_of, int(sheet_of), leg, fraction))
+                    found.append(Occlusion(index, int(occluder), leg, fraction))
     return found

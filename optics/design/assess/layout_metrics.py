@@ -8,10 +8,10 @@ import numpy as np
 from shapely import union_all
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
-from mirrorcam.optics.design.assess.chief_rays import slab_stray_mm
+from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
-from mirrorcam.optics.geometry.sub_images import Views, vertices, views_of
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
 HALF = 0.5
 """Views overlap where pixel efficiency is at least this part of what it is at the working depth where it is best."""
@@ -65,7 +65,7 @@ def _crossing(inside: Callable[[float], bool], within: float, without: float) ->
     return within
 
 
-def depth_range_mm(views: Views, depths_mm: Sequence[float]) -> tuple[float, float] | None:
+def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[float, float] | None:
     """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
 
     The full width at half maximum, as a depth of field is measured: depths around the working depth where pixel
@@ -101,7 +101,7 @@ def depth_range_mm(views: Views, depths_mm: Sequence[float]) -> tuple[float, flo
     return nearest_mm, farthest_mm
 
 
-def _overlap(views: Views, depth_mm: float) -> dict[str, Metric]:
+def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
     region, footprints = views.common_region(depth_mm)
     union = union_all(footprints).area
     share, iou = views.pixel_efficiency(region, depth_mm), region.area / union if union else 0.0
@@ -111,7 +111,7 @@ def _overlap(views: Views, depth_mm: float) -> dict[str, Metric]:
     }
 
 
-def _field_of_view(views: Views, depth_mm: float) -> dict[str, Metric]:
+def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
     """Angles that the common region at a depth spans at the mean virtual centre, across and upwards."""
     region, _ = views.common_region(depth_mm)
     angles = np.zeros(2)
@@ -124,7 +124,7 @@ def _field_of_view(views: Views, depth_mm: float) -> dict[str, Metric]:
     }
 
 
-def _depth_range(views: Views, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """Absent where the views share nothing at any working depth."""
     found = depth_range_mm(views, depths_mm)
     if found is None:
@@ -186,7 +186,7 @@ def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """How far light through second-surface sheets strays from the plain mirrors that stand for them; else nothing."""
     if not any(mirror.is_second_surface for mirror in layout.mirrors):
         return {}
-    stray_mm = max(slab_stray_mm(mirror) for mirror in layout.mirrors)
+    stray_mm = max(apparent_offset_mm(mirror) for mirror in layout.mirrors)
     nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_view_mm[..., 2].max())
     focal_px = max(layout.camera.fx_px, layout.camera.fy_px)
     return {
@@ -200,7 +200,7 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
 
     Raises InputError for a depth nearer than the mirrors, and where the views lie in one place.
     """
-    views = views_of(layout)
+    views = fields_of_view(layout)
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)

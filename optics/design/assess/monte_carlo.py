@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.design.assess.as_built_metrics import UNITS, yardstick
+from mirrorcam.optics.design.assess.as_built_metrics import UNITS, design_reference
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_strays, workmanship
+from mirrorcam.optics.geometry.perturbations import draw_perturbations, workmanship
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 DEVICES = 200
@@ -69,7 +69,7 @@ def study(
     Raises InputError where views share nothing at a depth, or where what is drawn could not be built: also at the
     coarsest accuracy, twice the tolerances.
     """
-    ideal = yardstick(layout, depths_mm)
+    ideal = design_reference(layout, depths_mm)
     nominal = {name: float(values[0]) for name, values in ideal.figures(ideal.design).items()}
     spreads, hidden, squares = {}, {}, {}
     for accuracy in ACCURACIES:
@@ -89,7 +89,7 @@ def study(
 def _drawn(layout: Layout, tolerances: Tolerances, devices: int, seed: int, accuracy: float = 1.0) -> BuiltViews:
     random = np.random.default_rng(seed)
     try:
-        return built_views(layout, draw_strays(tolerances.times(accuracy), len(layout.mirrors), devices, random))
+        return built_views(layout, draw_perturbations(tolerances.times(accuracy), len(layout.mirrors), devices, random))
     except InputError as error:
         times = "" if accuracy == 1.0 else f", {accuracy:g} times that"
         raise InputError(f"tolerances {workmanship(tolerances)}{times}: {error}") from None

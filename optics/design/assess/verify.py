@@ -10,7 +10,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm, smallest_seen_gap
-from mirrorcam.optics.geometry.sub_images import views_of
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 LENGTH_TOLERANCE_MM = 1e-4
 AREA_TOLERANCE_MM2 = 1e-3
@@ -79,7 +79,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     for name, (value, asked, tolerance, unit) in least.items():
         limit = max(asked - tolerance, 0.0)
         verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)
-    views = views_of(layout)
+    views = fields_of_view(layout)
     beyond_mm = max(views.reach_mm - min(spec.depths_mm), 0.0)
     verdict["beyond_depth_mm"] = Metric(value=beyond_mm, unit="mm", limit=0.0)
     for depth_mm in spec.depths_mm:

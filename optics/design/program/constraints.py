@@ -1,13 +1,12 @@
 """What a layout must satisfy, as smooth terms in CasADi; in view axes, all lengths in units of the design's scale.
 
-Convex bodies keep apart by an unknown plane between them: they are at least g apart exactly when some plane has one
-body below it and the other at least g above it. This is exact for mirror sheets and for the light that they pass on,
-needs no guess of which edge faces which, and lets a neighbour stand behind a mirror.
+Convex solids are kept apart by an unknown plane between them: they are at least g apart exactly when some plane has one
+solid below it and the other at least g above it. This is exact for the solids of mirrors and for the light that they
+reflect, needs no guess of which edge faces which, and lets a neighbour stand behind a mirror.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from math import prod
@@ -16,6 +15,18 @@ import casadi as ca
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.mirror_variables import (
+    Kind,
+    MirrorVariables,
+    edges_of,
+    mirror_of,
+    pixels,
+    polygon_area,
+    reflected,
+    subdivided,
+    turn,
+    view_from_rig,
+)
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 
 MARGIN = 1e-6
@@ -26,8 +37,8 @@ LEAST_TURN = 1e-3
 
 LEAST_INCIDENCE = 0.1
 
-STRAY = 0.1
-"""How far, in thicknesses, a beam from a mirror coated behind may stray from that of the apparent mirror."""
+BEAM_OFFSET = 0.1
+"""Largest offset, in thicknesses, of a beam from a second-surface mirror from that of the apparent mirror."""
 
 LEAST_GRID_SPACING = 0.05
 
@@ -35,113 +46,17 @@ REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
 
 
-@dataclass(frozen=True)
-class Kind:
-    """What decides about the expressions of a mirror."""
-
-    sides: int
-    distorted: bool
-    second_surface: bool
-
-
-@dataclass(frozen=True)
-class Mirror:
-    """One mirror in expressions: virtual centre (3), corners in normalized coordinates (2), corners of its face (3).
-
-    All of the *apparent* mirror where it is coated behind (see `optics.mirror`). `before` and `behind` say how far the
-    sheet reaches along `normal` (away from the pupil) from the face; light meets the front `entry` (3) aside.
-    """
-
-    centre: Expression
-    corners: list[Expression]
-    face: list[Expression]
-    normal: Expression
-    before: Expression
-    behind: Expression
-    entry: Expression
-
-    @property
-    def sheet(self) -> list[Expression]:
-        """All corners (3) of the sheet."""
-        return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
-
-
-def turn(a: Expression, b: Expression) -> Expression:
-    """The 2-D cross product."""
-    return a[0] * b[1] - a[1] * b[0]
-
-
-def reflected(point: Expression, centre: Expression) -> Expression:
-    """A point (3) reflected at the plane of a virtual centre (3)."""
-    return point - 2.0 * (ca.dot(point, centre) / ca.sumsqr(centre) - 0.5) * centre
-
-
-def edges_of(vertices: list[Expression]) -> list[tuple[Expression, Expression]]:
-    """Both ends of each edge of a polygon."""
-    return list(pairwise([*vertices, vertices[0]]))
-
-
-def polygon_area(vertices: list[Expression]) -> Expression:
-    """Signed area of a polygon (shoelace), positive when it runs from +x to +y."""
-    return 0.5 * sum(turn(a, b) for a, b in edges_of(vertices))
-
-
-def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
-    """The outline of a polygon with `per_edge` points on each edge, the vertex among them."""
-    return [a + (b - a) * (step / per_edge) for a, b in edges_of(vertices) for step in range(per_edge)]
-
-
-def pixels(intrinsics: Expression, normalized: Expression) -> Expression:
-    """Brown-Conrady distortion and intrinsics (9), as `Camera.pixels_from_normalized`."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = (intrinsics[k] for k in range(9))
-    x, y = normalized[0], normalized[1]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    return ca.vertcat(fx * xd + cx, fy * yd + cy)
-
-
-def view_from_rig(fold: Expression) -> Expression:
-    """The rotation (3, 3) of a fold, given as its cosine and sine."""
-    return ca.blockcat([[1.0, 0.0, 0.0], [0.0, fold[0], -fold[1]], [0.0, fold[1], fold[0]]])
-
-
-def mirror_of(kind: Kind, optics: Expression, centre: Expression, corners: Expression) -> Mirror:
-    """The mirror of a virtual centre (3) and corners (2 sides); `optics` (4): cosine, sine, thickness, index.
-
-    Coated behind, the apparent plane lies t (1 - tan' / tan) before the coating and light meets the front t tan' aside
-    of there, both by Snell at the chief ray (see `optics.slab`).
-    """
-    turned, thickness, index = view_from_rig(optics[:2]), optics[2], optics[3]
-    polygon = [corners[2 * k : 2 * k + 2] for k in range(kind.sides)]
-    rays = [turned @ ca.vertcat(corner, 1.0) for corner in polygon]
-    squared = ca.sumsqr(centre)
-    face = [ray * (0.5 * squared / ca.dot(ray, centre)) for ray in rays]
-    normal = centre / ca.sqrt(squared)
-    before, behind, entry = ca.SX(0.0), thickness, ca.SX.zeros(3)
-    if kind.second_surface:
-        chief: Expression = sum(face[1:], start=face[0])
-        chief /= ca.sqrt(ca.sumsqr(chief))
-        cosine = ca.dot(chief, normal)
-        # n cos'; then tan' / tan = cos / (n cos') and tan' = sin / (n cos'), also head-on.
-        inner = ca.sqrt(index**2 - 1.0 + cosine**2)
-        behind = thickness * (1.0 - cosine / inner)
-        before, entry = thickness - behind, thickness / inner * (chief - cosine * normal)
-    return Mirror(centre, polygon, face, normal, before, behind, entry)
-
-
-def _given(kind: Kind, term: TermBuilder, optics: Expression) -> Mirror:
+def _given(kind: Kind, term: TermBuilder, optics: Expression) -> MirrorVariables:
     centre = term.unknown(3)
     return mirror_of(kind, optics, centre, term.unknown(2 * kind.sides))
 
 
 @lru_cache
 def mirror_term(kind: Kind) -> Term:
-    """A mirror that can be cut, seen and folded into place.
+    """One mirror: it can be cut, the sensor sees it, and it folds the light towards the scene.
 
     Unknowns: virtual centre, corners. Parameters: optics (4), intrinsics (9), sensor px (2), shortest edge, smallest
-    area, nearest depth, area of a tile, what each tile's worth of sub-image takes off the objective.
+    area, nearest depth, area of a tile, reduction of the objective for each tile's area of sub-image.
     """
     term = TermBuilder()
     optics, intrinsics, size_px = term.parameter(4), term.parameter(9), term.parameter(2)
@@ -156,10 +71,10 @@ def mirror_term(kind: Kind) -> Term:
         term.require(ca.sumsqr(b - a) - min_edge**2 - MARGIN, "size")
     fans = [ca.cross(a - mirror.face[0], b - mirror.face[0]) for a, b in pairwise(mirror.face[1:])]
     term.require(0.5 * sum(ca.dot(fan, mirror.normal) for fan in fans) - min_area - MARGIN, "size")
-    for point in mirror.sheet:
+    for point in mirror.solid:
         term.require(depth - point[2] - MARGIN, "depth")
     if kind.second_surface:
-        # The pupil must lie before the sheet.
+        # The pupil must lie before the front.
         term.require(ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0 - mirror.before - MARGIN, "occlusion")
     if kind.distorted:
         # Edges bend: points along them stay on the sensor. Without distortion, the corners' bounds are enough.
@@ -174,7 +89,7 @@ def mirror_term(kind: Kind) -> Term:
 def region_directions() -> FloatArray:
     """Directions (8, 2) of the corners of a region from its middle, in view axes, as x and y of a unit circle.
 
-    They run so that a mirror shows them from +x to +y.
+    Their order is such that they run from +x to +y in a mirror's sub-image.
     """
     around = 2.0 * np.pi * (np.arange(REGION_CORNERS) + 0.5) / REGION_CORNERS
     return np.column_stack([np.cos(around), -np.sin(around)])
@@ -199,11 +114,11 @@ def region_term() -> Term:
 
 @lru_cache
 def view_term(kind: Kind) -> Term:
-    """A mirror shows a region whole; the pixels it spends on it count.
+    """A mirror shows a whole region; the share of the sensor's pixels that it spends on the region is rewarded.
 
-    Unknowns: virtual centre, corners, the region's corners: tangents from where it is aimed, which keeps them of one
-    size at any depth. Parameters: optics (4), intrinsics (9), sensor px (2), depth, aim (2), area of a tile, weight of
-    the sensor's share, least share.
+    Unknowns: virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at, so that
+    they have one size at any depth. Parameters: optics (4), intrinsics (9), sensor px (2), depth, aim (2), area of a
+    tile, weight of the sensor's share, least share.
     """
     term = TermBuilder()
     optics, intrinsics, size_px = term.parameter(4), term.parameter(9), term.parameter(2)
@@ -229,8 +144,8 @@ def view_term(kind: Kind) -> Term:
     return term.built()
 
 
-def _usable_edges(mirror: Mirror, rig_from_view: Expression) -> list[tuple[Expression, Expression]]:
-    """Edges moved inwards by as much as light meets the front aside: it has to enter and to leave through the front."""
+def _usable_edges(mirror: MirrorVariables, rig_from_view: Expression) -> list[tuple[Expression, Expression]]:
+    """Edges moved inwards by the offset of `entry`: light has to enter and to leave through the front."""
     moved = []
     for a, b in edges_of(mirror.face):
         inwards = ca.cross(mirror.normal, b - a) / ca.sqrt(ca.sumsqr(b - a))
@@ -280,7 +195,7 @@ def mean_term(count: int) -> Term:
 
 
 def _plane(term: TermBuilder) -> tuple[Expression, Expression]:
-    """An unknown plane n.x = d with a normal of almost unit length, so that what a slack measures is about a length."""
+    """An unknown plane n.x = d whose normal has nearly unit length, so that a slack is nearly a length."""
     n, d = term.unknown(3), term.unknown(1)
     term.require(1.0 - ca.dot(n, n))
     term.require(ca.dot(n, n) - 0.81)
@@ -289,7 +204,7 @@ def _plane(term: TermBuilder) -> tuple[Expression, Expression]:
 
 @lru_cache
 def seen_gap_term(sides: int) -> Term:
-    """Two sub-images on both sides of a line and `gap` apart.
+    """Two sub-images lie on opposite sides of a line, `gap` apart.
 
     Unknowns: corners of both, line (3). Parameters: gap in normalized coordinates.
     """
@@ -306,7 +221,7 @@ def seen_gap_term(sides: int) -> Term:
 
 @lru_cache
 def gap_term(kind: Kind) -> Term:
-    """The sheets of two mirrors on both sides of a plane and `gap` apart.
+    """The solids of two mirrors lie on opposite sides of a plane, `gap` apart.
 
     Unknowns: both mirrors, plane (4). Parameters: optics (4), gap.
     """
@@ -314,9 +229,9 @@ def gap_term(kind: Kind) -> Term:
     optics, gap = term.parameter(4), term.parameter()
     first, second = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
-    for point in first.sheet:
+    for point in first.solid:
         term.require(d - ca.dot(n, point))
-    for point in second.sheet:
+    for point in second.solid:
         term.require(ca.dot(n, point) - d - gap - MARGIN, "spacing")
     return term.built()
 
@@ -334,7 +249,7 @@ def incoming_term(kind: Kind) -> Term:
     term.require(d)
     for point in light.face:
         term.require(d - ca.dot(n, point))
-    for point in other.sheet:
+    for point in other.solid:
         term.require(ca.dot(n, point) - d - MARGIN, "occlusion")
     return term.built()
 
@@ -352,7 +267,7 @@ def outgoing_term(kind: Kind) -> Term:
     for point in light.face:
         term.require(d - ca.dot(n, point))
         term.require(-ca.dot(n, point - light.centre))
-    stray = STRAY * optics[2] if kind.second_surface else 0.0
-    for point in other.sheet:
-        term.require(ca.dot(n, point) - d - stray - MARGIN, "occlusion")
+    offset = BEAM_OFFSET * optics[2] if kind.second_surface else 0.0
+    for point in other.solid:
+        term.require(ca.dot(n, point) - d - offset - MARGIN, "occlusion")
     return term.built()

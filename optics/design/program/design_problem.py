@@ -1,17 +1,17 @@
-"""The design of a spec as a nonlinear program: unknown mirrors, what is asked of them, what makes one better."""
+"""The design of a spec as a nonlinear program: unknown mirrors, constraints on them and the objective."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.constraints import Kind
+from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds
 from mirrorcam.optics.design.program.terms import Indices
@@ -21,27 +21,28 @@ REFERENCE_GRID_ERROR = 0.25
 """A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
 
 LEAST_EFFICIENCY = 0.02
-"""A layout whose views share less of the sensor than this, at any depth, is no answer."""
+"""A layout whose views share less of the sensor than this, at any depth, is refused."""
 
 TIE_BREAK = 1e-3
-"""Weight of what decides where the objective leaves a choice: corners that nothing holds move outward."""
+"""Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
 
 CENTRE_REACH = 0.6
 
 SLACK_WEIGHTS = {"spacing": 1.0, "seen gap": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
-"""What it costs, in a search for feasibility, to miss a limit by one scale (overlap: by a whole sub-image)."""
+"""Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
 
-Way = Literal["seen", "gap", "in", "out"]
+PairKind = Literal["seen", "gap", "in", "out"]
+MirrorUnknowns = tuple[Indices, Indices]
 
 
 @dataclass(frozen=True, order=True)
-class Keep:
-    """What a pair of mirrors keeps: a gap between them, as the camera sees it or in space, or free light.
+class PairConstraint:
+    """A constraint on two mirrors: a gap between them, in the image ("seen") or in space ("gap"), or free light.
 
     "in" and "out" keep the second out of the light to and from the first.
     """
 
-    way: Way
+    kind: PairKind
     first: int
     second: int
 
@@ -59,120 +60,155 @@ class Problem:
         return values[self.centres], values[self.corners]
 
 
-def usual_keeps(rows: int, cols: int) -> tuple[Keep, ...]:
-    """What mirrors next to each other keep as a rule; the rest is asked for where it turns out to matter.
+def neighbour_pairs(rows: int, cols: int) -> tuple[PairConstraint, ...]:
+    """The constraints on neighbours that every design starts with; others follow where a solution violates them.
 
-    Gaps and free ways for light to each; across the diagonal, beams leave side by side without being kept apart.
+    Gaps and free light in both directions; across the diagonal, beams leave side by side without being kept apart.
     """
-    keeps = []
+    pairs = []
     for i, j in combinations(range(rows * cols), 2):
         down, across = j // cols - i // cols, abs(i % cols - j % cols)
         if max(down, across) > 1:
             continue
-        keeps += [Keep("seen", i, j), Keep("gap", i, j)]
-        ways: tuple[Way, ...] = ("in",) if down and across else ("in", "out")
-        keeps += [Keep(way, *pair) for way in ways for pair in ((i, j), (j, i))]
-    return tuple(keeps)
+        pairs += [PairConstraint("seen", i, j), PairConstraint("gap", i, j)]
+        legs: tuple[PairKind, ...] = ("in",) if down and across else ("in", "out")
+        pairs += [PairConstraint(leg, *ordered) for leg in legs for ordered in ((i, j), (j, i))]
+    return tuple(pairs)
+
+
+@dataclass(frozen=True)
+class _Common:
+    """Numbers that many terms take, in scales: `optics` (4), intrinsics (9) and sensor px (2) in `lens`."""
+
+    kind: Kind
+    optics: list[float]
+    lens: list[ArrayLike]
+    tile_area: float
+
+    @classmethod
+    def of(cls, spec: DesignSpec, seed: Seed) -> Self:
+        return cls(
+            kind=Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface),
+            optics=[*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / spec.scale_mm, spec.refractive_index],
+            lens=[spec.camera.intrinsics, [spec.camera.width_px, spec.camera.height_px]],
+            tile_area=4.0 * float(np.prod(seed.half_tile)),
+        )
+
+
+def problem_of(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...]) -> Problem:
+    """The program of a spec, started from a seed, in view axes; all lengths in units of `scale_mm`.
+
+    The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency averaged over the
+    depths).
+
+    Parameters
+    ----------
+    spec : what is asked for.
+    seed : mirrors to start from.
+    pairs : constraints on pairs of mirrors. Their unknowns come last, so that a solution still fits when more are
+        appended.
+    """
+    program, common = Program(), _Common.of(spec, seed)
+    mirrors = _add_mirrors(program, spec, seed, common)
+    _add_grid(program, spec, [centre for centre, _ in mirrors])
+    for depth_mm in spec.depths_mm:
+        _add_region(program, spec, seed, common, mirrors, depth_mm / spec.scale_mm)
+    _add_pairs(program, spec, seed, common, mirrors, pairs)
+    return Problem(
+        solver=Solver(program, SLACK_WEIGHTS),
+        centres=np.array([centre for centre, _ in mirrors]),
+        corners=np.array([corners for _, corners in mirrors]).reshape(len(mirrors), spec.sides, 2),
+    )
+
+
+def _add_mirrors(program: Program, spec: DesignSpec, seed: Seed, common: _Common) -> list[MirrorUnknowns]:
+    """The mirrors, row by row; returns their unknowns, virtual centre and corners."""
+    low, high = sensor_bounds(spec.camera)
+    centres = [program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH) for centre in seed.centres]
+    corners = [
+        program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
+        for polygon in seed.corners
+    ]
+    mirrors = list(zip(centres, corners, strict=True))
+    cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
+    nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(mirrors)
+    for mirror in mirrors:
+        given: list[ArrayLike] = [common.optics, *common.lens, cut, nearest, common.tile_area, reward]
+        program.add(constraints.mirror_term(common.kind), mirror, given)
+    return mirrors
+
+
+def _add_grid(program: Program, spec: DesignSpec, centres: list[Indices]) -> None:
+    """The grid of virtual centres, its place and its objective."""
+    # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
+    # fixes the size of the whole or its direction.
+    inner = [centres[t * spec.cols + s] for t in _inner(spec.rows) for s in _inner(spec.cols)]
+    program.add(constraints.mean_term(len(inner)), inner, [spec.view_from_rig[:, 2] - [0.0, 0.0, 1.0]])
+    program.add(constraints.grid_term(spec.rows, spec.cols), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
 
 
 def _inner(count: int) -> list[int]:
     return [count // 2] if count % 2 else [count // 2 - 1, count // 2]
 
 
-def _unit(vector: FloatArray) -> FloatArray:
-    return vector / np.linalg.norm(vector)
-
-
-def problem_of(spec: DesignSpec, seed: Seed, keeps: tuple[Keep, ...]) -> Problem:
-    """The program of a spec, started from a seed, in view axes; all lengths in units of `scale_mm`.
-
-    Pairs of mirrors keep out of each other's way as `keeps` says; its unknowns come last, so that a solution still fits
-    when more is appended. The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency
-    averaged over the depths).
-    """
-    program = Program()
-    kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface)
-    count, scale = spec.rows * spec.cols, spec.scale_mm
-    depths = np.array(spec.depths_mm) / scale
-    optics: list[float] = [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / scale, spec.refractive_index]
-    lens: list[ArrayLike] = [spec.camera.intrinsics, [spec.camera.width_px, spec.camera.height_px]]
-    tile_area = 4.0 * float(np.prod(seed.half_tile))
-    cut = [spec.min_edge_mm / scale, spec.min_area_mm2 / scale**2]
-
-    low, high = sensor_bounds(spec.camera)
-    reach = CENTRE_REACH
-    centres = [program.unknown(centre, centre - reach, centre + reach) for centre in seed.centres]
-    corners = [
-        program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
-        for polygon in seed.corners
-    ]
-    mirrors = list(zip(centres, corners, strict=True))
-    for mirror in mirrors:
-        program.add(
-            constraints.mirror_term(kind), mirror, [optics, *lens, cut, depths.min(), tile_area, TIE_BREAK / count]
-        )
-    # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
-    # fixes the size of the whole or its direction.
-    inner = [centres[t * spec.cols + s] for t in _inner(spec.rows) for s in _inner(spec.cols)]
-    axis = spec.view_from_rig[:, 2]
-    program.add(constraints.mean_term(len(inner)), inner, [axis - [0.0, 0.0, 1.0]])
-    program.add(constraints.grid_term(spec.rows, spec.cols), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
-    weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(depths)
-    for depth in depths:
-        half_size = 0.6 * seed.half_tile
-        middle = program.unknown([0.0, 0.0])
-        region = program.unknown((constraints.region_directions() * half_size).ravel())
-        program.add(constraints.region_term(), [middle, region], [half_size])
-        for mirror in mirrors:
-            view: list[ArrayLike] = [optics, *lens, depth, axis[:2], tile_area, weight, LEAST_EFFICIENCY / count]
-            program.add(constraints.view_term(kind), [*mirror, region], view)
-    middles = seed.middles(spec.view_from_rig)
-    planes = [_first_plane(keep, seed, middles) for keep in keeps]
-    _add_keeps(program, kind, keeps, mirrors, planes, optics, spec.spacing_mm / scale, spec.seen_gap_mm / scale)
-    return Problem(
-        solver=Solver(program, SLACK_WEIGHTS),
-        centres=np.array(centres),
-        corners=np.array(corners).reshape(count, spec.sides, 2),
-    )
-
-
-def _first_plane(keep: Keep, seed: Seed, middles: FloatArray) -> FloatArray:
-    """The plane (normal, offset) or line (3) that a pair starts with; chief rays meet their mirrors at `middles`."""
-    if keep.way == "seen":
-        p, q = seed.chief[keep.first], seed.chief[keep.second]
-        across = _unit(q - p)
-        return np.array([*across, -across @ (p + q) / 2.0])
-    a, b, centre = middles[keep.first], middles[keep.second], seed.centres[keep.first]
-    if keep.way == "gap":
-        normal = _unit(b - a)
-        return np.array([*normal, normal @ (a + b) / 2.0])
-    between = _unit(_unit(b) - _unit(a))
-    if keep.way == "in":
-        return np.array([*between, 0.0])
-    turned = between - 2.0 * (between @ centre) / (centre @ centre) * centre
-    return np.array([*turned, turned @ centre])
-
-
-def _add_keeps(
-    program: Program,
-    kind: Kind,
-    keeps: tuple[Keep, ...],
-    mirrors: list[tuple[Indices, Indices]],
-    planes: list[FloatArray],
-    optics: list[float],
-    gap: float,
-    seen_gap: float,
+def _add_region(
+    program: Program, spec: DesignSpec, seed: Seed, common: _Common, mirrors: list[MirrorUnknowns], depth: float
 ) -> None:
+    """An unknown region at a depth (in scales) that all views show, and the objective of their pixel efficiency."""
+    half_size = 0.6 * seed.half_tile
+    middle = program.unknown([0.0, 0.0])
+    region = program.unknown((constraints.region_directions() * half_size).ravel())
+    program.add(constraints.region_term(), [middle, region], [half_size])
+    aim, weight = spec.view_from_rig[:2, 2], (1.0 - spec.tradeoff + TIE_BREAK) / len(spec.depths_mm)
+    least = LEAST_EFFICIENCY / len(mirrors)
+    for mirror in mirrors:
+        given: list[ArrayLike] = [common.optics, *common.lens, depth, aim, common.tile_area, weight, least]
+        program.add(constraints.view_term(common.kind), [*mirror, region], given)
+
+
+def _add_pairs(
+    program: Program,
+    spec: DesignSpec,
+    seed: Seed,
+    common: _Common,
+    mirrors: list[MirrorUnknowns],
+    pairs: tuple[PairConstraint, ...],
+) -> None:
+    kind, optics = common.kind, common.optics
     terms = {
         "seen": constraints.seen_gap_term(kind.sides),
         "gap": constraints.gap_term(kind),
         "in": constraints.incoming_term(kind),
         "out": constraints.outgoing_term(kind),
     }
-    given: dict[Way, list[ArrayLike]] = {"seen": [seen_gap], "gap": [optics, gap], "in": [optics], "out": [optics]}
-    for keep, plane in zip(keeps, planes, strict=True):
+    gap, seen_gap = spec.spacing_mm / spec.scale_mm, spec.seen_gap_mm / spec.scale_mm
+    given: dict[PairKind, list[ArrayLike]] = {"seen": [seen_gap], "gap": [optics, gap], "in": [optics], "out": [optics]}
+    middles = seed.middles(spec.view_from_rig)
+    for pair in pairs:
+        plane = _first_plane(pair, seed, middles)
         reach = np.array([*np.ones(plane.size - 1), np.inf])
         unknown = program.unknown(plane, -reach, reach)
-        first, second = mirrors[keep.first], mirrors[keep.second]
-        bodies = [first[1], second[1]] if keep.way == "seen" else [*first, *second]
-        program.add(terms[keep.way], [*bodies, unknown], given[keep.way])
+        first, second = mirrors[pair.first], mirrors[pair.second]
+        parts = [first[1], second[1]] if pair.kind == "seen" else [*first, *second]
+        program.add(terms[pair.kind], [*parts, unknown], given[pair.kind])
+
+
+def _first_plane(pair: PairConstraint, seed: Seed, middles: FloatArray) -> FloatArray:
+    """The plane (normal, offset) or line (3) that a pair starts with; chief rays meet their mirrors at `middles`."""
+    if pair.kind == "seen":
+        p, q = seed.chief[pair.first], seed.chief[pair.second]
+        across = _unit(q - p)
+        return np.array([*across, -across @ (p + q) / 2.0])
+    a, b, centre = middles[pair.first], middles[pair.second], seed.centres[pair.first]
+    if pair.kind == "gap":
+        normal = _unit(b - a)
+        return np.array([*normal, normal @ (a + b) / 2.0])
+    between = _unit(_unit(b) - _unit(a))
+    if pair.kind == "in":
+        return np.array([*between, 0.0])
+    turned = between - 2.0 * (between @ centre) / (centre @ centre) * centre
+    return np.array([*turned, turned @ centre])
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return vector / np.linalg.norm(vector)

@@ -85,7 +85,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SolverOutcome:
     """Where IPOPT stopped: values of all unknowns (n,), its own word for it, and whether that is an optimum.
 
     `objective` is that of the question asked: of the design, or how much a search for feasibility misses.
@@ -215,7 +215,7 @@ class Solver:
         }
         self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives)
 
-    def _solve(self, start: FloatArray, slack: tuple[float, float], searching: float) -> Outcome:
+    def _solve(self, start: FloatArray, slack: tuple[float, float], searching: float) -> SolverOutcome:
         low, high = (bound.copy() for bound in self.program.bounds)
         first = start.copy()
         first[: len(ELASTIC)], high[: len(ELASTIC)] = slack
@@ -223,7 +223,7 @@ class Solver:
             x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
         )
         stats = self._nlp.stats()
-        return Outcome(
+        return SolverOutcome(
             values=np.array(result["x"]).ravel(),
             objective=float(result["f"]),
             status=stats["return_status"],
@@ -231,14 +231,14 @@ class Solver:
             iterations=int(stats["iter_count"]),
         )
 
-    def optimise(self, start: FloatArray | None = None) -> Outcome:
+    def optimise(self, start: FloatArray | None = None) -> SolverOutcome:
         """The best values with all constraints held, from the program's own start or, as far as it goes, `start`."""
         first = self.program.start
         if start is not None:
             first[: len(start)] = start
         return self._solve(first, (0.0, 0.0), 0.0)
 
-    def find_feasible(self, start: FloatArray | None = None) -> tuple[Outcome, dict[str, float]]:
+    def find_feasible(self, start: FloatArray | None = None) -> tuple[SolverOutcome, dict[str, float]]:
         """The values that miss the elastic families least, and by how much each family is missed."""
         outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

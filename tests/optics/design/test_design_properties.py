@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.assess.chief_rays import Blocked, blocked_light, sampled, traced
+from mirrorcam.optics.design.assess.chief_rays import Occlusion, blocked_light, sampled, traced
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
@@ -221,8 +221,8 @@ def test_rays_agree_with_triangles(size: tuple[int, int], seed: int) -> None:
         scaled(mirror, random.uniform(0.8, 1.2)).replaced(thickness_mm=random.uniform(0.3, 6.0))
         for mirror in layout.mirrors
     ]
-    found: dict[tuple[int, int, str], Blocked] = {
-        (one.light_of, one.sheet_of, one.leg): one for one in blocked_light(mirrors, 500.0, 10)
+    found: dict[tuple[int, int, str], Occlusion] = {
+        (one.mirror, one.occluder, one.leg): one for one in blocked_light(mirrors, 500.0, 10)
     }
     for light_of, sheet_of in random.integers(0, len(mirrors), (8, 2)).tolist():
         if light_of == sheet_of:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.cad.plan.seats import seat_distance_mm
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_strays
+from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 
@@ -87,21 +87,21 @@ def test_no_device_is_drawn_around_bent_mirrors(default_layout: Layout) -> None:
 def test_numbers_are_drawn_in_the_order_of_the_sets_that_exist() -> None:
     """Camera (focal length, centre, lens), then tilts and shift mirror by mirror; the rest has a stream of its own."""
     tolerances = Tolerances(sheet_thickness_mm=0.1, camera_offset_mm=0.4, camera_turn_deg=0.6)
-    strays = draw_strays(tolerances, 2, 1, np.random.default_rng(3))
+    perturbations = draw_perturbations(tolerances, 2, 1, np.random.default_rng(3))
     one_by_one = np.random.default_rng(3)
-    assert strays.focal[0] == 0.01 * one_by_one.standard_normal()
-    np.testing.assert_array_equal(strays.centre_px[0], 8.0 * one_by_one.standard_normal(2))
+    assert perturbations.focal[0] == 0.01 * one_by_one.standard_normal()
+    np.testing.assert_array_equal(perturbations.centre_px[0], 8.0 * one_by_one.standard_normal(2))
     lens = np.array(tolerances.distortion_sigma) * one_by_one.standard_normal(5)
-    np.testing.assert_array_equal(strays.lens[0], np.array(tolerances.distortion_mean) + lens)
+    np.testing.assert_array_equal(perturbations.lens[0], np.array(tolerances.distortion_mean) + lens)
     for mirror in range(2):
-        np.testing.assert_array_equal(strays.tilts[0, mirror], np.deg2rad(0.3) * one_by_one.standard_normal(2))
-        assert strays.shifts_mm[0, mirror] == 0.3 * one_by_one.standard_normal()
-    placed = np.concatenate([strays.sheets_mm / 0.1, strays.camera_shifts_mm[0] / 0.4])
+        np.testing.assert_array_equal(perturbations.tilts[0, mirror], np.deg2rad(0.3) * one_by_one.standard_normal(2))
+        assert perturbations.shifts_mm[0, mirror] == 0.3 * one_by_one.standard_normal()
+    placed = np.concatenate([perturbations.sheets_mm / 0.1, perturbations.camera_shifts_mm[0] / 0.4])
     assert not np.isin(placed, np.random.default_rng(3).standard_normal(40)).any()
 
 
 def test_the_first_devices_do_not_depend_on_how_many_follow() -> None:
-    few, many = (draw_strays(Tolerances.hobby(), 4, count, np.random.default_rng(0)) for count in (3, 50))
+    few, many = (draw_perturbations(Tolerances.hobby(), 4, count, np.random.default_rng(0)) for count in (3, 50))
     for name, values in vars(few).items():
         np.testing.assert_array_equal(values, getattr(many, name)[:3])
 
@@ -122,7 +122,7 @@ def test_the_back_of_a_sheet_stays_on_its_seat(default_layout: Layout, surface: 
 
 def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_layout: Layout) -> None:
     tolerances = Tolerances.none().replaced(camera_offset_mm=2.0)
-    pupil = draw_strays(tolerances, 9, 1, np.random.default_rng(5)).camera_shifts_mm[0]
+    pupil = draw_perturbations(tolerances, 9, 1, np.random.default_rng(5)).camera_shifts_mm[0]
     assert np.linalg.norm(pupil) > 0.5
     built = draw_as_built(default_layout, tolerances, np.random.default_rng(5))
     np.testing.assert_array_equal(built.view_from_rig, default_layout.view_from_rig)
@@ -136,7 +136,7 @@ def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_
 
 def test_a_turned_camera_sees_everything_turned(default_layout: Layout) -> None:
     tolerances = Tolerances.none().replaced(camera_turn_deg=1.0)
-    vector = draw_strays(tolerances, 9, 1, np.random.default_rng(6)).camera_turns[0]
+    vector = draw_perturbations(tolerances, 9, 1, np.random.default_rng(6)).camera_turns[0]
     turn = Rotation.from_rotvec(vector).as_matrix()
     built = draw_as_built(default_layout, tolerances, np.random.default_rng(6))
     expected = default_layout.virtual_centres_in_rig_mm @ turn

@@ -12,7 +12,7 @@ from mirrorcam.commands.render import in_workers
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_strays
+from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -41,10 +41,10 @@ def pose(small_layout: Layout, small_board: Charuco) -> FloatArray:
 
 def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_layout: Layout) -> None:
     tolerances = Tolerances(camera_offset_mm=0.4, camera_turn_deg=0.5)
-    strays = draw_strays(tolerances, 9, 1, np.random.default_rng(5))
+    perturbations = draw_perturbations(tolerances, 9, 1, np.random.default_rng(5))
     found = holder_from_rig(default_layout, draw_as_built(default_layout, tolerances, np.random.default_rng(5)))
-    assert np.linalg.norm(strays.camera_shifts_mm[0]) > 0.1
-    np.testing.assert_allclose(found[:3, 3], strays.camera_shifts_mm[0], atol=1e-9)
+    assert np.linalg.norm(perturbations.camera_shifts_mm[0]) > 0.1
+    np.testing.assert_allclose(found[:3, 3], perturbations.camera_shifts_mm[0], atol=1e-9)
     np.testing.assert_allclose(found @ np.linalg.inv(found), np.eye(4), atol=1e-12)
     # A body stays where it is in the holder.
     body = moved(box((0, 0, 0), (1, 2, 3)), found)

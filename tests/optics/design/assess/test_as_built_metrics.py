@@ -9,25 +9,27 @@ import pytest
 import shapely
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.design.assess.as_built_metrics import yardstick
+from mirrorcam.optics.design.assess.as_built_metrics import design_reference
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.perturbations import Strays, draw_strays
+from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 
 DEPTHS_MM = (300.0, 500.0)
 
 
-def exact(layout: Layout) -> Strays:
-    return draw_strays(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
+def exact(layout: Layout) -> Perturbations:
+    return draw_perturbations(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
 
 
-def figures(layout: Layout, strays: Strays, depths_mm: tuple[float, ...] = DEPTHS_MM) -> dict[str, FloatArray]:
-    return yardstick(layout, depths_mm).figures(built_views(layout, strays))
+def figures(
+    layout: Layout, perturbations: Perturbations, depths_mm: tuple[float, ...] = DEPTHS_MM
+) -> dict[str, FloatArray]:
+    return design_reference(layout, depths_mm).figures(built_views(layout, perturbations))
 
 
 def side_by_side() -> Layout:
@@ -81,9 +83,9 @@ def test_a_tilted_mirror_turns_its_view_by_twice_as_much() -> None:
     design = figures(layout, exact(layout), (300.0,))
     assert design["overlap_iou_300mm"] > 0.3
     for alpha in (1e-4, 0.01, 0.05):
-        strays = exact(layout)
-        strays.tilts[0, 1, 0] = alpha
-        found = figures(layout, strays, (300.0,))
+        perturbations = exact(layout)
+        perturbations.tilts[0, 1, 0] = alpha
+        found = figures(layout, perturbations, (300.0,))
         shift_px = 1360.38 * 300.0 * np.sin(2 * alpha) / (80.0 + 300.0 * np.cos(2 * alpha))
         # One of three views is off; the region is small, not a point.
         assert found["uncalibrated_error_300mm"] == pytest.approx(shift_px / np.sqrt(3), rel=0.01)
@@ -135,8 +137,8 @@ def test_baselines_are_those_of_the_mirrored_pupils() -> None:
 
 def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
     """The rms error of a crooked device, from a few points in the region and from ten thousand."""
-    strays = draw_strays(Tolerances.hobby().times(0.2), 9, 1, np.random.default_rng(3))
-    ideal, views = yardstick(default_layout, DEPTHS_MM), built_views(default_layout, strays)
+    perturbations = draw_perturbations(Tolerances.hobby().times(0.2), 9, 1, np.random.default_rng(3))
+    ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)
     region = ideal.design.common_regions(300.0)[0][0]
     left, low, right, high = region.bounds
     grid = np.stack(np.meshgrid(np.linspace(left, right, 120), np.linspace(low, high, 120)), axis=-1).reshape(-1, 2)
@@ -150,10 +152,10 @@ def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
 
 def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None:
     """The lens folds just beyond the sensor, and a turn of the camera takes points there that the design can see."""
-    strays = replace(
+    perturbations = replace(
         exact(default_layout), lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]), camera_turns=np.array([[0.0, 0.25, 0.0]])
     )
-    ideal, views = yardstick(default_layout, DEPTHS_MM), built_views(default_layout, strays)
+    ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)
     known = np.isfinite(views.pixels(ideal.probes[0].points, np.array(0), np.arange(9)[:, None]))
     assert 0.3 < known.mean() < 0.97
     for name, values in ideal.figures(views).items():
@@ -162,4 +164,4 @@ def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None
 
 def test_a_design_whose_views_share_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="the views share nothing at 300 mm, expected a layout whose views overlap"):
-        yardstick(side_by_side(), DEPTHS_MM)
+        design_reference(side_by_side(), DEPTHS_MM)

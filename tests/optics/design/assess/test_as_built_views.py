@@ -14,16 +14,16 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import Strays, draw_as_built, draw_strays
-from mirrorcam.optics.geometry.sub_images import views_of
+from mirrorcam.optics.geometry.perturbations import Perturbations, draw_as_built, draw_perturbations
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 WITH_CAMERA = Tolerances(tilt_deg=0.6, offset_mm=0.5, sheet_thickness_mm=0.1)
 DEPTHS_MM = (320.0, 600.0)
 
 
-def exact(layout: Layout, devices: int = 1) -> Strays:
-    return draw_strays(Tolerances.none(), len(layout.mirrors), devices, np.random.default_rng(0))
+def exact(layout: Layout, devices: int = 1) -> Perturbations:
+    return draw_perturbations(Tolerances.none(), len(layout.mirrors), devices, np.random.default_rng(0))
 
 
 def hexagonal(layout: Layout) -> Layout:
@@ -62,9 +62,9 @@ def layout(request: pytest.FixtureRequest, default_layout: Layout, crooked_layou
     return kinds[kind]
 
 
-def assert_same_views(layout: Layout, strays: Strays, built: Layout) -> None:
-    """The first device sees what `views_of` finds of its layout (whose rig is that of the holder)."""
-    views, alone = built_views(layout, strays), views_of(built)
+def assert_same_views(layout: Layout, perturbations: Perturbations, built: Layout) -> None:
+    """The first device sees what `fields_of_view` finds of its layout (whose rig is that of the holder)."""
+    views, alone = built_views(layout, perturbations), fields_of_view(built)
     assert_allclose(views.centres[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
     for depth_mm in DEPTHS_MM:
         regions, footprints = views.common_regions(depth_mm)
@@ -83,13 +83,13 @@ def test_a_device_without_a_fault_sees_what_the_design_sees(layout: Layout) -> N
 def test_a_device_sees_what_its_own_layout_sees(layout: Layout) -> None:
     """Faults of mirrors and of the lens: the camera is where it should be, its rig frame that of the holder."""
     built = draw_as_built(layout, WITH_CAMERA, np.random.default_rng(8))
-    strays = draw_strays(WITH_CAMERA, len(layout.mirrors), 1, np.random.default_rng(8))
-    assert_same_views(layout, strays, built)
+    perturbations = draw_perturbations(WITH_CAMERA, len(layout.mirrors), 1, np.random.default_rng(8))
+    assert_same_views(layout, perturbations, built)
 
 
 def test_devices_do_not_disturb_each_other(layout: Layout) -> None:
-    many = draw_strays(WITH_CAMERA, len(layout.mirrors), 5, np.random.default_rng(9))
-    third = Strays(**{name: values[3:4] for name, values in vars(many).items()})
+    many = draw_perturbations(WITH_CAMERA, len(layout.mirrors), 5, np.random.default_rng(9))
+    third = Perturbations(**{name: values[3:4] for name, values in vars(many).items()})
     together, alone = built_views(layout, many), built_views(layout, third)
     (regions, _), (region, _) = (views.common_regions(DEPTHS_MM[0]) for views in (together, alone))
     assert_allclose(together.seen_px(regions, DEPTHS_MM[0])[3], alone.seen_px(region, DEPTHS_MM[0])[0], rtol=1e-12)
@@ -100,21 +100,23 @@ def test_pixels_are_those_of_the_layout_as_built(layout: Layout) -> None:
     """With the camera out of place and turned: its rig frame is where it sits."""
     tolerances = WITH_CAMERA.replaced(camera_offset_mm=1.0, camera_turn_deg=1.0)
     count = len(layout.mirrors)
-    strays = draw_strays(tolerances, count, 1, np.random.default_rng(2))
+    perturbations = draw_perturbations(tolerances, count, 1, np.random.default_rng(2))
     built = draw_as_built(layout, tolerances, np.random.default_rng(2))
     points = np.random.default_rng(11).normal([0.0, 450.0, 90.0], [40.0, 40.0, 30.0], (20, 3))
-    turn = Rotation.from_rotvec(strays.camera_turns[0]).as_matrix()
-    in_rig = (points - strays.camera_shifts_mm[0]) @ turn
+    turn = Rotation.from_rotvec(perturbations.camera_turns[0]).as_matrix()
+    in_rig = (points - perturbations.camera_shifts_mm[0]) @ turn
     expected = np.array([built.camera.project(mirror.apparent.reflect(in_rig)) for mirror in built.mirrors])
-    found = built_views(layout, strays).pixels(points @ layout.view_from_rig.T, np.array(0), np.arange(count)[:, None])
+    found = built_views(layout, perturbations).pixels(
+        points @ layout.view_from_rig.T, np.array(0), np.arange(count)[:, None]
+    )
     assert np.isfinite(expected).mean() > 0.9
     assert_allclose(found, expected, atol=1e-7)
 
 
 def test_a_pixel_lands_on_the_point_that_it_shows(layout: Layout) -> None:
     tolerances = WITH_CAMERA.replaced(camera_offset_mm=1.0, camera_turn_deg=1.0)
-    strays = draw_strays(tolerances, len(layout.mirrors), 3, np.random.default_rng(12))
-    views = built_views(layout, strays)
+    perturbations = draw_perturbations(tolerances, len(layout.mirrors), 3, np.random.default_rng(12))
+    views = built_views(layout, perturbations)
     points = np.array([[5.0, -85.0, 400.0], [-20.0, -95.0, 400.0], [15.0, -70.0, 400.0]])
     for device, camera in enumerate(views.cameras):
         pixels = views.pixels(points, np.array(device), np.array(1))
@@ -152,9 +154,9 @@ def test_light_that_does_not_head_for_the_scene_is_left_out(default_layout: Layo
 
 
 def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
-    strays = exact(default_layout, devices=3)
-    strays.shifts_mm[1, 4] = 8.0
-    assert built_views(default_layout, strays).hidden().tolist() == [False, True, False]
+    perturbations = exact(default_layout, devices=3)
+    perturbations.shifts_mm[1, 4] = 8.0
+    assert built_views(default_layout, perturbations).hidden().tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize(
@@ -167,6 +169,6 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
     ],
 )
 def test_what_cannot_be_built_is_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
-    strays = exact(default_layout)
+    perturbations = exact(default_layout)
     with pytest.raises(InputError, match=complaint):
-        built_views(default_layout, replace(strays, **{name: getattr(strays, name) + value}))
+        built_views(default_layout, replace(perturbations, **{name: getattr(perturbations, name) + value}))

@@ -67,7 +67,7 @@ def walked(mirrors: tuple[Mirror, ...], light_of: int, sheet_of: int, depth_mm: 
 def test_what_is_stopped_is_what_a_walk_along_the_rays_meets(default_layout: Layout, surface: str) -> None:
     mirrors = crowded(default_layout, 5, surface=surface)
     found: dict[tuple[int, int, str], float] = {
-        (b.light_of, b.sheet_of, b.leg): b.fraction for b in blocked_light(mirrors, 500.0, COARSE)
+        (b.mirror, b.occluder, b.leg): b.fraction for b in blocked_light(mirrors, 500.0, COARSE)
     }
     pairs = [(i, j) for i, j in ((0, 1), (1, 0), (4, 1), (1, 4), (4, 7), (7, 4), (3, 4), (4, 5), (6, 3), (2, 6))]
     met = 0
@@ -104,7 +104,7 @@ def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout:
     )
     # Lines of its light made longer backwards, to the depth of the scene, would meet this one.
     beyond = centre.moved(np.eye(3), np.array([0.0, 60.0, 0.0]))
-    assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.light_of == 0)
+    assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.mirror == 0)
 
 
 def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
@@ -132,7 +132,7 @@ def test_light_goes_as_far_as_the_depth_along_the_view_axis(default_layout: Layo
     corners = middle + 15.0 * np.array([-across - down, across - down, across + down, -across + down])
     screen = Mirror.from_plane(middle, axis, outline_in_rig_mm=corners)
     legs = [
-        {found.leg for found in blocked_light((mirror, screen), depth_mm, view_axis=axis) if found.light_of == 0}
+        {found.leg for found in blocked_light((mirror, screen), depth_mm, view_axis=axis) if found.mirror == 0}
         for depth_mm in (199.0, 202.0)
     ]
     assert legs == [set(), {"out"}]

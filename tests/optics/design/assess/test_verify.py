@@ -84,7 +84,7 @@ def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> N
     broken = with_mirror(default_layout, 1, slid(default_layout.mirrors[1], 0.85))
     assert "blocked_light" in failures(broken, spec_of(default_layout).replaced(spacing_mm=0.0))
     blocked = blocked_light(broken.mirrors, 500.0)
-    assert {(found.light_of, found.sheet_of, found.leg) for found in blocked} >= {(4, 1, "out")}
+    assert {(found.mirror, found.occluder, found.leg) for found in blocked} >= {(4, 1, "out")}
 
 
 def test_a_thick_sheet_before_its_mirror_blocks_light(default_layout: Layout) -> None:
@@ -264,7 +264,7 @@ def test_samples_cover_a_polygon_and_its_border() -> None:
 def test_a_mirror_before_another_takes_all_its_light(default_layout: Layout) -> None:
     # The same place of the image from 0.8 of the distance: every ray meets the nearer mirror first.
     behind, before = default_layout.mirrors[4], slid(default_layout.mirrors[4], 0.8)
-    ways_in = {found.light_of: found for found in blocked_light((behind, before), 500.0) if found.leg == "in"}
-    assert ways_in[0].sheet_of == 1
+    ways_in = {found.mirror: found for found in blocked_light((behind, before), 500.0) if found.leg == "in"}
+    assert ways_in[0].occluder == 1
     assert ways_in[0].fraction > 0.8
     assert 1 not in ways_in

@@ -16,72 +16,20 @@ from shapely.ops import nearest_points
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.constraints import Kind
-from mirrorcam.optics.design.program.seeds import faceted_parabola, mirrors_of, seed_of
+from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
-from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
-
-BENT = Camera.c920().replaced(distortion=[0.1, -0.2, 0.003, -0.004, 0.05])
-KINDS = [Kind(4, False, False), Kind(5, True, False), Kind(6, False, True), Kind(4, True, True)]
-THICKNESS_MM, INDEX = 3.0, 1.49
-
-
-def number(expression: Expression) -> FloatArray:
-    return np.array(ca.evalf(ca.SX(expression)))
-
-
-def spec_of(kind: Kind, fold_deg: float = 90.0) -> DesignSpec:
-    return DesignSpec(
-        rows=2,
-        cols=2,
-        sides=kind.sides,
-        fold_deg=fold_deg,
-        camera=BENT if kind.distorted else Camera.c920(),
-        surface="second" if kind.second_surface else "first",
-        thickness_mm=THICKNESS_MM,
-    )
-
-
-def optics_of(spec: DesignSpec) -> list[float]:
-    return [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / spec.scale_mm, spec.refractive_index]
-
-
-def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
-    """Virtual centres (n, 3) and corners (n, 2 sides) of strictly convex mirrors that nothing is symmetric in."""
-    seed, rng = seed_of(spec, 390.0), np.random.default_rng(3)
-    centres = seed.centres + rng.normal(0.0, 0.02, seed.centres.shape)
-    from_middle = seed.corners - (seed.corners.min(axis=1, keepdims=True) + seed.half_tile)
-    on_edge = (np.abs(from_middle) < 0.5 * seed.half_tile).any(axis=2, keepdims=True)
-    corners = seed.corners + from_middle * np.where(on_edge, 0.0, -0.2)
-    return centres, (corners + rng.normal(0.0, 0.004, corners.shape)).reshape(len(centres), -1)
-
-
-def expressed(spec: DesignSpec, kind: Kind, index: int) -> tuple[constraints.Mirror, Mirror]:
-    """One mirror as the optimiser writes it, in numbers and scales, and the same one as the core's value."""
-    centres, corners = seeded(spec)
-    mine = constraints.mirror_of(kind, ca.SX(optics_of(spec)), ca.SX(centres[index]), ca.SX(corners[index]))
-    (theirs,) = mirrors_of(spec, centres[[index]] * spec.scale_mm, corners[[index]].reshape(1, -1, 2))
-    return mine, theirs
-
-
-def test_pixels_are_those_of_the_camera() -> None:
-    for normalized in ([0.3, -0.2], [-0.6, 0.35], [0.0, 0.0]):
-        expected = BENT.pixels_from_normalized(np.array(normalized))
-        assert_allclose(number(constraints.pixels(ca.SX(BENT.intrinsics), ca.SX(normalized))).ravel(), expected)
-
-
-def test_reflection_is_that_of_the_mirror() -> None:
-    point, centre = np.array([12.0, 300.0, -40.0]), np.array([5.0, -80.0, 90.0])
-    assert_allclose(number(constraints.reflected(ca.SX(point), ca.SX(centre))).ravel(), reflect(point, centre))
-
-
-@pytest.mark.parametrize("fold_deg", [60.0, 90.0, 110.0])
-def test_the_fold_is_that_of_the_spec(fold_deg: float) -> None:
-    turned = DesignSpec(fold_deg=fold_deg).view_from_rig
-    assert_allclose(number(constraints.view_from_rig(ca.SX(turned[2, [2, 1]]))), turned, atol=1e-15)
+from tests.optics.design.program.seeded_mirrors import (
+    KINDS,
+    expressed,
+    lens_of,
+    number,
+    optics_of,
+    seeded,
+    spec_of,
+)
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(3, 3), (2, 4), (1, 3), (3, 1)])
@@ -94,43 +42,11 @@ def test_grid_error_is_that_of_the_metrics(rows: int, cols: int) -> None:
     assert all(number(spacing).item() > 0 for spacing in spacings)
 
 
-def test_areas_and_outlines_are_those_of_polygons() -> None:
-    corners = np.array([[0.0, 0.0], [3.0, 0.5], [4.0, 2.0], [2.0, 4.0], [-1.0, 1.0]])
-    vertices = [ca.SX(corner) for corner in corners]
-    assert number(constraints.polygon_area(vertices)).item() == pytest.approx(Polygon(corners).area)
-    assert number(constraints.polygon_area(vertices[::-1])).item() == pytest.approx(-Polygon(corners).area)
-    points = np.array([number(point).ravel() for point in constraints.subdivided(vertices, 4)])
-    assert points.shape == (20, 2)
-    assert_allclose(points[::4], corners)
-    assert_allclose(np.diff(points[:5], axis=0), np.tile(np.diff(points[:5], axis=0)[0], (4, 1)), atol=1e-12)
-    assert Polygon(points).area == pytest.approx(Polygon(corners).area)
-
-
 def test_a_region_starts_as_a_polygon_that_winds_from_x_to_minus_y() -> None:
     region = Polygon(constraints.region_directions())
     assert region.is_valid
     assert not region.exterior.is_ccw
     assert region.area == pytest.approx(constraints.REGION_CORNERS / 2 * np.sin(2 * np.pi / constraints.REGION_CORNERS))
-
-
-@pytest.mark.parametrize("fold_deg", [90.0, 110.0])
-@pytest.mark.parametrize("kind", KINDS)
-def test_faces_and_sheets_are_those_of_the_mirror(kind: Kind, fold_deg: float) -> None:
-    spec = spec_of(kind, fold_deg)
-    for index in range(4):
-        mine, theirs = expressed(spec, kind, index)
-        assert theirs.surface == spec.surface
-        face = number(ca.horzcat(*mine.face)).T * spec.scale_mm @ spec.view_from_rig
-        assert_allclose(face, theirs.apparent.outline_in_rig_mm, atol=2e-5)
-        normal = number(mine.normal).ravel() @ spec.view_from_rig
-        assert_allclose(normal, -theirs.normal_in_rig, atol=1e-7)
-        sheet = number(ca.horzcat(*mine.sheet)).T * spec.scale_mm @ spec.view_from_rig
-        expected = (
-            theirs.solid.corners_in_rig_mm
-        )  # the reflecting face first; seen from the pupil, a coating behind is second
-        if kind.second_surface:
-            expected = np.roll(expected, kind.sides, axis=0)
-        assert_allclose(sheet, expected, atol=2e-5)
 
 
 @pytest.mark.parametrize("fold_deg", [90.0, 110.0])
@@ -160,16 +76,9 @@ def test_usable_edges_lose_what_light_needs_to_enter() -> None:
     assert shown.area < 0.98 * seen.area
 
 
-# Values of whole terms: what a layout's figures say, in scales.
-
-
 def term_value(term: Term, unknowns: list[FloatArray], parameters: list[FloatArray]) -> tuple[float, FloatArray]:
     f, g = term.value(np.concatenate(unknowns), np.concatenate(parameters))
     return float(f), np.array(g).ravel()
-
-
-def lens_of(spec: DesignSpec) -> list[FloatArray]:
-    return [spec.camera.intrinsics, np.array([spec.camera.width_px, spec.camera.height_px], dtype=np.float64)]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -246,9 +155,6 @@ def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
         line = np.array([0.6 * length, 0.8 * length, 0.0])
         _, g = term_value(term, [corners[0], corners[3], line], [np.array([0.0])])
         assert (g[:2].min() >= -1e-12) == allowed
-
-
-# Derivatives.
 
 
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:

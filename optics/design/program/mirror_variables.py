@@ -1,0 +1,112 @@
+"""A mirror as unknowns of the nonlinear program: CasADi expressions in view axes, lengths in units of the scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+
+from mirrorcam.optics.design.program.terms import Expression
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What decides the form of a mirror's expressions."""
+
+    sides: int
+    distorted: bool
+    second_surface: bool
+
+
+@dataclass(frozen=True)
+class MirrorVariables:
+    """One mirror in expressions; a second-surface mirror as its *apparent* mirror (see `Mirror.apparent`).
+
+    Attributes:
+        centre: virtual centre (3).
+        corners: of its sub-image, in normalized coordinates (2).
+        face: corners (3) of its face.
+        normal: unit normal (3) of the face, away from the pupil.
+        before: how far the solid reaches from the face towards the pupil.
+        behind: how far it reaches away from the pupil.
+        entry: offset (3) along the face between where light meets the front and where it meets the reflecting surface.
+    """
+
+    centre: Expression
+    corners: list[Expression]
+    face: list[Expression]
+    normal: Expression
+    before: Expression
+    behind: Expression
+    entry: Expression
+
+    @property
+    def solid(self) -> list[Expression]:
+        """All corners (3) of the solid: those of its front, then those of its back."""
+        return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
+
+
+def turn(a: Expression, b: Expression) -> Expression:
+    """The 2-D cross product."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def reflected(point: Expression, centre: Expression) -> Expression:
+    """A point (3) reflected at the plane of a virtual centre (3)."""
+    return point - 2.0 * (ca.dot(point, centre) / ca.sumsqr(centre) - 0.5) * centre
+
+
+def edges_of(vertices: list[Expression]) -> list[tuple[Expression, Expression]]:
+    """Both ends of each edge of a polygon."""
+    return list(pairwise([*vertices, vertices[0]]))
+
+
+def polygon_area(vertices: list[Expression]) -> Expression:
+    """Signed area of a polygon (shoelace), positive when it runs from +x to +y."""
+    return 0.5 * sum(turn(a, b) for a, b in edges_of(vertices))
+
+
+def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
+    """The outline of a polygon with `per_edge` points on each edge, the vertex among them."""
+    return [a + (b - a) * (step / per_edge) for a, b in edges_of(vertices) for step in range(per_edge)]
+
+
+def pixels(intrinsics: Expression, normalized: Expression) -> Expression:
+    """Brown-Conrady distortion and intrinsics (9), as `Camera.pixels_from_normalized`."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = (intrinsics[k] for k in range(9))
+    x, y = normalized[0], normalized[1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return ca.vertcat(fx * xd + cx, fy * yd + cy)
+
+
+def view_from_rig(fold: Expression) -> Expression:
+    """The rotation (3, 3) of a fold, given as its cosine and sine."""
+    return ca.blockcat([[1.0, 0.0, 0.0], [0.0, fold[0], -fold[1]], [0.0, fold[1], fold[0]]])
+
+
+def mirror_of(kind: Kind, optics: Expression, centre: Expression, corners: Expression) -> MirrorVariables:
+    """The mirror of a virtual centre (3) and corners (2 sides); `optics` (4): cosine, sine, thickness, index.
+
+    The apparent plane of a second-surface mirror lies t (1 - tan' / tan) before the reflecting surface, and light
+    meets the front at an offset of t tan', both by Snell's law at the chief ray (see `optics.geometry.plate`).
+    """
+    turned, thickness, index = view_from_rig(optics[:2]), optics[2], optics[3]
+    polygon = [corners[2 * k : 2 * k + 2] for k in range(kind.sides)]
+    rays = [turned @ ca.vertcat(corner, 1.0) for corner in polygon]
+    squared = ca.sumsqr(centre)
+    face = [ray * (0.5 * squared / ca.dot(ray, centre)) for ray in rays]
+    normal = centre / ca.sqrt(squared)
+    before, behind, entry = ca.SX(0.0), thickness, ca.SX.zeros(3)
+    if kind.second_surface:
+        chief: Expression = sum(face[1:], start=face[0])
+        chief /= ca.sqrt(ca.sumsqr(chief))
+        cosine = ca.dot(chief, normal)
+        # n cos'; then tan' / tan = cos / (n cos') and tan' = sin / (n cos'), also head-on.
+        inner = ca.sqrt(index**2 - 1.0 + cosine**2)
+        behind = thickness * (1.0 - cosine / inner)
+        before, entry = thickness - behind, thickness / inner * (chief - cosine * normal)
+    return MirrorVariables(centre, polygon, face, normal, before, behind, entry)

@@ -1,0 +1,60 @@
+"""Mirrors of a seed that nothing is symmetric in, as the optimiser writes them and as the core's values."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, mirror_of
+from mirrorcam.optics.design.program.seeds import mirrors_of, seed_of
+from mirrorcam.optics.design.program.terms import Expression
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror import Mirror
+
+BENT = Camera.c920().replaced(distortion=[0.1, -0.2, 0.003, -0.004, 0.05])
+KINDS = [Kind(4, False, False), Kind(5, True, False), Kind(6, False, True), Kind(4, True, True)]
+THICKNESS_MM, INDEX = 3.0, 1.49
+
+
+def number(expression: Expression) -> FloatArray:
+    return np.array(ca.evalf(ca.SX(expression)))
+
+
+def spec_of(kind: Kind, fold_deg: float = 90.0) -> DesignSpec:
+    return DesignSpec(
+        rows=2,
+        cols=2,
+        sides=kind.sides,
+        fold_deg=fold_deg,
+        camera=BENT if kind.distorted else Camera.c920(),
+        surface="second" if kind.second_surface else "first",
+        thickness_mm=THICKNESS_MM,
+    )
+
+
+def optics_of(spec: DesignSpec) -> list[float]:
+    return [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / spec.scale_mm, spec.refractive_index]
+
+
+def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
+    """Virtual centres (n, 3) and corners (n, 2 sides) of strictly convex mirrors that nothing is symmetric in."""
+    seed, rng = seed_of(spec, 390.0), np.random.default_rng(3)
+    centres = seed.centres + rng.normal(0.0, 0.02, seed.centres.shape)
+    from_middle = seed.corners - (seed.corners.min(axis=1, keepdims=True) + seed.half_tile)
+    on_edge = (np.abs(from_middle) < 0.5 * seed.half_tile).any(axis=2, keepdims=True)
+    corners = seed.corners + from_middle * np.where(on_edge, 0.0, -0.2)
+    return centres, (corners + rng.normal(0.0, 0.004, corners.shape)).reshape(len(centres), -1)
+
+
+def expressed(spec: DesignSpec, kind: Kind, index: int) -> tuple[MirrorVariables, Mirror]:
+    """One mirror as the optimiser writes it, in numbers and scales, and the same one as the core's value."""
+    centres, corners = seeded(spec)
+    mine = mirror_of(kind, ca.SX(optics_of(spec)), ca.SX(centres[index]), ca.SX(corners[index]))
+    (theirs,) = mirrors_of(spec, centres[[index]] * spec.scale_mm, corners[[index]].reshape(1, -1, 2))
+    return mine, theirs
+
+
+def lens_of(spec: DesignSpec) -> list[FloatArray]:
+    return [spec.camera.intrinsics, np.array([spec.camera.width_px, spec.camera.height_px], dtype=np.float64)]

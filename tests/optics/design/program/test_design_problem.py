@@ -1,0 +1,78 @@
+"""The program of a spec: constraints on neighbours, unknowns that stay in place, and the objective of the metrics."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.program.design_problem import (
+    REFERENCE_GRID_ERROR,
+    TIE_BREAK,
+    PairConstraint,
+    neighbour_pairs,
+    problem_of,
+)
+from mirrorcam.optics.design.program.nonlinear_program import Assembled
+from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+
+
+def test_neighbours_keep_gaps_and_light_and_diagonals_less() -> None:
+    pairs = neighbour_pairs(2, 3)
+    expected = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (1, 5), (2, 4), (2, 5), (3, 4), (4, 5)]
+    assert [(pair.first, pair.second) for pair in pairs if pair.kind == "gap"] == expected
+    diagonal = {(0, 4), (1, 3), (1, 5), (2, 4)}
+    both = {pair for first, second in expected for pair in ((first, second), (second, first))}
+    assert {(pair.first, pair.second) for pair in pairs if pair.kind == "in"} == both
+    straight = {(i, j) for i, j in both if (min(i, j), max(i, j)) not in diagonal}
+    assert {(pair.first, pair.second) for pair in pairs if pair.kind == "out"} == straight
+    assert len(set(pairs)) == len(pairs)
+
+
+def test_what_is_kept_besides_comes_last_so_that_a_solution_still_fits() -> None:
+    spec = DesignSpec(rows=1, cols=3)
+    seed = seed_of(spec, 375.0)
+    pairs = neighbour_pairs(1, 3)
+    fewer, more = (problem_of(spec, seed, kept) for kept in (pairs, (*pairs, PairConstraint("in", 0, 2))))
+    assert (fewer.centres == more.centres).all()
+    assert (fewer.corners == more.corners).all()
+    assert_allclose(more.solver.program.start[: fewer.solver.program.size], fewer.solver.program.start)
+    assert more.solver.program.size == fewer.solver.program.size + 4
+    found = fewer.solver.optimise()
+    assert more.solver.optimise(found.values).objective == pytest.approx(found.objective, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"fold_deg": 110.0, "sides": 6},
+        {"surface": "second", "thickness_mm": 3.0},
+        {"camera": Camera.c920().replaced(distortion=[-0.1, 0.02, 0.001, -0.001, 0.0], cx_px=940.0)},
+    ],
+    ids=["plain", "fold", "second surface", "distorted"],
+)
+def test_the_objective_is_that_of_the_metrics(changes: dict[str, object]) -> None:
+    spec = DesignSpec.model_validate({"rows": 2, "cols": 2, **changes})
+    seed = seed_of(spec, 375.0)
+    made = problem_of(spec, seed, neighbour_pairs(2, 2))
+    outcome = made.solver.optimise()
+    assert outcome.solved
+    centres, corners = made.solution(outcome.values)
+    layout = layout_of(spec, mirrors_of(spec, centres * spec.scale_mm, corners), {})
+    whole = Assembled(made.solver.program)
+    f = float(ca.Function("f", [whole.x], [whole.objective_and_constraints()[0]])(outcome.values))
+    metrics = evaluate(layout, spec.depths_mm)
+    grid = spec.tradeoff * (metrics["grid_error"].value / REFERENCE_GRID_ERROR) ** 2
+    x, y = np.moveaxis(corners, -1, 0)
+    areas = 0.5 * np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
+    filled = float(np.mean(areas)) / (4.0 * float(np.prod(seed.half_tile)))
+    efficiency = (grid - TIE_BREAK * filled - f) / (1.0 - spec.tradeoff + TIE_BREAK)
+    measured = np.mean([metrics[f"pixel_efficiency_{depth:g}mm"].value for depth in spec.depths_mm])
+    # The region of the program has eight corners and lies inside the one that all views share.
+    assert efficiency <= measured + 1e-6
+    assert efficiency >= 0.98 * measured

@@ -1,0 +1,63 @@
+"""Mirrors as CasADi expressions against the core's functions and values."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from shapely import Polygon
+
+from mirrorcam.optics.design.program import mirror_variables
+from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror import reflect
+from tests.optics.design.program.seeded_mirrors import BENT, KINDS, expressed, number, spec_of
+
+
+def test_pixels_are_those_of_the_camera() -> None:
+    for normalized in ([0.3, -0.2], [-0.6, 0.35], [0.0, 0.0]):
+        expected = BENT.pixels_from_normalized(np.array(normalized))
+        assert_allclose(number(mirror_variables.pixels(ca.SX(BENT.intrinsics), ca.SX(normalized))).ravel(), expected)
+
+
+def test_reflection_is_that_of_the_mirror() -> None:
+    point, centre = np.array([12.0, 300.0, -40.0]), np.array([5.0, -80.0, 90.0])
+    assert_allclose(number(mirror_variables.reflected(ca.SX(point), ca.SX(centre))).ravel(), reflect(point, centre))
+
+
+@pytest.mark.parametrize("fold_deg", [60.0, 90.0, 110.0])
+def test_the_fold_is_that_of_the_spec(fold_deg: float) -> None:
+    turned = DesignSpec(fold_deg=fold_deg).view_from_rig
+    assert_allclose(number(mirror_variables.view_from_rig(ca.SX(turned[2, [2, 1]]))), turned, atol=1e-15)
+
+
+def test_areas_and_outlines_are_those_of_polygons() -> None:
+    corners = np.array([[0.0, 0.0], [3.0, 0.5], [4.0, 2.0], [2.0, 4.0], [-1.0, 1.0]])
+    vertices = [ca.SX(corner) for corner in corners]
+    assert number(mirror_variables.polygon_area(vertices)).item() == pytest.approx(Polygon(corners).area)
+    assert number(mirror_variables.polygon_area(vertices[::-1])).item() == pytest.approx(-Polygon(corners).area)
+    points = np.array([number(point).ravel() for point in mirror_variables.subdivided(vertices, 4)])
+    assert points.shape == (20, 2)
+    assert_allclose(points[::4], corners)
+    assert_allclose(np.diff(points[:5], axis=0), np.tile(np.diff(points[:5], axis=0)[0], (4, 1)), atol=1e-12)
+    assert Polygon(points).area == pytest.approx(Polygon(corners).area)
+
+
+@pytest.mark.parametrize("fold_deg", [90.0, 110.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_faces_and_solids_are_those_of_the_mirror(kind: Kind, fold_deg: float) -> None:
+    spec = spec_of(kind, fold_deg)
+    for index in range(4):
+        mine, theirs = expressed(spec, kind, index)
+        assert theirs.surface == spec.surface
+        face = number(ca.horzcat(*mine.face)).T * spec.scale_mm @ spec.view_from_rig
+        assert_allclose(face, theirs.apparent.outline_in_rig_mm, atol=2e-5)
+        normal = number(mine.normal).ravel() @ spec.view_from_rig
+        assert_allclose(normal, -theirs.normal_in_rig, atol=1e-7)
+        solid = number(ca.horzcat(*mine.solid)).T * spec.scale_mm @ spec.view_from_rig
+        # The reflecting face comes first; seen from the pupil, that of a second-surface mirror is second.
+        expected = theirs.solid.corners_in_rig_mm
+        if kind.second_surface:
+            expected = np.roll(expected, kind.sides, axis=0)
+        assert_allclose(solid, expected, atol=2e-5)
