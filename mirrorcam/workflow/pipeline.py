@@ -117,7 +117,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             design,
             doing=f"{recipe.spec.rows} x {recipe.spec.cols} mirrors",
             parameters={"spec": recipe.spec.model_dump(mode="json")},
-            sources=("optics", "mirrorcam.workflow.design_files", "mirrorcam.figures"),
+            sources=("mirrorcam.optics", "mirrorcam.workflow.design_files", "mirrorcam.figures"),
             tools=(*SOLVERS, "matplotlib"),
         ),
         Stage(
@@ -126,7 +126,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="every part, its files and checks",
             unit="steps",
             reads=(nominal,),
-            sources=("optics", "cad"),
+            sources=("mirrorcam.optics", "mirrorcam.cad"),
             tools=(
                 *SOLVERS,
                 "build123d",
@@ -151,7 +151,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
                 "settings": recipe.settings.model_dump(mode="json"),
             },
             reads=(nominal,),
-            sources=("optics", "render_scenes"),
+            sources=("mirrorcam.optics", "mirrorcam.render_scenes"),
             tools=(*SOLVERS, "mitsuba", "drjit", "OpenEXR", "karellen-llvm-core"),
             resumes=True,
         ),
@@ -162,7 +162,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             reads=(synthetic,),
             unit="pictures",
             sources=(
-                "optics",
+                "mirrorcam.optics",
                 "mirrorcam.workflow.validation",
                 "mirrorcam.workflow.calibration_files",
                 "mirrorcam.pages.calibration",
@@ -176,7 +176,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="views of one frame",
             unit="frames",
             reads=(calibrated, shown),
-            sources=("optics", "mirrorcam.workflow.decoding"),
+            sources=("mirrorcam.optics", "mirrorcam.workflow.decoding"),
             tools=SOLVERS,
         ),
         Stage(
