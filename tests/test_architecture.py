@@ -42,7 +42,10 @@ LAYERS = {
         *("calibration", "light_field", "light_field.depth", "light_field.render", "light_field.features"),
         *("light_field.io", "light_field.io.formats"),
     ),
-    "mirrorcam.cad": ("plan", "mirrors", "holder", "parts", "assembly", "write", "checks", "documents", ""),
+    "mirrorcam.cad": (
+        *("plan", "splitting", "mirrors", "holder", "parts", "assembly"),
+        *("write", "checks", "documents", ""),
+    ),
     "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop"),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "commands", ""),
 }
@@ -64,6 +67,8 @@ LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
     *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "PIL", "h5py", "jinja2"),
 )
+
+KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}
 
 
 def package_of(module: str) -> str:
@@ -270,6 +275,12 @@ def test_the_command_starts_without_its_heavy_libraries() -> None:
     loaded = loaded_by("import mirrorcam.cli")
     assert "mirrorcam" in loaded
     assert loaded.isdisjoint(LATE_FOR_THE_COMMAND)
+
+
+def test_plans_of_parts_are_numbers_without_a_cad_kernel() -> None:
+    plans = [module for module in modules() if module.startswith("mirrorcam.cad.plan")]
+    assert len(plans) > 8
+    assert loaded_by(f"import {', '.join(plans)}").isdisjoint(KERNELS)
 
 
 def test_the_check_of_loaded_modules_sees_a_heavy_one() -> None:

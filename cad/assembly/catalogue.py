@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.hardware import Lips
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan
 from mirrorcam.cad.plan.prisms import corners_of
-from mirrorcam.cad.plan.split import Pieces, split
+from mirrorcam.cad.splitting.split import Pieces, split
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 

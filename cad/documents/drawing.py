@@ -14,10 +14,10 @@ from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
 from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Hole, Length, Table
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.cad.plan.split import PiecePlan
 from mirrorcam.optics.base.values import FloatArray
 
 A3_MM = (420.0, 297.0)

@@ -6,8 +6,8 @@ from typing import Any
 
 from mirrorcam.cad.documents.holder_drawing import holder_holes
 from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Dimensioned, Hole, Length
-from mirrorcam.cad.plan.split import PiecePlan
 
 
 def offered(plan: Any) -> tuple[Length | Hole, ...]:

@@ -10,10 +10,13 @@ from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, una
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
+from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
+from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
+from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
-from mirrorcam.cad.plan.split import cut_slack_mm, falls_apart, room_round_pin_mm, rooms_on_bed, thin_beside_mm2
+from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -130,13 +133,11 @@ class FrontSurface:
 def fits_bed(border: Polygon, hardware: Hardware) -> bool:
     """Whether a part with this outline is printed in one piece."""
     left, bottom, right, top = border.bounds
-    rooms = rooms_on_bed((right - left, top - bottom), hardware)
-    return bool(right - left <= rooms[0] and top - bottom <= rooms[1])
+    bed = bed_lengths_mm((right - left, top - bottom), hardware)
+    return bool(right - left <= bed[0] and top - bottom <= bed[1])
 
 
-def place_cuts(
-    layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware) -> Cuts:
     """Where a body (in rig) with this outline is cut along the mount's x and y so that every piece fits the bed.
 
     Of all places that leave pieces which fit and hang together, each cut takes the one that passes through the least
@@ -144,19 +145,17 @@ def place_cuts(
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
-    rooms = rooms_on_bed(lengths, hardware)
+    bed = bed_lengths_mm(lengths, hardware)
     seats = [Polygon(outline_at(mirror, mirror.back_mm) @ axes[:2].T) for mirror in layout.mirrors]
     turned = body.transform(np.column_stack([axes, np.zeros(3)]))
-    mesh = turned.to_mesh64()
-    triangles = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
-    wall = hardware.printer.wall_mm
+    triangles, wall = triangles_of(turned), hardware.printer.wall_mm
     cuts = []
-    for axis, (start, length, room) in enumerate(zip((left, bottom), lengths, rooms, strict=True)):
-        pieces = int(np.ceil(length / room))
+    for axis, (start, length, longest) in enumerate(zip((left, bottom), lengths, bed, strict=True)):
+        pieces = int(np.ceil(length / longest))
         places = []
         for i in range(1, pieces):
             middle = start + length * i / pieces
-            slack = min(cut_slack_mm(length, pieces, room), OFF_MIDDLE * length)
+            slack = min(cut_slack_mm(length, pieces, longest), OFF_MIDDLE * length)
             tried = np.linspace(middle - slack, middle + slack, 61)
             costs = THIN_MM_PER_MM2 * thin_beside_mm2(triangles, axis, tried, wall)
             costs += [_cut_mm(seats, axis, place) + 0.02 * abs(place - middle) for place in tried]
@@ -211,9 +210,7 @@ def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
     return np.asarray(outward[int(np.argmin(((corners[:-1] - hole) * outward).sum(axis=1)))])
 
 
-def place_mount(
-    front: FrontSurface, hardware: Hardware, cuts_mm: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
-) -> MountFace:
+def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
     """The rectangle of four holes, not too wide nor half as wide, that leaves the part thinnest, the largest of equals.
 
     Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the

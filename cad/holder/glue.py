@@ -10,6 +10,7 @@ import numpy as np
 from shapely import LineString, Polygon, box, get_coordinates, union_all
 from shapely.geometry.base import BaseGeometry
 
+from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at
 from mirrorcam.optics.base.values import FloatArray
@@ -106,7 +107,7 @@ def runs_along_cut(
     mirror: Mirror,
     groove: Groove,
     axes: FloatArray,
-    cuts_mm: tuple[tuple[float, ...], tuple[float, ...]],
+    cuts_mm: Cuts,
     hardware: Hardware,
 ) -> bool:
     """Whether a groove runs along a cut across one of two axes (3,) so near to it that a thin wall would be left."""

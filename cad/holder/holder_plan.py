@@ -29,9 +29,11 @@ from mirrorcam.cad.holder.planar_csg import Workshop
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.holder.stray_light import Ring, plan_walls
 from mirrorcam.cad.holder.webs import Hollow, plan_hollows
+from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
+from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at
-from mirrorcam.cad.plan.split import rooms_on_bed
+from mirrorcam.cad.splitting.body_cuts import fragments
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -73,7 +75,7 @@ class HolderPlan:
     thread_mm: tuple[float, float]
     hole_depth_mm: float
     size_mm: tuple[float, float, float]
-    cuts_mm: tuple[tuple[float, ...], tuple[float, ...]]
+    cuts_mm: Cuts
     planned_cover: tuple[float, ...]
     cols: int
     screw: Fastening
@@ -93,7 +95,7 @@ class HolderPlan:
         return ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
     @property
-    def cuts_on_bed_mm(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def cuts_on_bed_mm(self) -> Cuts:
         """The cuts along x and y of the bed, on which the part lies by its back: y is the mount's, turned round."""
         return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
@@ -112,7 +114,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
         plan, body = _solid_plan(layout, axes, front, border, cuts, hardware)
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
     size = tuple(np.ptp(points, axis=0).tolist())
-    _check_height(size[2], hardware)
+    require_height("mirror holder", size[2], hardware)
     in_mount = Polygon(get_coordinates(border) - plan.rig_from_mount[:3, 3] @ axes[:2].T)
     hollows = plan_hollows(body, plan.rig_from_mount, in_mount, plan.holes_in_mount_mm, plan.cuts_mm, hardware)
     return replace(plan, size_mm=size, hollows=hollows)
@@ -123,7 +125,7 @@ def _solid_plan(
     axes: FloatArray,
     front: FrontSurface,
     border: Polygon,
-    cuts: tuple[tuple[float, ...], tuple[float, ...]],
+    cuts: Cuts,
     hardware: Hardware,
 ) -> tuple[HolderPlan, Manifold]:
     """A holder without hollows, to be cut at places along the mount's axes from the pupil; and its body."""
@@ -219,7 +221,7 @@ def body_of(workshop: Workshop, plan: HolderPlan) -> Manifold:
 
 def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
     """The body, less crumbs that light leaves where seats meet, too small to print; InputError where it falls apart."""
-    pieces = [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
+    pieces = fragments(body, crumb_mm)
     if len(pieces) != 1:
         raise InputError(f"mirror holder falls apart into {len(pieces)} pieces where the light passes, expected one")
     return pieces[0]
@@ -228,12 +230,12 @@ def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
 def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
     """Outline of the slab: the footprint and room for the walls against stray light, as far as the bed has room."""
     left, bottom, right, top = footprint.bounds
-    rooms = rooms_on_bed((right - left, top - bottom), hardware)
+    bed = bed_lengths_mm((right - left, top - bottom), hardware)
     wide = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)
     # What does not fit is cut anyway.
     spare_x, spare_y = (
-        (room - length) / 2.0 if length <= room else room
-        for length, room in zip((right - left, top - bottom), rooms, strict=True)
+        (longest - length) / 2.0 if length <= longest else longest
+        for length, longest in zip((right - left, top - bottom), bed, strict=True)
     )
     return wide.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
 
@@ -265,12 +267,3 @@ def _slots(
         ]
         slots.append(Frustum(ends[0], ends[1]))
     return tuple(slots)
-
-
-def _check_height(height_mm: float, hardware: Hardware) -> None:
-    """The part lies on its back; cuts stand upright on the bed and make no piece lower."""
-    if height_mm > hardware.printer.bed_mm[2]:
-        raise InputError(
-            f"mirror holder is {height_mm:.1f} mm high, "
-            f"expected at most {hardware.printer.bed_mm[2]:g} mm (printer bed)"
-        )

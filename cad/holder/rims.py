@@ -10,6 +10,7 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.glue import Groove, groove_volume
+from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at
 from mirrorcam.optics.base.values import FloatArray
@@ -96,9 +97,7 @@ def plan_rims(
     return rims
 
 
-def beside_cuts(
-    axes: FloatArray, cuts_mm: tuple[tuple[float, ...], tuple[float, ...]], hardware: Hardware
-) -> list[Frustum]:
+def beside_cuts(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
     """Where cuts across the first two of three axes (rows) would leave less than a wall of a rim or of its ground."""
     near = hardware.printer.wall_mm + GROUND_MM + STEP_MM
     zones = []

@@ -11,9 +11,10 @@ from shapely import Point, Polygon, box, get_coordinates
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.pin_joints import reach_of_pin_mm
 from mirrorcam.cad.plan.seats import planes_of
-from mirrorcam.cad.plan.split import reach_of_pin_mm
 from mirrorcam.optics.base.values import FloatArray
 
 # A narrower hollow saves nothing.
@@ -63,7 +64,7 @@ def plan_hollows(
     rig_from_mount: FloatArray,
     footprint: Polygon,
     holes_mm: FloatArray,
-    cuts_mm: tuple[tuple[float, ...], tuple[float, ...]],
+    cuts_mm: Cuts,
     hardware: Hardware,
 ) -> tuple[Hollow, ...]:
     """The hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import Polygon, box, get_coordinates
 
-from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
@@ -93,14 +93,12 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
     """
     if laid.at is None or laid.along is None:
         return []
-    diameter, length = hardware.holder.pin_mm
     normal = np.array([-laid.along[1], laid.along[0]])
     span = laid.at[1] - laid.at[0]
     askew = float(np.abs(span @ laid.along) / np.abs(span @ normal))
-    # As `cad.split` asks for: a wall round the roof of a pin's hole, and beyond its end; 1 mm to spare.
-    wall = hardware.printer.wall_mm
-    around = (diameter / 2.0 + hardware.fit.press_mm) / np.sin(np.deg2rad(ROOF_DEG)) + wall
-    reach = length / 2.0 + wall + 1.0
+    around = room_round_pin_mm(hardware)
+    # 1 mm to spare, of which the depth of a pin's hole takes some.
+    reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
     thick = 2.0 * around + 1.0 + 2.0 * reach * askew
     long = reach + thick * askew
     blocks = []

@@ -20,12 +20,12 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.documents.annotation import number
 from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import Sheet
+from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.cad.plan.split import PiecePlan
 from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parents[3]

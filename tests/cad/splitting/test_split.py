@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from build123d import Align, Box, BuildPart, GeomType, Locations, Mode, Part
-from manifold3d import CrossSection, Manifold
 
+from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.cad.plan.split import PiecePlan, _room_for_pins, falls_apart, fragments, split, thin_beside_mm2
+from mirrorcam.cad.splitting.split import split
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import transform
 
@@ -165,56 +165,3 @@ def test_a_cut_keeps_off_corners_that_it_all_but_touches(side: float) -> None:
         off = np.abs(xs - cut)
         assert not ((off > 1e-7) & (off < 0.005)).any()
         assert (off < 1e-7).any()
-
-
-def triangles_of(body: Manifold) -> FloatArray:
-    mesh = body.to_mesh64()
-    return np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
-
-
-def test_thin_walls_beside_a_cut_are_measured() -> None:
-    # A step at x = 20: a cut 0.5 mm before or behind it leaves 6 x 10 mm of a wall 0.5 mm thick, on one side.
-    stepped = Manifold.cube((20.0, 10.0, 10.0)) + Manifold.cube((40.0, 10.0, 4.0))
-    thin = thin_beside_mm2(triangles_of(stepped), 0, np.array([10.0, 18.7, 18.9, 19.5, 20.5, 21.3, 39.5]), 1.2)
-    np.testing.assert_allclose(thin, [0.0, 0.0, 60.0, 60.0, 0.0, 0.0, 40.0], atol=1e-9)
-    # Of the mirrored step the other side is thin.
-    turned = stepped.mirror((1.0, 0.0, 0.0))
-    thin = thin_beside_mm2(triangles_of(turned), 0, np.array([-20.5, -19.5, -18.9]), 1.2)
-    np.testing.assert_allclose(thin, [0.0, 60.0, 60.0], atol=1e-9)
-    # Along y the step is a wall of its full length.
-    assert thin_beside_mm2(triangles_of(stepped), 1, np.array([0.5]), 1.2) == pytest.approx(200.0 + 80.0)
-
-
-@pytest.mark.parametrize(("lean_deg", "share"), [(0.0, 1.0), (10.0, 1.2 / (10.0 * math.tan(math.radians(10.0))))])
-def test_of_a_face_that_leans_only_what_is_near_counts(lean_deg: float, share: float) -> None:
-    # An end of 10 x 10 mm, its upper edge further out by the lean; the cut is at its lower edge.
-    out = 10.0 * math.tan(math.radians(lean_deg))
-    profile = CrossSection([np.array([(0.0, 0.0), (20.0, 0.0), (20.0 + out, 10.0), (0.0, 10.0)])])
-    body = Manifold.extrude(profile, 10.0)
-    area = 100.0 / math.cos(math.radians(lean_deg))
-    cut = 20.0 - 1e-9
-    assert thin_beside_mm2(triangles_of(body), 0, np.array([cut]), 1.2) == pytest.approx(share * area, rel=1e-6)
-    steep = 10.0 * math.tan(math.radians(16.0))
-    wedge = CrossSection([np.array([(0.0, 0.0), (20.0, 0.0), (20.0 + steep, 10.0), (0.0, 10.0)])])
-    assert thin_beside_mm2(triangles_of(Manifold.extrude(wedge, 10.0)), 0, np.array([cut]), 1.2) == 0.0
-
-
-def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
-    bar = Manifold.cube((300.0, 30.0, 20.0))
-    for width, apart in ((1.0, False), (3.0, True)):
-        # A corner that only a strip behind the cut holds.
-        body = bar + Manifold.cube((2.0, 1.0, width)).translate((149.5, 31.0, 0.0))
-        body += Manifold.cube((0.5, 2.0, width)).translate((151.0, 29.5, 0.0))
-        assert falls_apart(body, 0, 150.9, 1.2) == apart
-        assert not falls_apart(body, 0, 149.0, 1.2)
-        assert len(fragments(body.trim_by_plane((-1.0, 0.0, 0.0), -150.9), 1.2)) == (2 if apart else 1)
-
-
-def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
-    """Pins find no room where a hollow begins nearer to the cut than their holes and a wall reach."""
-    needed = HARDWARE.holder.pin_mm[1] / 2.0 + HARDWARE.fit.slide_mm + HARDWARE.printer.wall_mm
-    bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
-    for beyond, room in ((0.05, True), (-0.05, False)):
-        hollow = Manifold.cube((50.0, 26.0, 16.0)).translate((150.0 + needed + beyond, 2.0, 2.0))
-        found = _room_for_pins(bar - hollow, 0, 150.0, axes, HARDWARE)
-        assert (not found.is_empty) == room

@@ -1,0 +1,171 @@
+"""Where a part is cut: places that leave no thin wall beside them, and the pieces and joints between the cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mirrorcam.cad.plan.bed import MOVED_MM
+from mirrorcam.optics.base.values import FloatArray
+
+if TYPE_CHECKING:
+    from build123d import Part
+
+FAR_MM = 1e4
+# Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
+PARALLEL = float(np.cos(np.radians(15.0)))
+# A triangle is level to the rounding of its corners.
+LEVEL_MM = 1e-6
+# A cut that all but touches a corner or an edge leaves slivers that no mesh of finite precision shows: it keeps this
+# far away, and is moved in steps of this length to do so.
+CLEAR_MM = 0.005
+STEP_MM = 0.01
+# The box of a piece reaches this far beyond the part.
+BEYOND_MM = 1.0
+
+Span = tuple[float, float]
+Cuts = tuple[tuple[float, ...], tuple[float, ...]]
+"""Places of cuts across x and across y."""
+
+Cell = tuple[int, int]
+"""A piece by its number along the bed's x and y, from 0."""
+
+
+@dataclass(frozen=True)
+class PiecePlan:
+    """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
+
+    What a cut leaves that is smaller than a cube of `crumb_mm` does not print and is left out. `rig_from_bed` (4, 4)
+    is that of the whole part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
+    on the bed; `hole_mm` are their diameter and depth.
+    """
+
+    whole: Any
+    make: Callable[[Any], Part]
+    rig_from_bed: FloatArray
+    low_mm: tuple[float, float, float]
+    high_mm: tuple[float, float, float]
+    rig_from_pins: FloatArray
+    hole_mm: tuple[float, float]
+    crumb_mm: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A cut between two neighbouring pieces: at `at_mm` across an axis of the bed, 0 (x) or 1 (y).
+
+    `span_mm` is where along the bed's other axis its pins may be: those of cuts that cross keep apart.
+    """
+
+    cells: tuple[Cell, Cell]
+    axis: int
+    at_mm: float
+    span_mm: Span
+
+
+def cells_between(cuts_mm: Cuts, low_mm: FloatArray, high_mm: FloatArray) -> dict[Cell, tuple[Span, Span]]:
+    """The spans along the bed's x and y of every piece of a part between corners (3,), along x and then y."""
+    spans = [
+        list(pairwise([float(low_mm[axis]) - BEYOND_MM, *cuts_mm[axis], float(high_mm[axis]) + BEYOND_MM]))
+        for axis in (0, 1)
+    ]
+    return {(i, j): (spans[0][i], spans[1][j]) for i, j in product(range(len(spans[0])), range(len(spans[1])))}
+
+
+def joints_between(cells: dict[Cell, tuple[Span, Span]], pin_mm: float) -> list[Joint]:
+    """The cuts between neighbouring pieces; their pins keep `pin_mm` from a cut that crosses."""
+    joints = []
+    for cell, spans in cells.items():
+        for axis, other in ((0, 1), (1, 0)):
+            if (following := _next(cell, axis)) not in cells:
+                continue
+            first, last = spans[other]
+            span = (
+                first + pin_mm if cell[other] > 0 else -FAR_MM,
+                last - pin_mm if _next(cell, other) in cells else FAR_MM,
+            )
+            joints.append(Joint((cell, following), axis, spans[axis][1], span))
+    return joints
+
+
+def _next(cell: Cell, axis: int) -> Cell:
+    return (cell[0] + 1, cell[1]) if axis == 0 else (cell[0], cell[1] + 1)
+
+
+def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
+    """Places of cuts across an axis, moved off the corners of a mesh.
+
+    Parameters
+    ----------
+    triangles_mm : (n, 3, 3)
+        Triangles of the part on the bed, counter-clockwise from outside.
+    axis : int
+        Axis of the bed that is cut across: 0 or 1.
+    places_mm : tuple of float
+        Where cuts are asked for, along that axis.
+    wall_mm : float
+        Thinnest wall that prints.
+
+    Returns
+    -------
+    tuple of float
+        Each place, moved by no more than `MOVED_MM` and as little as may be, to the side that leaves less thin walls.
+    """
+    count = round(MOVED_MM / STEP_MM)
+    along = np.unique(triangles_mm[:, :, axis])
+    clear = []
+    for place in places_mm:
+        tried = np.asarray(place + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
+        touching = np.abs(along[:, None] - tried).min(axis=0) < CLEAR_MM
+        # Areas are compared to a tenth of a square millimetre: a leaning face is nearer at one end.
+        thin = np.round(thin_beside_mm2(triangles_mm, axis, tried, wall_mm), 1)
+        best = min(range(len(tried)), key=lambda k: (touching[k], thin[k], abs(k - count)))
+        clear.append(float(tried[best]))
+    return tuple(clear)
+
+
+def thin_beside_mm2(triangles_mm: FloatArray, axis: int, places_mm: FloatArray, wall_mm: float) -> FloatArray:
+    """Area of the walls thinner than `wall_mm` that cuts across an axis leave beside them.
+
+    Such a wall stands between the cut and a face that is parallel to it, to 15 deg, and looks away from it.
+
+    Parameters
+    ----------
+    triangles_mm : (n, 3, 3)
+        Triangles of the part, counter-clockwise from outside.
+    axis : int
+        Axis that is cut across: 0 or 1.
+    places_mm : (m,)
+        Places of cuts along that axis, each looked at by itself.
+    wall_mm : float
+        Thinnest wall that prints.
+
+    Returns
+    -------
+    (m,)
+        Area in mm^2 beside each cut.
+    """
+    first, second, third = np.moveaxis(triangles_mm, 1, 0)
+    normals = np.cross(second - first, third - first)
+    areas = np.linalg.norm(normals, axis=1) / 2.0
+    total = np.zeros(len(places_mm))
+    for side in (-1.0, 1.0):
+        facing = side * normals[:, axis] > 2.0 * PARALLEL * areas
+        corners = side * triangles_mm[facing, :, axis]
+        ends = (_share_below(corners, side * places_mm + beyond) for beyond in (wall_mm, 0.0))
+        total += np.subtract(*ends) @ areas[facing]
+    return total
+
+
+def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
+    """Shares (m, n) of triangles, whose corners (n, 3) lie at these heights, that lie below levels (m,)."""
+    low, middle, high = np.sort(corners_mm, axis=1).T[:, None, :]
+    level = levels_mm[:, None]
+    at = np.clip(level, low, high)
+    rising = (at - low) ** 2 / np.maximum((middle - low) * (high - low), 1e-12)
+    falling = 1.0 - (high - at) ** 2 / np.maximum((high - middle) * (high - low), 1e-12)
+    return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
