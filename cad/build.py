@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.process_pool import Advance, crew
+from mirrorcam.cad.process_pool import crew
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -20,11 +21,11 @@ def build_parts(
     *,
     previous: Path | None = None,
     workers: int = 1,
-    advance: Advance = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> dict[str, Metric]:
     """Write every file of a layout's device into `out`, a new or empty folder; returns the checks, also written there.
 
-    The work is shared by `workers` processes; `advance(done, total)` tells how far it is. Parts that lie in `previous`,
+    The work is shared by `workers` processes; `progress(done, total)` hears how far it is. Parts in `previous`,
     a folder written earlier, and were made of the same numbers are taken over from there. A check that fails is a
     metric past its limit. Raises InputError where the device cannot be made (which measure breaks), where the extra is
     not installed or `out` cannot be written; what is in `out` then is of no use.
@@ -44,4 +45,4 @@ def build_parts(
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-        return write_device(device, out, previous, executor, advance)
+        return write_device(device, out, previous, executor, progress)

@@ -8,11 +8,12 @@ by what stands still in them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -46,7 +47,7 @@ def calibrate_with_direct_view(
     *,
     mirrors: int,
     names: Sequence[str],
-    on_picture: Callable[[int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Calibration:
     """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
 
@@ -62,8 +63,7 @@ def calibrate_with_direct_view(
     for number, picture in enumerate(pictures):
         boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
         found.append([board for board in boards if board.direct or board.image])
-        if on_picture is not None:
-            on_picture(number + 1, len(pictures))
+        progress(number + 1, len(pictures))
     if not any(found):
         raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
 
