@@ -1,1 +1,1 @@
-"""Synthetic frames of a layout, with sealed truth."""
+"""Synthetic frames of a layout, with ground truth in a folder of its own."""

@@ -1,4 +1,4 @@
-"""Meshes from files and from formulas as shapes of Mitsuba, which itself reads no STL."""
+"""Triangle meshes from STL, PLY and OBJ files and from formulas; Mitsuba itself reads no STL."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A surface: points (n, 3), mm, and triangles (m, 3) of their indices; colours (n, 3) where it has its own."""
+    """A triangle mesh: points (n, 3), mm, vertex indices (m, 3), and vertex colours (n, 3), linear RGB, or none."""
 
     points: FloatArray
     faces: NDArray[np.uint32]
@@ -78,7 +78,7 @@ def _by_mitsuba(path: Path, plugin: str) -> Triangles:
 
 
 def leaves(size_mm: float, seed: int) -> Triangles:
-    """Twigs with leaves that fill a cube of a size (mm) around the origin: pointed, bent, turned every way, green."""
+    """Make twigs with leaves that fill a cube of a size (mm) around the origin, in random orientations."""
     random = np.random.default_rng(seed)
     along = np.linspace(0.0, 1.0, 9)
     across = np.array([-1.0, 0.0, 1.0])
@@ -87,13 +87,13 @@ def leaves(size_mm: float, seed: int) -> Triangles:
     faces: list[NDArray[np.uint32]] = []
     colours: list[FloatArray] = []
 
-    def add(sheet: FloatArray, colour: FloatArray) -> None:
-        """A grid (rows, columns, 3) of points, as triangles."""
-        rows, columns = sheet.shape[:2]
+    def add(grid_points: FloatArray, colour: FloatArray) -> None:
+        """Append the triangles of a grid (rows, columns, 3) of points."""
+        rows, columns = grid_points.shape[:2]
         first = sum(len(part) for part in points) + np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = first[:-1, :-1], first[:-1, 1:], first[1:, :-1], first[1:, 1:]
         faces.append(np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3).astype(np.uint32))
-        points.append(sheet.reshape(-1, 3))
+        points.append(grid_points.reshape(-1, 3))
         shade = random.uniform(0.75, 1.25, (rows * columns, 1))
         colours.append(np.clip(colour * shade, 0.02, 0.9))
 

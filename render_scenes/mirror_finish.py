@@ -1,4 +1,4 @@
-"""What mirrors are like beyond their layout: as bright, smooth and flat as cheap ones are, each a little its own."""
+"""Surface finish of each mirror: reflectance, roughness and deviation from its plane."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from mirrorcam.render_scenes.settings import Bend, RenderSettings, SurfaceFinish
 
 
 class MirrorFinish(Value):
-    """One mirror: linear reflectance in red, green and blue, roughness, and how far it bends away from its plane.
+    """Surface finish of one mirror: linear reflectance in red, green and blue, roughness, sag and ripple.
 
-    Directions are those along which it bends, anticlockwise from the x axis of the mirror's own frame.
+    Directions are those along which the surface bends, anticlockwise from the x axis of the mirror's frame `plane`.
     """
 
     reflectance: tuple[float, float, float]
-    roughness: float = Field(default=0.0, ge=0, description="alpha of Beckmann's distribution: rms slope, times root 2")
+    roughness: float = Field(
+        default=0.0, ge=0, description="alpha of the Beckmann microfacet distribution: rms slope times root 2"
+    )
     bend: Bend = "sphere"
-    sag_mm: float = Field(default=0.0, description="how far its middle lies behind its rim")
+    sag_mm: float = Field(default=0.0, description="depth of the middle below the rim")
     sag_direction_deg: float = 0.0
-    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of waves in it")
+    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of the surface waviness")
     ripple_wavelength_mm: float = Field(default=20.0, gt=0)
     ripple_direction_deg: float = 0.0
     ripple_phase_deg: float = 0.0
 
     @property
     def flat(self) -> bool:
-        """Whether it is a plane."""
+        """Whether the surface is a plane."""
         return self.sag_mm == 0.0 and self.ripple_mm == 0.0
 
     @cached_property
@@ -41,9 +43,21 @@ class MirrorFinish(Value):
         return float(np.dot([0.212671, 0.715160, 0.072169], self.reflectance))
 
     def shape(self, radius_mm: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Height (...), mm, towards the pupil over the plane, and its slopes (..., 2), at points (..., 2) of the plane.
+        """Return the height of the surface over the plane and its slopes.
 
-        A sag is half above the plane, at `radius_mm` from the middle, and half below, in the middle.
+        Parameters
+        ----------
+        radius_mm
+            Distance from the middle at which the sag is half above the plane; the other half is below, in the middle.
+        points
+            Points (..., 2) of the plane, mm, frame `plane`.
+
+        Returns
+        -------
+        height
+            (...), mm, positive towards the pupil.
+        slopes
+            (..., 2), derivatives of the height along x and y.
         """
         along, across = _direction(self.sag_direction_deg)
         curve = self.sag_mm / radius_mm**2
@@ -51,12 +65,12 @@ class MirrorFinish(Value):
         round_ = 1.0 if self.bend == "sphere" else 0.0
         height = curve * (u**2 + round_ * v**2) - 0.5 * self.sag_mm
         slopes = 2.0 * curve * (u[..., None] * along + round_ * v[..., None] * across)
-        way, _ = _direction(self.ripple_direction_deg)
+        crest, _ = _direction(self.ripple_direction_deg)
         number = 2.0 * np.pi / self.ripple_wavelength_mm
-        phase = number * (points @ way) + np.deg2rad(self.ripple_phase_deg)
+        phase = number * (points @ crest) + np.deg2rad(self.ripple_phase_deg)
         return height + self.ripple_mm * np.sin(phase), slopes + (self.ripple_mm * number * np.cos(phase))[
             ..., None
-        ] * way
+        ] * crest
 
 
 def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
@@ -71,14 +85,14 @@ def radius_mm(mirror: Mirror) -> float:
 
 
 def uniform_finishes(settings: RenderSettings, count: int) -> tuple[MirrorFinish, ...]:
-    """Mirrors that are all as bright as the settings say, smooth and flat."""
+    """Return smooth, flat mirrors of the reflectance of the settings."""
     return (MirrorFinish(reflectance=(settings.mirror_reflectance,) * 3),) * count
 
 
 def draw_finishes(settings: RenderSettings, count: int, random: np.random.Generator) -> tuple[MirrorFinish, ...]:
-    """Draw the finish of each mirror; none where all are alike.
+    """Draw the surface finish of each mirror; empty where the settings ask for ideal mirrors.
 
-    The same generator and settings of other sizes: the same, scaled.
+    Settings with other magnitudes give, from the same generator state, the same deviations scaled.
     """
     asked = settings.finish
     if asked == SurfaceFinish():

@@ -1,4 +1,4 @@
-"""How a set is rendered, as numbers: renderer, light and sensor. Light to import: the command shows the options."""
+"""Settings of a rendered set: renderer, light, surface finish and sensor. Imports no renderer, for the command line."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from mirrorcam.optics.base.values import Value
 
 
 class SensorModel(Value):
-    """From radiance to an 8-bit picture with a linear response: radiance 1 / `exposure` is grey level 255."""
+    """Model of lens and sensor with a linear response of 8 bits: radiance 1 / `exposure` is grey level 255."""
 
     lens_blur_px: float = Field(default=0.8, ge=0, description="sigma of the lens's Gaussian blur where it is in focus")
-    focus_mm: float = Field(default=500.0, gt=0, description="length of the light's way at which the lens is in focus")
-    aperture_mm: float = Field(default=0.0, ge=0, description="diameter of the pupil; 0: all is in focus")
+    focus_mm: float = Field(default=500.0, gt=0, description="length of the light path at which the lens is in focus")
+    aperture_mm: float = Field(default=0.0, ge=0, description="diameter of the pupil; 0: everything is in focus")
     vignetting: float = Field(
-        default=0.0, ge=0, description="exponent of the lens's loss of light away from its axis, over cos; 4 is natural"
+        default=0.0,
+        ge=0,
+        description="exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
     )
     exposure: float = Field(default=1.0, gt=0, description="grey level 255 per radiance")
     full_well_electrons: float = Field(
-        default=0.0, ge=0, description="electrons at grey level 255, whose number is uncertain by its root; 0: no noise"
+        default=0.0, ge=0, description="electrons at grey level 255, which set the shot noise; 0: no shot noise"
     )
     read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the other noise, in grey levels")
     jpeg_quality: int | None = Field(default=None, ge=1, le=100, description="quality of JPEG files, without it PNG")
     h264_crf: int | None = Field(
-        default=None, ge=0, le=51, description="what H.264 loses of PNG files or of the video, as x264 counts it"
+        default=None, ge=0, le=51, description="constant rate factor of x264 for PNG files or the video"
     )
     readout_ms: float = Field(
-        default=0.0, ge=0, description="from the first row's exposure to the last one's: a rolling shutter"
+        default=0.0, ge=0, description="time from the exposure of the first row to that of the last: a rolling shutter"
     )
 
     @model_validator(mode="after")
@@ -43,7 +45,7 @@ SensorName = Literal["ideal", "c920", "poor"]
 VideoName = Literal["mp4", "avi"]
 
 SENSORS: dict[SensorName, SensorModel] = {
-    # No flaw but eight bits. A perfect corner is harder to find than a soft one: a lens blur is no flaw.
+    # No defect but 8-bit quantisation. Sharp corners alias, so that the lens blur is kept.
     "ideal": SensorModel(read_noise_grey=0.0),
     # A webcam in good light: f/2 of 3.67 mm, a small chip, compressed as it comes over USB.
     "c920": SensorModel(
@@ -54,7 +56,7 @@ SENSORS: dict[SensorName, SensorModel] = {
         jpeg_quality=95,
         readout_ms=30.0,
     ),
-    # A cheap one in a dim room.
+    # A cheap webcam in dim light.
     "poor": SensorModel(
         lens_blur_px=1.3,
         aperture_mm=2.2,
@@ -73,16 +75,16 @@ Bend = Literal["sphere", "cylinder"]
 
 
 class SurfaceFinish(Value):
-    """How the mirrors of a device stray from even, smooth and flat ones; each is drawn from the seed of its set."""
+    """Surface finish of the mirrors of a device; the finish of each mirror is drawn from the seed of its set."""
 
     tint: tuple[float, float, float] = Field(
-        default=(1.0, 1.0, 1.0), description="red, green and blue of what a mirror leaves, over its reflectance"
+        default=(1.0, 1.0, 1.0), description="factors of the reflectance in red, green and blue"
     )
-    reflectance_percent: float = Field(default=0.0, ge=0, description="sigma of a mirror's reflectance")
-    roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of Beckmann's distribution of slopes")
-    bend: Bend = Field(default="sphere", description="which way a mirror sags: all ways or one")
-    sag_mm: float = Field(default=0.0, ge=0, description="sigma of how far the middle lies behind the rim")
-    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of waves")
+    reflectance_percent: float = Field(default=0.0, ge=0, description="sigma of the reflectance between mirrors")
+    roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of the Beckmann microfacet distribution")
+    bend: Bend = Field(default="sphere", description="shape of the sag: along both axes or along one")
+    sag_mm: float = Field(default=0.0, ge=0, description="sigma of the sag: depth of the middle below the rim")
+    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of the surface waviness")
     ripple_wavelength_mm: float = Field(default=20.0, gt=0)
 
     @model_validator(mode="after")
@@ -93,26 +95,32 @@ class SurfaceFinish(Value):
 
 
 class RenderSettings(Value):
-    """How a set is rendered, beyond its layout, board and poses."""
+    """How a set is rendered, beyond its layout, board and poses.
+
+    Radiance is linear and without unit; a sensor of `exposure` 1 maps radiance 1 to grey level 255.
+    """
 
     renderer: RendererName = Field(
-        default="mitsuba", description="mitsuba: the reference, by light paths; fast: by formula, for large sets"
+        default="mitsuba", description="mitsuba: the reference, by path tracing; fast: analytic, for large sets"
     )
-    spp: int = Field(default=16, ge=1, le=65536, description="samples in a pixel, of the reference")
+    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference renderer")
     paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
-    ink: float = Field(default=0.05, ge=0, description="radiance of its print")
+    ink: float = Field(default=0.05, ge=0, description="radiance of the board's ink")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
     finish: SurfaceFinish = SurfaceFinish()
     surroundings: float = Field(
-        default=0.25, ge=0, description="radiance of all around, where a device's parts stand in the scene; else none"
+        default=0.25,
+        ge=0,
+        description="radiance of the surroundings where the parts of a device are in the scene; otherwise unused",
     )
     sensor: SensorModel = SENSORS["c920"]
-    maps: bool = Field(default=True, description="write what every pixel truly shows, beside the truth")
+    maps: bool = Field(default=True, description="write ground-truth maps of every pixel")
     video: VideoName | None = Field(
-        default=None, description="the frames as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+        default=None,
+        description="also write the frames as a video: mp4, of H.264; or avi, of the JPEG files as they are",
     )
     video_crf: int = Field(
-        default=18, ge=0, le=51, description="what H.264 loses in an mp4 of frames that came as JPEG or PNG"
+        default=18, ge=0, le=51, description="constant rate factor of an mp4 of frames that came as JPEG or PNG"
     )
 
     @model_validator(mode="after")
@@ -124,10 +132,10 @@ class RenderSettings(Value):
 
     @property
     def subpixels(self) -> int:
-        """How many squares a pixel is cut into, along each side, before the lens blurs: two where `spp` allows it."""
+        """Number of subpixels along each side of a pixel, on which the lens blur acts: two where `spp` allows it."""
         return 2 if self.renderer == "fast" or self.spp % 4 == 0 else 1
 
     @property
     def suffix(self) -> str:
-        """Of the pictures."""
+        """File name suffix of the pictures."""
         return ".png" if self.sensor.jpeg_quality is None else ".jpg"

@@ -1,1 +1,1 @@
-"""Calibration boards as they are printed, and how they move."""
+"""Calibration boards: their print and their motion."""

@@ -1,4 +1,4 @@
-"""A board that moves: smooth ways through poses, and where it is while a rolling shutter reads row after row."""
+"""Motion of a board: smooth paths through key poses, and poses during the readout of a rolling shutter."""
 
 from __future__ import annotations
 
@@ -11,10 +11,22 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 
 def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
-    """Poses (n, 4, 4) at times (n,) on a smooth way through poses (k, 4, 4), which it passes at times 0, 1, 2 ...
+    """Interpolate a smooth motion through key poses.
 
-    A cubic spline of the positions, which sets out from rest and comes to rest, and one of the rotations (SciPy's
-    `RotationSpline`); before and after nothing moves.
+    Positions follow a clamped cubic spline, at rest at both ends; rotations follow SciPy's `RotationSpline`. Before the
+    first and after the last key the board rests.
+
+    Parameters
+    ----------
+    keys
+        Rigid key poses (k, 4, 4), passed at times 0, 1, 2, ...
+    times
+        Times (n,).
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
     """
     at = np.clip(times, 0.0, len(keys) - 1.0)
     if len(keys) == 1:
@@ -25,10 +37,22 @@ def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
 
 
 def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
-    """The poses (n, 4, 4) after parts (n,), 0 to 1, of the readout, of poses (3, 4, 4) at its begin, middle and end.
+    """Interpolate poses within the readout of one frame.
 
-    Positions, and the turn away from the middle as a vector, follow parabolas: the acceleration within a readout is
-    taken as constant.
+    Positions, and rotation vectors relative to the middle, follow parabolas: the acceleration within a readout is taken
+    as constant.
+
+    Parameters
+    ----------
+    poses
+        Poses (3, 4, 4) at the begin, middle and end of the readout.
+    parts
+        Fractions (n,) of the readout, 0 to 1.
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
     """
     middle = Rotation.from_matrix(poses[1, :3, :3])
     turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()

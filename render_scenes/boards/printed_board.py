@@ -1,4 +1,4 @@
-"""The sheet that a board is printed on: its picture, and where it lies."""
+"""The print of a calibration board: its texture with a margin of white paper, and its place on the board."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _MOST_TEXELS_PER_SQUARE = 64
 
 
 def print_on_paper(target: Target) -> NDArray[np.uint8]:
-    """The sheet, as coarse as its edges allow: the print with its margin of white paper, 0 ink and 255 paper.
+    """Return the print with its margin of white paper, 0 ink and 255 paper, at the lowest exact resolution.
 
-    One texel a square is exact for a checkerboard. With markers, one texel a marker module is exact where a square is a
-    whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
+    One texel per square is exact for a checkerboard. With markers, one texel per marker module is exact where a square
+    is a whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
     """
     if isinstance(target, Checkerboard):
         return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
@@ -27,7 +27,7 @@ def print_on_paper(target: Target) -> NDArray[np.uint8]:
 
 
 def _marker_raster(target: Charuco) -> tuple[int, float]:
-    """Texels a square, and the marker_mm nearest to the target's whose modules are then whole numbers of texels."""
+    """Texels per square, and the marker size (mm) nearest to the target's whose modules are whole numbers of texels."""
     modules = DICTIONARIES[target.dictionary][1]
     choices = [
         (texels, texels_per_module * modules * target.square_mm / texels)
@@ -39,21 +39,21 @@ def _marker_raster(target: Charuco) -> tuple[int, float]:
 
 
 def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
-    """How bright the sheet (rows, columns) is, texel by texel."""
+    """Radiance (rows, columns) of the texels of the print."""
     return np.asarray(settings.ink + (settings.paper - settings.ink) * (print_on_paper(target) / 255.0))
 
 
 def board_from_texels(target: Target) -> FloatArray:
-    """The 3x3 from (column, row, 1) on the sheet, in texels from its top left corner, to x, y, 1 on the board, mm."""
+    """Affine 3x3 from (column, row, 1), texels from the print's top left corner, to (x, y, 1) on the board, mm."""
     texel_mm = target.size_mm[0] / (print_on_paper(target).shape[1] // (target.cols + 2 * MARGIN_SQUARES)) / target.cols
     margin_mm = MARGIN_SQUARES * target.square_mm
     return np.array([[texel_mm, 0.0, -margin_mm], [0.0, texel_mm, -margin_mm], [0.0, 0.0, 1.0]])
 
 
 def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
-    """The 4x4 that lays Mitsuba's rectangle ([-1, 1]^2, shining along +z, v up) on the sheet, printed side out."""
+    """Affine 4x4 from Mitsuba's rectangle ([-1, 1]^2, emitting along +z, v up) to the print of a board in rig, mm."""
     width, height = target.size_mm
     margin = MARGIN_SQUARES * target.square_mm
-    board_from_sheet = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
-    board_from_sheet[:2, 3] = width / 2, height / 2
-    return rig_from_board @ board_from_sheet
+    board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
+    board_from_rectangle[:2, 3] = width / 2, height / 2
+    return rig_from_board @ board_from_rectangle

@@ -1,1 +1,1 @@
-"""The renderer by formula, for large sets."""
+"""The analytic renderer, for large sets."""

@@ -1,1 +1,1 @@
-"""The reference renderer: light paths through exact geometry, by Mitsuba."""
+"""The reference renderer: path tracing through exact geometry, by Mitsuba."""

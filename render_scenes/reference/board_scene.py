@@ -1,13 +1,14 @@
 """A calibration board before a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
 
-The board shines by itself, so that no lamp adds noise; mirrors are exactly as the layout cuts them; all else is black.
-Where the parts of a device stand around them, those hide what is behind and scatter the light of the board and of the
-surroundings, which are of one radiance.
+The board emits light, so that no light source adds noise; mirrors have the outlines of the layout; all else is black.
+The parts of a device, where there are any, occlude what is behind them and scatter the light of the board and of the
+surroundings, whose radiance is uniform.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,26 @@ from mirrorcam.render_scenes.variant import use_variant
 
 
 class BoardScene:
-    """A board that can be moved, seen by a camera by way of mirrors (or, without any, directly).
+    """A movable board, seen by a camera by way of mirrors or, without any, directly.
 
-    `finishes` are those of the mirrors, without them even, smooth and flat; `bodies` stand around. Moving the board
-    costs no compilation. `variant` is Mitsuba's, by default the fastest that this machine can run.
+    Moving the board costs no compilation.
+
+    Parameters
+    ----------
+    camera
+        The camera, at the origin of the frame rig.
+    mirrors
+        The mirrors; none for the bare camera.
+    target
+        The board.
+    settings
+        Samples, light and reflectance.
+    finishes
+        Surface finishes of the mirrors; without them, uniform, smooth and flat.
+    bodies
+        Bodies of a device around the mirrors.
+    variant
+        Mitsuba's variant; by default the fastest that this machine can run.
     """
 
     def __init__(
@@ -49,26 +66,10 @@ class BoardScene:
 
         self.camera, self.target = camera, target
         finishes = finishes or uniform_finishes(settings, len(mirrors))
-        # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
-        radiance = printed_radiance(target, settings)[::-1]
         self.scene = mi.load_dict(
             {
                 "type": "scene",
-                "board": {
-                    "type": "rectangle",
-                    "to_world": mi.ScalarTransform4f(rig_from_rectangle(target, np.eye(4)).astype(np.float32)),
-                    "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
-                    "emitter": {
-                        "type": "area",
-                        "radiance": {
-                            "type": "bitmap",
-                            "bitmap": mi.Bitmap(radiance.astype(np.float32)),
-                            "raw": True,
-                            "filter_type": "nearest",
-                            "wrap_mode": "clamp",
-                        },
-                    },
-                },
+                "board": _emitting_board(target, settings),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
@@ -79,17 +80,7 @@ class BoardScene:
             }
         )
         self.sensor = sensor(camera, near_mm=near_mm(bodies))
-        # Whatever stands between the mirrors of a real device hides the scene behind it: its parts or, without, black.
-        rough = any(finish.roughness > 0.0 for finish in finishes)
-        sheets = any(mirror.is_second_surface for mirror in mirrors)
-        self.integrator = integrator(
-            PathOptions(
-                mirrors_only=bool(mirrors) and not bodies,
-                branches=PLATE_BRANCHES if sheets else 1,
-                lit=bool(bodies) or rough,
-                max_bounces=16 if sheets else 8,
-            )
-        )
+        self.integrator = integrator(_path_options(mirrors, finishes, bodies))
         self._parameters = mi.traverse(self.scene)
 
     def place_board(self, rig_from_board: FloatArray) -> None:
@@ -104,10 +95,45 @@ class BoardScene:
     def render(
         self, *, spp: int, seed: int, subpixels: int = 1, crop: tuple[int, int, int, int] | None = None
     ) -> NDArray[np.float32]:
-        """Radiance, float32, of the whole sensor or of a window x, y, width, height.
+        """Render the radiance of the whole sensor, or of a window `crop` = x, y, width, height in pixels.
 
-        Shape (h * subpixels, w * subpixels): each pixel is cut into squares, each of `spp` samples.
+        Returns float32 (h * subpixels, w * subpixels): each pixel is divided into squares of `spp` samples each.
         """
         use_variant(self.variant)
         window = (0, 0, self.camera.width_px, self.camera.height_px) if crop is None else crop
         return render(self.scene, self.sensor, self.integrator, crop=window, subpixels=subpixels, spp=spp, seed=seed)
+
+
+def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
+    """Description of a rectangle that emits the radiance of the print, at the identity pose."""
+    import mitsuba as mi
+
+    # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
+    radiance = printed_radiance(target, settings)[::-1]
+    texture = {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(radiance.astype(np.float32)),
+        "raw": True,
+        "filter_type": "nearest",
+        "wrap_mode": "clamp",
+    }
+    return {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(rig_from_rectangle(target, np.eye(4)).astype(np.float32)),
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
+        "emitter": {"type": "area", "radiance": texture},
+    }
+
+
+def _path_options(
+    mirrors: Sequence[Mirror], finishes: Sequence[MirrorFinish], bodies: Sequence[DeviceBody]
+) -> PathOptions:
+    # What is between the mirrors of a device occludes the scene behind it: its parts or, without them, black.
+    rough = any(finish.roughness > 0.0 for finish in finishes)
+    plates = any(mirror.is_second_surface for mirror in mirrors)
+    return PathOptions(
+        mirrors_only=bool(mirrors) and not bodies,
+        branches=PLATE_BRANCHES if plates else 1,
+        lit=bool(bodies) or rough,
+        max_bounces=16 if plates else 8,
+    )

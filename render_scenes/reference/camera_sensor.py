@@ -1,4 +1,4 @@
-"""The base camera as a Mitsuba sensor: pinhole with OpenCV's distortion, inverted exactly per ray.
+"""The base camera as a Mitsuba sensor: pinhole with OpenCV's distortion, inverted for each ray.
 
 Mitsuba's world is the rig frame in mm, with the camera at the origin: single precision is finest there. Its pixel
 (0, 0) has its centre at (0.5, 0.5), ours at (0, 0).
@@ -17,8 +17,8 @@ NEWTON_STEPS = 4  # residual below 1e-4 px at the corners of a C920 with k1 = .0
 def normalized_from_mitsuba(x: Any, y: Any, intrinsics: list[Any]) -> tuple[Any, Any]:
     """Undistort Dr.Jit pixel coordinates (Mitsuba's convention) to x/z, y/z by unrolled Newton steps.
 
-    `intrinsics` are the nine numbers of `optics.camera.INTRINSIC_NAMES`; the model is OpenCV's, with the symmetric
-    Jacobian of the radial and tangential terms.
+    `intrinsics` are the nine numbers of `optics.geometry.camera.INTRINSIC_NAMES`; the model is OpenCV's, with the
+    symmetric Jacobian of the radial and tangential terms.
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics
     u, v = (x - 0.5 - cx) / fx, (y - 0.5 - cy) / fy
@@ -86,11 +86,18 @@ def _plugin(variant: str) -> str:
 
 
 def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None, near_mm: float = 0.0) -> Any:
-    """A Mitsuba sensor for a camera, with a box-filtered film of one channel; `crop` is x, y, width, height in pixels.
+    """Make a Mitsuba sensor for a camera, with a box-filtered film of one channel.
 
-    What lies before z = `near_mm` is not seen: the camera's own body, in which the pupil lies.
+    The variant must have been set (`variant.use_variant`).
 
-    The variant must have been set (`render_scenes.llvm.use_variant`).
+    Parameters
+    ----------
+    camera
+        The camera, at the origin of the frame rig.
+    crop
+        Window of the film: x, y, width, height in pixels.
+    near_mm
+        Nothing before the plane z = `near_mm` is seen: the camera's own body, in which the pupil lies.
     """
     import mitsuba as mi
 

@@ -1,4 +1,4 @@
-"""The printed parts and what else a real device is made of, as bodies in a scene. Frame rig as designed, mm."""
+"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh
-from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"
 COUPON = "fit_coupon"  # among the parts to print, but no piece of the device
-SAME_MM = 0.05  # between a corner of a mirror in a file and in a layout
-# Printed plastic, dark and matte, as it comes where no file says its colour.
+SAME_MM = 0.05  # tolerance between corners of a mirror in a file and in a layout
+# Printed plastic, dark and diffuse, where a file has no colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
 _COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -33,9 +33,9 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 @dataclass(frozen=True, eq=False)
 class DeviceBody:
-    """One thing: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear red, green and blue.
+    """One body: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear RGB.
 
-    `kind` is what `mirrorcam cad` calls it: part, mirror, camera, screw, insert, nut or pin.
+    `kind` is that of `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
     """
 
     name: str
@@ -47,7 +47,7 @@ class DeviceBody:
 
 
 class DeviceParts(Value):
-    """What of a device stands around its mirrors: files by the checksum of all, and how the camera sits among them.
+    """The parts around the mirrors of a device: a folder of files, their common checksum, and the pose of the camera.
 
     `holder_from_rig` is rigid, from the frame of the camera to that of the parts, mm.
     """
@@ -58,9 +58,9 @@ class DeviceParts(Value):
 
 
 def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
-    """The parts in a folder around a device built of a layout.
+    """Find the parts in a folder for a layout as built.
 
-    Raises InputError for a folder without any, or for one of a device with other mirrors.
+    Raises InputError for a folder without parts, or with the parts of another layout.
     """
     if (folder / ASSEMBLY).is_file():
         check_mirrors(folder, nominal)
@@ -73,17 +73,17 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
     """Raise InputError unless the mirrors of an assembly, if it has any, are those of a layout."""
-    sheets = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
-    if not sheets:
+    solids = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
+    if not solids:
         return
-    corners = cKDTree(np.concatenate([body.points for body in sheets]))
+    corners = cKDTree(np.concatenate([body.points for body in solids]))
     off_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
-    if len(sheets) != len(nominal.mirrors) or off_mm > SAME_MM:
+    if len(solids) != len(nominal.mirrors) or off_mm > SAME_MM:
         raise InputError(f"{folder}: parts of another layout, expected what `mirrorcam cad` wrote of this one")
 
 
 def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:
-    """The bodies of a device in the frame of its camera, rig. Raises InputError where files are not those meant."""
+    """Read the bodies of a device into the frame of its camera, rig. Raises InputError where files have changed."""
     folder = Path(parts.folder)
     if checksum(folder) != parts.checksum:
         raise InputError(f"{folder}: other parts than when the set was begun, expected the same files")
@@ -99,7 +99,7 @@ def checksum(folder: Path) -> str:
 
 
 def parts_files(folder: Path) -> tuple[Path, ...]:
-    """What `read_bodies` reads of a folder: its assembly or, without one, its STL files by name.
+    """List the files that `read_bodies` reads: the assembly of a folder or, without one, its STL files by name.
 
     Raises InputError where there is neither.
     """
@@ -112,7 +112,7 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
 
 
 def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
-    """All that stands in a device but its mirrors: of the assembly of `mirrorcam cad`, or of STL files in rig, mm."""
+    """Read all bodies but the mirrors from the assembly of `mirrorcam cad`, or from STL files in rig, mm."""
     files = parts_files(folder)
     if files[0].name == ASSEMBLY:
         return tuple(body for body in read_assembly(files[0]) if body.kind != "mirror")
@@ -124,7 +124,7 @@ def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
 
 
 def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
-    """The pieces of an `assembly.glb`: of binary glTF 2.0, the nodes below `device`. Raises InputError in one line."""
+    """Read an `assembly.glb`: the nodes below `device` of binary glTF 2.0. Raises InputError in one line."""
     raw = read_bytes(path)
     try:
         length = int.from_bytes(raw[12:16], "little")
@@ -165,17 +165,17 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
 
 
 def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
-    """A body of the holder in the frame of the camera, by a rigid 4x4."""
+    """Transform a body from the frame of the holder to that of the camera, by a rigid 4x4."""
     turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
     normals = None if body.normals is None else body.normals @ turn
     return replace(body, points=(body.points - origin) @ turn, normals=normals)
 
 
 def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
-    """The rigid 4x4 from the frame of a built device, its camera's, to that of its holder, the rig as designed.
+    """Estimate the rigid 4x4 from the camera frame of a device as built to that of its holder, rig as designed.
 
-    Mirrors stray from their seats
-    along their normals alone (and turn about their middles), so what is across them tells where the pupil is.
+    Mirrors are perturbed along their normals (and turned about their middles), so that components across the normals
+    determine the position of the pupil by least squares.
     """
     turn = nominal.view_from_rig.T @ built.view_from_rig
     rows, values = [], []
@@ -187,12 +187,12 @@ def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
 
 
 def near_mm(bodies: Sequence[DeviceBody]) -> float:
-    """The z at which the camera's own body ends, in which the pupil lies; 0 without one."""
+    """Depth z, mm, at which the camera's own body ends, in which the pupil lies; 0 without one."""
     return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
 
 
 def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
-    """Bodies as matte shapes of the current variant, by name."""
+    """Make diffuse shapes of the current variant of bodies, by name."""
     return {
         f"body_{body.name}": mesh(
             body.name,

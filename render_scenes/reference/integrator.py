@@ -1,12 +1,12 @@
-"""Light along mirrors: an integrator without the bias of Mitsuba's ray offset, and the pixel loop around it.
+"""Path tracing along mirrors: an integrator without the bias of Mitsuba's ray offset, and the loop over pixels.
 
 `SurfaceInteraction.spawn_ray` moves the origin of a reflected ray along the *normal* to leave the surface. The ray is
-then no longer the true one but a parallel of it, and corners seen by way of a mirror move by hundredths of a pixel (by
-tenths where the unit is metres). Moving it along the *reflected direction* leaves the surface too and changes nothing.
+then parallel to the true one, and corners seen by way of a mirror move by hundredths of a pixel (by tenths where the
+unit is metres). Moving the origin along the *reflected direction* leaves the surface too and does not change the ray.
 
-Where light is split, by the front of a sheet, nothing is drawn by lot: a path is followed once for each branch, and
-their light adds up. So sheets add no noise. Branch 0 is reflected by the front; branch k goes on to the coating, and
-leaves the sheet when it comes to the front for the k-th time.
+Where the front of a plate splits light, no branch is chosen at random: a path is traced once for each branch, and their
+radiances add up, so that plates add no noise. Branch 0 is reflected by the front; branch k goes on to the coating, and
+leaves the plate when it meets the front for the k-th time.
 """
 
 from __future__ import annotations
@@ -18,21 +18,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Along the reflected ray: far above the single precision of a hit (1e-5 mm), far below any gap of a real device.
-CLEARANCE_MM = 0.02
+from mirrorcam.render_scenes.reference.interactions import (
+    CLEARANCE_MM,
+    direct_light,
+    emitted_radiance,
+    has_flag,
+    invert,
+    power_heuristic,
+    sample_bsdf,
+)
+
 # Steps of the R2 sequence (Roberts): 1/g and 1/g^2 with g^3 = g + 1, the plane's best-spread additive recurrence.
 R2_STEPS = (0.7548776662466927, 0.5698402909959032)
 PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
-NUMBERS = 8  # random ones that a bounce may take
+NUMBERS = 8  # random numbers reserved for each bounce
 
 
 @dataclass(frozen=True)
 class PathOptions:
-    """What an integrator has to follow: only what a scene needs costs time.
+    """Options of the integrator; effects that a scene does not need cost no time.
 
-    With `mirrors_only` what the camera sees directly is black. `branches` is how many ways through the first sheet are
-    followed: one where nothing is transparent. `lit`: surfaces scatter light, which is then gathered by lot. `colour`:
-    three channels in place of one. `max_bounces` bounds a path.
+    Attributes
+    ----------
+    mirrors_only
+        What the camera sees directly is black.
+    branches
+        Number of branches traced through the first plate: 1 where nothing is transparent.
+    lit
+        Surfaces scatter light, which is sampled by Monte Carlo.
+    colour
+        Three channels in place of one.
+    max_bounces
+        Bound of the path length.
     """
 
     mirrors_only: bool = False
@@ -48,43 +65,7 @@ def _plugin(variant: str) -> str:
     import drjit as dr
     import mitsuba as mi
 
-    delta, smooth, through = mi.BSDFFlags.Delta, mi.BSDFFlags.Smooth, mi.BSDFFlags.DeltaTransmission
-
-    def emitted(scene: Any, hit: Any, active: Any) -> Any:
-        emitter = hit.emitter(scene)
-        return mi.Spectrum(0.0) if emitter is None else emitter.eval(hit, active)  # None: scalar variants only
-
-    def scattered(bsdf: Any, hit: Any, one: Any, two: Any, active: Any) -> tuple[Any, Any]:
-        if bsdf is None:
-            return mi.BSDFSample3f(), mi.Spectrum(0.0)
-        return bsdf.sample(mi.BSDFContext(), hit, one, two, active)
-
-    def flagged(bsdf: Any, flag: Any, active: Any) -> Any:
-        return mi.Bool(False) if bsdf is None else active & mi.has_flag(bsdf.flags(), flag)
-
-    def no(condition: Any) -> Any:
-        return dr.select(condition, mi.Bool(False), mi.Bool(True))  # ~ of Python's bool is no bool
-
-    def share(own: Any, other: Any) -> Any:
-        """Of light that can be found in two ways, what one of them counts: the power heuristic (Veach 1997)."""
-        return dr.select(own > 0.0, own * own / dr.maximum(own * own + other * other, 1e-30), 0.0)
-
-    def looked_for(scene: Any, hit: Any, bsdf: Any, lot: Any, active: Any) -> Any:
-        """What a surface scatters of the light of a point of each lamp. The sky is found by chance alone.
-
-        By the cosine it is found without noise wherever nothing hides it.
-        """
-        looks, total = flagged(bsdf, smooth, active), mi.Spectrum(0.0)
-        for lamp in scene.emitters():
-            if lamp.is_environment():
-                continue
-            towards, light = lamp.sample_direction(hit, lot, looks)
-            value, other = bsdf.eval_pdf(mi.BSDFContext(), hit, hit.to_local(towards.d), looks)
-            light *= value * dr.select(towards.delta, 1.0, share(towards.pdf, other))
-            lit = looks & (towards.pdf > 0.0) & dr.any(light > 0.0)
-            way = mi.Ray3f(mi.Ray3f(hit.p + CLEARANCE_MM * towards.d, towards.d), towards.dist - 2.0 * CLEARANCE_MM)
-            total += dr.select(lit & no(scene.ray_test(way, lit)), light, 0.0)
-        return total
+    delta, through = mi.BSDFFlags.Delta, mi.BSDFFlags.DeltaTransmission
 
     class LightPaths(mi.SamplingIntegrator):
         """Plugin "light_paths": emission at the ends of paths, as `PathOptions` says."""
@@ -100,17 +81,17 @@ def _plugin(variant: str) -> str:
             dr.make_opaque(self.first, self.last)
 
         def radiance(self, scene: Any, ray: Any, active: Any, branch: Any = 0, key: Any = 0, number: Any = 0) -> Any:
-            """Radiance along rays in one branch; random numbers are those of a key from a number on."""
+            """Radiance along rays in one branch, with the random numbers of a key from index `number` on."""
             if self.lit or self.branches > 1:
                 return self._by_branch(scene, ray, active, mi.UInt32(branch), mi.UInt32(key), mi.UInt32(number))
 
             def bounce(ray: Any, colour: Any, throughput: Any, active: Any, bounces: Any) -> tuple[Any, ...]:
                 hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
                 active &= hit.is_valid()
-                colour += throughput * emitted(scene, hit, active & (bounces >= self.first))
+                colour += throughput * emitted_radiance(scene, hit, active & (bounces >= self.first))
                 # A perfect reflection takes no random numbers.
                 bsdf = hit.bsdf(ray) if hit.shape is not None else None
-                sample, weight = scattered(bsdf, hit, 0.5, mi.Point2f(0.5), active)
+                sample, weight = sample_bsdf(bsdf, hit, 0.5, mi.Point2f(0.5), active)
                 throughput *= weight
                 active &= mi.has_flag(sample.sampled_type, delta) & (bounces < self.last)
                 active &= dr.any(throughput > 0.0)
@@ -123,10 +104,10 @@ def _plugin(variant: str) -> str:
             return end[1]
 
         def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
-            """As above, through sheets and from surface to surface.
+            """As above, through plates and with scattering surfaces.
 
-            The first sheet is gone through as the branch says, `passes` times to its coating, and then `out` is true;
-            for all that comes later lots are drawn.
+            The path through the first plate is that of the branch, with `passes` passes to its coating; `out` is true
+            after it. All later interactions are sampled at random.
             """
 
             def bounce(
@@ -141,31 +122,35 @@ def _plugin(variant: str) -> str:
                 density: Any,
             ) -> tuple[Any, ...]:
                 hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
-                # Whatever needs no sheet is the same in all branches, and counts in one.
+                # A path without a plate is the same in all branches, and counts in one.
                 counts = active & (out | (branch == 0))
-                light = throughput * emitted(scene, hit, counts & (bounces >= self.first))
+                light = throughput * emitted_radiance(scene, hit, counts & (bounces >= self.first))
                 emitter = hit.emitter(scene)
                 if self.lit and emitter is not None:
-                    # A lamp that the last surface has also looked for.
-                    looked = counts & (density > 0.0) & hit.is_valid()
-                    found = emitter.pdf_direction(before, mi.DirectionSample3f(scene, hit, before), looked)
-                    light *= dr.select(looked, share(density, found), 1.0)
+                    # An emitter that the last surface has also sampled directly.
+                    sampled = counts & (density > 0.0) & hit.is_valid()
+                    found = emitter.pdf_direction(before, mi.DirectionSample3f(scene, hit, before), sampled)
+                    light *= dr.select(sampled, power_heuristic(density, found), 1.0)
                 colour += light
                 active &= hit.is_valid()
-                lots = [mi.sample_tea_float32(key, number + NUMBERS * bounces + k) for k in range(5 if self.lit else 1)]
+                random = [
+                    mi.sample_tea_float32(key, number + NUMBERS * bounces + k) for k in range(5 if self.lit else 1)
+                ]
                 bsdf = hit.bsdf(ray) if hit.shape is not None else None
                 if self.lit and bsdf is not None:
-                    colour += throughput * looked_for(scene, hit, bsdf, mi.Point2f(lots[1], lots[2]), active & counts)
-                glass = flagged(bsdf, through, active)
+                    colour += throughput * direct_light(
+                        scene, hit, bsdf, mi.Point2f(random[1], random[2]), active & counts
+                    )
+                glass = has_flag(bsdf, through, active)
                 outside = hit.wi.z > 0.0
-                passes = dr.select(glass & no(outside), passes + 1, passes)
-                turns = dr.select(outside, branch == 0, passes < branch)
-                told = glass & no(out)
-                one = dr.select(told, dr.select(turns, mi.Float(0.0), mi.Float(2.0)), lots[0])
-                two = mi.Point2f(lots[3], lots[4]) if self.lit else mi.Point2f(0.5)
-                sample, weight = scattered(bsdf, hit, one, two, active)
-                throughput *= weight * dr.select(told, sample.pdf, 1.0)
-                out |= told & dr.select(outside, turns, no(turns))
+                passes = dr.select(glass & invert(outside), passes + 1, passes)
+                leaves = dr.select(outside, branch == 0, passes < branch)
+                first_plate = glass & invert(out)
+                one = dr.select(first_plate, dr.select(leaves, mi.Float(0.0), mi.Float(2.0)), random[0])
+                two = mi.Point2f(random[3], random[4]) if self.lit else mi.Point2f(0.5)
+                sample, weight = sample_bsdf(bsdf, hit, one, two, active)
+                throughput *= weight * dr.select(first_plate, sample.pdf, 1.0)
+                out |= first_plate & dr.select(outside, leaves, invert(leaves))
                 singular = mi.has_flag(sample.sampled_type, delta)
                 active &= (bounces < self.last) & (sample.pdf > 0.0)
                 if not self.lit:
@@ -190,9 +175,9 @@ def _plugin(variant: str) -> str:
             return dr.while_loop(start, lambda *state: state[3], bounce)[1]
 
         def means(self, scene: Any, sensor: Any, x: Any, y: Any, side: Any, spp: Any, seed: Any) -> list[Any]:
-            """Mean radiance of squares (x, y) of `side` pixels, by channel: a lane each, its samples one by one.
+            """Mean radiance of squares (x, y) of `side` pixels, by channel: one lane per square, samples in sequence.
 
-            So memory does not grow with the samples, and sums are formed in one order whatever the number of threads.
+            Memory does not grow with the samples, and sums have one order whatever the number of threads.
             """
             # One pattern of samples, shifted in each square by its place on the sensor: unbiased, and no pattern shows.
             bits_x, bits_y = mi.sample_tea_32(y * 65536 + x, seed)
@@ -223,7 +208,7 @@ def _plugin(variant: str) -> str:
 
 
 def integrator(light: PathOptions) -> Any:
-    """The integrator for the current variant."""
+    """Make the integrator for the current variant."""
     import mitsuba as mi
 
     return mi.load_dict({"type": _plugin(mi.variant()), **vars(light)})
@@ -239,9 +224,29 @@ def render(
     spp: int,
     seed: int,
 ) -> NDArray[np.float32]:
-    """Radiance (height * subpixels, width * subpixels[, 3]), float32, of the pixels in `crop` = x, y, width, height.
+    """Render a window of a sensor; the same arguments give the same bits.
 
-    Each pixel is cut into subpixels x subpixels squares of `spp` samples each. Same arguments, same bits.
+    Parameters
+    ----------
+    scene
+        Scene of the current variant.
+    sensor
+        Has `ray_through(x, y)`: the ray of a point of the sensor in Mitsuba's pixels.
+    paths
+        The integrator.
+    crop
+        x, y, width, height in pixels.
+    subpixels
+        Squares along each side of a pixel.
+    spp
+        Samples per square.
+    seed
+        Seed of the sample pattern.
+
+    Returns
+    -------
+    NDArray[np.float32]
+        Radiance (height * subpixels, width * subpixels) or, in colour, with a third axis of 3.
     """
     import drjit as dr
     import mitsuba as mi

@@ -1,4 +1,4 @@
-"""Mirrors as Mitsuba shapes: silvered on the front, or sheets that are coated behind. World = rig frame, mm."""
+"""First- and second-surface mirrors as Mitsuba shapes. World = rig frame, mm."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
-# Cells of a bent mirror: in a wave, and over the radius of a sag. Between, normals are mixed: good to 1e-3 of a slope.
-CELLS_A_WAVE, CELLS_A_RADIUS = 40, 12
+# Cells of a bent mirror: per ripple wavelength, and per radius. Interpolated normals are good to 1e-3 of a slope.
+CELLS_PER_WAVE, CELLS_PER_RADIUS = 40, 12
 
 
 def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) -> dict[str, Any]:
-    """A mirror exactly as its layout cuts it, by names of its faces.
+    """Make the faces of a mirror, with the outline of its layout.
 
-    A first-surface mirror is a reflecting face, black behind; with `edges`, those of its sheet, as black, behind it. A
-    second-surface one is a sheet: a front that light passes by Fresnel's formulas, cut like the coating behind it,
-    which is black from behind, and black edges. Both faces of a bent sheet have one shape.
+    A first-surface mirror is a reflecting face, black from behind; with `edges`, the edges of its substrate are added,
+    as black. A second-surface mirror is a plate: a dielectric front (Fresnel), a coating of the same outline, black
+    from behind, and black edges. Both faces of a bent plate have one shape.
+
+    Returns
+    -------
+    dict
+        Shapes of the current variant by the names of the faces.
     """
     if not mirror.is_second_surface:
         coating = {"coating": _face(mirror, finish, 0.0, _coating(finish))}
@@ -59,9 +64,9 @@ def _anticlockwise(mirror: Mirror) -> bool:
 
 
 def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, Any]) -> Any:
-    """The outline, lifted towards the pupil, with the exact normal at every corner.
+    """Make the outline, offset towards the pupil, with the exact normal at every corner.
 
-    The normals of the triangles themselves would carry the rounding of their corners.
+    Normals computed from the triangles would carry the rounding of their corners.
     """
     if finish.flat:
         corners = mirror.outline_in_rig_mm + lift_mm * mirror.normal_in_rig
@@ -75,11 +80,11 @@ def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, 
 
 
 def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Points (n, 2) of the plane and triangles (m, 3): those from the middle to each edge, each cut into small ones."""
+    """Points (n, 2) of the plane and triangles (m, 3): the fan from the middle to each edge, subdivided."""
     outline = mirror.outline_in_plane_mm if _anticlockwise(mirror) else mirror.outline_in_plane_mm[::-1]
-    size = radius_mm(mirror) / CELLS_A_RADIUS
+    size = radius_mm(mirror) / CELLS_PER_RADIUS
     if finish.ripple_mm > 0.0:
-        size = min(size, finish.ripple_wavelength_mm / CELLS_A_WAVE)
+        size = min(size, finish.ripple_wavelength_mm / CELLS_PER_WAVE)
     sides = np.linalg.norm(np.concatenate([outline, np.roll(outline, -1, axis=0) - outline]), axis=1)
     count = int(np.ceil(sides.max() / size))
     # Row r of a triangle, counted from the middle, has r + 1 points.
@@ -101,7 +106,7 @@ def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np
 
 
 def _edges(mirror: Mirror, height_mm: float) -> Any:
-    """The cut edges of a sheet from its coating on, towards the pupil: what meets them is lost."""
+    """Make the edges of a plate from its coating on, towards the pupil; they absorb."""
     outline = mirror.outline_in_rig_mm
     count = len(outline)
     corners = np.concatenate([outline, outline + height_mm * mirror.normal_in_rig])
@@ -119,7 +124,7 @@ def mesh(
     bsdf: dict[str, Any],
     normals_in_rig: FloatArray | None = None,
 ) -> Any:
-    """Triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones, as a shape of the current variant."""
+    """Make a shape of the current variant of triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones."""
     import mitsuba as mi
 
     properties = mi.Properties()

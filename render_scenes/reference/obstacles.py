@@ -11,7 +11,7 @@ from mirrorcam.render_scenes.reference.device_bodies import DeviceBody, body_sha
 
 
 class BodyObstacles:
-    """Bodies as what stops light, in the frame of the camera; the variant of Mitsuba must have been set."""
+    """`truth.obstacles.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
 
     def __init__(self, bodies: Sequence[DeviceBody]) -> None:
         import mitsuba as mi
@@ -20,7 +20,7 @@ class BodyObstacles:
         self._near_mm = near_mm(bodies)
 
     def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
-        """How far (...) rays from points (..., 3) along unit vectors (..., 3) go; infinite, and NaN of NaN."""
+        """Length (...), mm, that rays from points (..., 3) along unit vectors (..., 3) go before a body stops them."""
         import drjit as dr
         import mitsuba as mi
 
@@ -41,6 +41,6 @@ class BodyObstacles:
         return free.reshape(shape)
 
     def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
-        """The same (...) of unit rays (..., 3) from the pupil; the camera's own body stops none of them."""
+        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
         before = (self._near_mm / rays[..., 2])[..., None] * rays
         return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))

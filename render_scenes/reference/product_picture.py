@@ -1,5 +1,5 @@
-"""A picture of the device as one would photograph it: from the front, where the lens is seen in every mirror, and from
-the side, on a sweep of paper between two soft boxes. World = rig frame, mm; its z is up.
+"""Product picture of a device: from the front, where the lens is seen in every mirror, and from the side, on a seamless
+paper background between two soft boxes. World = rig frame, mm; its z is up.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from mirrorcam.render_scenes.variant import use_variant
 
 SIZE_PX = (1920, 1080)  # of both views side by side
 GAP_PX = 8
-ROOM = 1.08  # of the picture's sides, over what the device takes
+MARGIN = 1.08  # sides of the picture over the extent of the device
 PAPER_MM = 4000.0
 BEND_MM = 350.0
-LARGEST_LENS_MM = 10.0  # radius, where a camera's front is all one plane
-# Outer radius over the lens ring's, red, green and blue: what looks like a lens from afar.
+LARGEST_LENS_MM = 10.0  # radius, where the front of a camera is a single plane
+# Radius over that of the lens ring, and linear RGB: rings that look like a lens.
 LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 0.03, 0.09)), (0.24, (0.0, 0.0, 0.0)))
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole at `eye_in_rig_mm` (3,) that looks at a point, upright, so that a pixel there is `mm_per_px` wide."""
+    """An upright pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, where a pixel is `mm_per_px` wide."""
 
     eye_in_rig_mm: FloatArray
     middle_in_rig_mm: FloatArray
@@ -49,21 +49,21 @@ class Viewpoint:
         return np.array([right, np.cross(forward, right), forward])
 
     def ray_through(self, x: Any, y: Any) -> Any:
-        """The ray of a place on the picture (Dr.Jit), in pixels from its top left corner."""
+        """The ray (Dr.Jit) of a point of the picture, in pixels from its top left corner."""
         import drjit as dr
         import mitsuba as mi
 
         width, height = self.size_px
         away = float(np.linalg.norm(self.middle_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
         right, down, forward = (mi.Vector3f(*axis.tolist()) for axis in self.axes)
-        way = (x - 0.5 * width) * right + (y - 0.5 * height) * down + away * forward
-        return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(way))
+        direction = (x - 0.5 * width) * right + (y - 0.5 * height) * down + away * forward
+        return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(direction))
 
 
 def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
-    """From the front, out of the middle of what all mirrors show, and from the front, the side and above.
+    """Viewpoints in the middle of the common field of all mirrors, and to the front, the side and above.
 
-    Whoever stands where every mirror shows the scene is what the camera sees in every mirror, and sees its lens there.
+    A point that the camera sees in every mirror sees, in turn, the lens in every mirror.
     """
     points = np.concatenate([body.points for body in bodies])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -79,14 +79,33 @@ def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint,
         seen = (points - at) @ view.axes.T
         away = np.linalg.norm(middle - at)
         flat = np.abs(seen[:, :2] / seen[:, 2:] * away).max(axis=0)
-        views.append(replace(view, mm_per_px=float(ROOM * 2.0 * (flat / (width, height)).max())))
+        views.append(replace(view, mm_per_px=float(MARGIN * 2.0 * (flat / (width, height)).max())))
     return views[0], views[1]
 
 
 def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.0) -> NDArray[np.uint8]:
-    """The picture (1080, 1920, 3), red first, or a `scale` of it, of a layout's device from what `mirrorcam cad` wrote.
+    """Render the product picture of a device.
 
-    Raises InputError where the folder holds no assembly, or that of another layout.
+    Parameters
+    ----------
+    layout
+        The layout of the device.
+    folder
+        What `mirrorcam cad` wrote of this layout.
+    spp
+        Samples per pixel.
+    scale
+        Size of the picture over 1920 x 1080 pixels.
+
+    Returns
+    -------
+    NDArray[np.uint8]
+        Picture (1080, 1920, 3) times `scale`, RGB in sRGB.
+
+    Raises
+    ------
+    InputError
+        The folder holds no assembly, or that of another layout.
     """
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
@@ -107,7 +126,7 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
 
 
 def _developed(light: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """sRGB of radiance whose highlights are rolled off: x below .6, above it towards 1."""
+    """Encode radiance as sRGB; highlights above 0.6 are compressed towards 1."""
     knee = 0.6
     over = np.maximum(light - knee, 0.0) / (1.0 - knee)
     rolled = np.where(light > knee, knee + (1.0 - knee) * over / (1.0 + over), light)
@@ -136,7 +155,7 @@ def _material(body: DeviceBody) -> dict[str, Any]:
 
 
 def _lens(camera: DeviceBody) -> dict[str, Any]:
-    """Rings around the optical axis on the front of the camera."""
+    """Make rings around the optical axis on the front of the camera."""
     points = camera.points
     front = points[:, 2].max()
     top = points[points[:, 2] > front - 0.01]
@@ -156,7 +175,7 @@ def _lens(camera: DeviceBody) -> dict[str, Any]:
 
 
 def _studio(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
-    """Paper under and behind the device, two soft boxes, and a room that is not quite dark."""
+    """Make paper under and behind the device, two soft boxes, and weak ambient light."""
     import mitsuba as mi
 
     points = np.concatenate([body.points for body in bodies])

@@ -1,1 +1,1 @@
-"""A desk in place of a board, with the truth of its light field."""
+"""A tabletop scene with the ground truth of its light field."""

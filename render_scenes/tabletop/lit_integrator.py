@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 
 MATTE_BOUNCES = 3
 SEGMENTS = 12  # of a path, those through glass and between mirrors included

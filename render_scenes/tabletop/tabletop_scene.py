@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
-from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
 from mirrorcam.render_scenes.tabletop.lit_integrator import render_lit
 from mirrorcam.render_scenes.tabletop.objects import lights, shapes_of

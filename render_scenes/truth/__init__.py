@@ -1,1 +1,1 @@
-"""What pictures truly show: float64, and no renderer."""
+"""Ground truth of rendered pictures: ray tracing in float64, without a renderer."""

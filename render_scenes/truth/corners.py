@@ -1,6 +1,6 @@
-"""Where every corner of a board truly lies in a frame, and whether it can be seen: float64, no renderer.
+"""Ground truth of corners: the pixel of every corner of a board in a frame, and its visibility, in float64.
 
-The projection is the layout's own; a rendered picture and this oracle share no code.
+The projection is that of the layout; renderers share no code with it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
 from mirrorcam.render_scenes.truth.obstacles import Obstacles
 
 BoolArray = NDArray[np.bool_]
-READOUT_STEPS = 12  # each leaves a tenth or so of what a corner's time was off by
+READOUT_STEPS = 12  # of a fixed-point iteration; each reduces the error of a corner's time to about a tenth
 VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of the sensor, counts as not seen
 
 
@@ -39,7 +39,7 @@ def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
 
 
 def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
-    """Whether the way from mirror `index` to points (n, 3) misses all other mirrors."""
+    """Whether the segments from mirror `index` to points (n, 3) miss all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
     at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
@@ -58,7 +58,7 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
 
 
 def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
-    """Whether light of pixels (n, 2), and of those `VISIBLE_MARGIN_PX` beside, meets and leaves a mirror's front."""
+    """Whether rays of pixels `VISIBLE_MARGIN_PX` beside pixels (n, 2) meet a mirror and leave it through its front."""
     length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
 
@@ -71,16 +71,25 @@ def _unit_rays_around(camera: Camera, px: FloatArray) -> FloatArray:
 
 
 def sub_image(layout: Layout, index: int) -> shapely.Polygon:
-    """Outline of a mirror's picture in pixels, without what lies past the reach of the lens model."""
+    """Outline of a sub-image in pixels, without the part beyond the domain of the lens model."""
     outline = layout.outline_px(index)
     inside = outline[np.isfinite(outline).all(axis=1)]
     return shapely.Polygon(inside) if len(inside) >= 3 else shapely.Polygon()
 
 
 class Oracle:
-    """Projects a board by way of every mirror of a layout; keeps the outlines that decide what is visible.
+    """Projection of a board by way of every mirror of a layout, with the visibility of its corners.
 
-    Without `finishes` the mirrors are flat; `obstacles` stand around them.
+    Parameters
+    ----------
+    layout
+        The device as built.
+    target
+        The board.
+    finishes
+        Surface finishes of the mirrors; without them the mirrors are flat.
+    obstacles
+        Bodies that stand around the mirrors, if any.
     """
 
     def __init__(
@@ -96,11 +105,23 @@ class Oracle:
         shapely.prepare(self._windows)
 
     def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Pixels (mirrors, corners, 2) of the board's corners by way of each mirror, and whether they can be seen.
+        """Project the corners of a board by way of each mirror.
 
-        Seen: inside the mirror's sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, through all of its
-        sheet if it is one, with the printed side toward the virtual camera and no other mirror in the way. Pixels of a
-        corner that has no image are NaN.
+        A corner is visible if it lies inside the sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, if
+        its light passes the whole plate of a second-surface mirror, if the printed side faces the virtual camera, and
+        if no other mirror or obstacle occludes it.
+
+        Parameters
+        ----------
+        rig_from_board
+            Rigid pose (4, 4) of the board, mm.
+
+        Returns
+        -------
+        px
+            Pixels (mirrors, corners, 2); NaN where a corner has no image.
+        visible
+            (mirrors, corners).
         """
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = np.empty((len(self.layout.mirrors), len(points), 2))
@@ -113,9 +134,9 @@ class Oracle:
         return px, visible
 
     def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` where a rolling shutter reads row after row: poses (3, 4, 4) as of `render_scenes.motion`.
+        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.motion.poses_at` takes them.
 
-        Every corner is where the board is when the row of its own picture is read.
+        Each corner is projected with the pose at which the row of its own image is read.
         """
         corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
         px = np.empty((len(self.layout.mirrors), len(corners), 2))
@@ -134,7 +155,7 @@ class Oracle:
         return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Whether nothing but its turned side hides what lies at points (n, 3) in rig and is shown at pixels (n, 2)."""
+        """Visibility, apart from the side of the board, of points (n, 3) in rig with images at pixels (n, 2)."""
         mirror = self.layout.mirrors[index]
         seen = _on_sensor(self.layout.camera, px)
         seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
@@ -148,7 +169,7 @@ class Oracle:
         return seen
 
     def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Whether nothing stops light beside pixels (n, 2) on its way to the mirror and on to points (n, 3)."""
+        """Whether no obstacle stops rays beside pixels (n, 2) on their path to the mirror and on to points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
         entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
         free = obstacles.free_from_pupil_mm(rays) > entry_mm
@@ -156,7 +177,7 @@ class Oracle:
         return np.asarray(free.all(axis=1))
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Pixels (corners, 2) of the board's corners in the camera without mirrors, and whether they can be seen."""
+        """Pixels (corners, 2) of the board's corners in the camera without mirrors, and their visibility (corners,)."""
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = self.layout.camera.project(points)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)

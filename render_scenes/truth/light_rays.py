@@ -1,6 +1,6 @@
-"""Light from the pupil by way of a mirror, followed in float64 from surface to surface, be they flat or bent.
+"""Ray tracing in float64 from the pupil by way of a mirror, surface by surface, flat or bent.
 
-Shares nothing with the renderers but the shape of a mirror.
+Nothing but the shape of a mirror is shared with the renderers.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
-# How far it is to the mirror, where light leaves it, along what, and after which way.
+# Distance to the mirror, point of exit, direction there, and path length up to there.
 Reflected = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-SURFACE_STEPS = 8  # of Newton's method to a surface that is flat to a degree: each squares what is left
+SURFACE_STEPS = 8  # of Newton's method to a surface with slopes below a degree: each step squares the error
 IMAGE_STEPS = 8
 STEP_PX = 1e-3
 
 
 @dataclass(frozen=True)
 class _Ray:
-    """Rays (..., 3) in the mirror's own frame, mm: unit vectors `direction` from `start`, after `path_mm` (...)."""
+    """Rays (..., 3) in the frame `plane`, mm: unit vectors `direction` from `start`, after `path_mm` (...)."""
 
     start: FloatArray
     direction: FloatArray
@@ -33,10 +33,27 @@ class _Ray:
 
 
 def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None) -> Reflected:
-    """Unit rays (..., 3) from the pupil by way of a mirror; without a finish it is flat.
+    """Trace rays from the pupil by way of a mirror.
 
-    Returns how far it is to where they meet it (...), mm, infinite where they miss it; where they leave it (..., 3) in
-    rig, along which unit vectors (..., 3), and after how many mm (...), NaN where they do not.
+    Parameters
+    ----------
+    mirror
+        First- or second-surface mirror.
+    rays
+        Unit vectors (..., 3) in rig.
+    finish
+        Its surface finish; without one it is flat.
+
+    Returns
+    -------
+    entry_mm
+        Distance (...) from the pupil to the mirror's front, mm; infinite where a ray misses it.
+    start
+        Point (..., 3) in rig, mm, where the ray leaves the mirror; NaN where it does not.
+    direction
+        Unit vector (..., 3) in rig of the ray there; NaN likewise.
+    path_mm
+        Geometric path length (...) from the pupil to that point, mm; NaN likewise.
     """
     if finish is not None and not finish.flat:
         places, out = _followed(mirror, finish, rays)
@@ -49,7 +66,7 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
     entry = rays * entry_mm[..., None]
     leaves, path_mm = entry, entry_mm
     if mirror.is_second_surface:
-        # To the coating and back. Snell: what of a ray is along the surface shrinks by the index.
+        # To the coating and back. Snell's law: the tangential component is divided by the refractive index.
         flat = (rays + cosine[..., None] * normal) / mirror.refractive_index
         inside_mm = 2.0 * mirror.thickness_mm / np.sqrt(1.0 - np.square(flat).sum(axis=-1))
         leaves, path_mm = entry + flat * inside_mm[..., None], entry_mm + inside_mm
@@ -59,7 +76,7 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
 def _cut(
     mirror: Mirror, entry: FloatArray, entry_mm: FloatArray, leaves: FloatArray, along: FloatArray, path_mm: FloatArray
 ) -> Reflected:
-    """What of light that enters and leaves at points (..., 3) of the mirror's planes its outline lets through."""
+    """Mask rays that enter or leave the mirror, at points (..., 3), outside its outline."""
     met = _on(mirror, entry)
     through = met & _on(mirror, leaves)
     return (
@@ -71,7 +88,7 @@ def _cut(
 
 
 def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
-    """Whether points (..., 3) of the sheet's planes lie within its outline."""
+    """Whether points (..., 3) of the faces of a mirror lie within its outline."""
     frame = mirror.rig_from_plane
     flat = (points - frame[:3, 3]) @ frame[:3, :2]
     outline = mirror.outline_in_plane_mm
@@ -84,9 +101,9 @@ def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
 def image_px(
     camera: Camera, mirror: Mirror, points_in_rig: FloatArray, finish: MirrorFinish | None = None
 ) -> FloatArray:
-    """Pixels (n, 2) at which points (n, 3) appear by way of a mirror; NaN without an image.
+    """Project points (n, 3) in rig, mm, by way of a mirror to pixels (n, 2); NaN without an image.
 
-    Newton's method on the pixel whose light, followed, passes through the point; it starts where a plane would show it.
+    Newton's method on the pixel whose traced ray passes through the point, started at the image by the plane.
     """
     px = camera.project(mirror.image_of(points_in_rig))
     if finish is None or finish.flat:
@@ -95,7 +112,7 @@ def image_px(
     points = (points_in_rig - frame[:3, 3]) @ frame[:3, :3]
 
     def missed(at: FloatArray) -> FloatArray:
-        """By how much light of pixels passes the points (..., 2), mm, in the plane along the mirror's."""
+        """Offsets (..., 2), mm, of the rays of pixels from the points, parallel to the mirror's plane."""
         rays = camera.unproject(at)
         _, out = _followed(mirror, finish, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
         along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
@@ -112,9 +129,9 @@ def image_px(
 
 
 def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[list[FloatArray], _Ray]:
-    """The places (..., 3) where unit rays (..., 3) from the pupil meet surfaces, and how they leave the last one.
+    """Intersections (..., 3) of unit rays (..., 3) from the pupil with each surface, and the rays after the last one.
 
-    In the mirror's own frame; its surfaces go on past the outline.
+    In the frame `plane`; the surfaces extend beyond the outline.
     """
     frame = mirror.rig_from_plane
     pupil = -frame[:3, 3] @ frame[:3, :3]
@@ -135,7 +152,7 @@ def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[l
 
 
 def _met(mirror: Mirror, finish: MirrorFinish, ray: _Ray, lift_mm: float) -> tuple[_Ray, FloatArray]:
-    """Rays moved on to a surface of the mirror, and its unit normals (..., 3) there."""
+    """Advance rays to a surface of the mirror; also returns its unit normals (..., 3) there."""
     radius = radius_mm(mirror)
     length = (lift_mm - ray.start[..., 2]) / ray.direction[..., 2]
     for _ in range(SURFACE_STEPS):
@@ -154,7 +171,7 @@ def _reflected(direction: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def _refracted(direction: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
-    """Unit vectors past a surface against whose normal light comes; `ratio` is the index before over that behind it."""
+    """Refract unit vectors by Snell's law; `ratio` is the index before the surface over that behind it."""
     cosine = -(direction * normal).sum(axis=-1, keepdims=True)
     flat = ratio * (direction + cosine * normal)
     return np.asarray(flat - np.sqrt(1.0 - (flat * flat).sum(axis=-1, keepdims=True)) * normal)

@@ -1,6 +1,6 @@
-"""What every pixel truly shows: which mirror, where on the board, how far away. By rays, in float64, at pixel centres.
+"""Ground-truth maps: the mirror, board point and path length of every pixel centre, by ray tracing in float64.
 
-Shares nothing with the renderers but the layout and the shape of its mirrors: light is followed surface by surface.
+Nothing but the layout and the shape of its mirrors is shared with the renderers.
 """
 
 from __future__ import annotations
@@ -27,11 +27,19 @@ CHANNELS = ("mirror", "board.x", "board.y", "path")
 
 @dataclass(frozen=True)
 class PixelRays:
-    """How the ray of every pixel (h, w) goes on: what all frames through one device share.
+    """Rays of all pixels (h, w) after the mirrors, shared by all frames of one device.
 
-    `mirror` is the index of the mirror that a pixel shows, `NO_MIRROR` without one; from `start` (h, w, 3) in rig, mm,
-    its ray goes along the unit vector `direction` (h, w, 3), after `path_before_mm` from the pupil, for `free_mm` until
-    something stops it, if anything does. NaN where the pixel shows neither the scene nor a mirror that shows it.
+    Attributes
+    ----------
+    mirror
+        Index (h, w) of the mirror that a pixel shows; `NO_MIRROR` without one.
+    start, direction
+        Origin (h, w, 3), mm, and unit vector (h, w, 3), in rig, of the ray that leaves the mirror, or the bare camera.
+        NaN where a pixel shows neither the scene nor a mirror that reflects it.
+    path_before_mm
+        Path length (h, w) from the pupil to `start`.
+    free_mm
+        Length (h, w) of the ray until an obstacle stops it; infinite without one.
     """
 
     mirror: FloatArray
@@ -49,9 +57,20 @@ def pixel_rays(
     finishes: Sequence[MirrorFinish] = (),
     obstacles: Obstacles | None = None,
 ) -> PixelRays:
-    """The rays of a layout's pixels, or of those of some rows and columns, by its mirrors or by its camera alone.
+    """Trace the rays of a layout's pixels.
 
-    Without `finishes` its mirrors are flat; `obstacles` stand around them.
+    Parameters
+    ----------
+    layout
+        The device as built.
+    mirrors
+        Whether rays go by way of the mirrors, or those of the bare camera are meant.
+    step
+        Every `step`-th row and column.
+    finishes
+        Surface finishes of the mirrors; without them the mirrors are flat.
+    obstacles
+        Bodies that stand around the mirrors, if any.
     """
     rays = _unit_rays(layout.camera, step)
     shape = rays.shape[:2]
@@ -82,7 +101,7 @@ def pixel_rays(
 
 
 def _unit_rays(camera: Camera, step: int) -> FloatArray:
-    """Unit rays (h, w, 3) of pixel centres; NaN past the reach of the lens model."""
+    """Unit rays (h, w, 3) of pixel centres; NaN beyond the domain of the lens model."""
     x, y = np.arange(0.0, camera.width_px, step), np.arange(0.0, camera.height_px, step)
     rays = np.empty((len(y), len(x), 3))
     # A band of rows at a time: the solver needs many times the memory of its result.
@@ -92,7 +111,7 @@ def _unit_rays(camera: Camera, step: int) -> FloatArray:
 
 
 def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
-    """Rows and columns around the picture of a mirror."""
+    """Rows and columns of a window around a sub-image."""
     mirror = layout.mirrors[index]
     corners = mirror.solid.corners_in_rig_mm if mirror.is_second_surface else mirror.outline_in_rig_mm
     px = layout.camera.project(corners)
@@ -105,7 +124,7 @@ def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
 
 
 def path_lengths(rays: PixelRays, rig_from_board: FloatArray) -> FloatArray:
-    """How far (h, w), mm, light has come from the plane of a board at a rigid 4x4 pose; NaN where it does not."""
+    """Path length (h, w), mm, from the plane of a board at a rigid 4x4 pose to the pupil; NaN where a ray misses it."""
     normal = rig_from_board[:3, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         length = (rig_from_board[:3, 3] - rays.start) @ normal / (rays.direction @ normal)
@@ -113,10 +132,10 @@ def path_lengths(rays: PixelRays, rig_from_board: FloatArray) -> FloatArray:
 
 
 def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
-    """What pixels (h, w) show of a board at a rigid 4x4 pose, by the names of `CHANNELS`.
+    """Maps (h, w) of a board at a rigid 4x4 pose, by the names of `CHANNELS`.
 
-    The index of the mirror, x and y on the board in mm and the way of the light from there to the pupil in mm; NaN, but
-    for the mirror, where a pixel does not show the sheet's printed side.
+    The index of the mirror, x and y on the board, and the path length from there to the pupil, mm; NaN, except for the
+    index, where a pixel does not show the printed side of the board.
     """
     board_from_rig, origin = rig_from_board[:3, :3].T, rig_from_board[:3, 3]
     start, direction = (rays.start - origin) @ board_from_rig.T, rays.direction @ board_from_rig.T
@@ -132,7 +151,7 @@ def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> d
 
 
 def exr_bytes(maps: dict[str, FloatArray], header: dict[str, str]) -> bytes:
-    """An EXR file, losslessly compressed, of maps (h, w) in single precision, with what its header is to say."""
+    """Encode maps (h, w) as a losslessly compressed EXR file in single precision, with fields for its header."""
     import OpenEXR
 
     channels = {name: values.astype(np.float32) for name, values in maps.items()}
