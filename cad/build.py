@@ -6,8 +6,7 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.process_pool import crew
-from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.cad.process_pool import Advance, crew
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -21,14 +20,35 @@ def build_parts(
     *,
     previous: Path | None = None,
     workers: int = 1,
-    progress: Progress = no_progress,
+    advance: Advance = lambda done, total: None,
 ) -> dict[str, Metric]:
-    """Write every file of a layout's device into `out`, a new or empty folder; returns the checks, also written there.
+    """Write every file of a layout's device: parts to print, mirrors to cut, drawings, guide, page and checks.
 
-    The work is shared by `workers` processes; `progress(done, total)` hears how far it is. Parts in `previous`,
-    a folder written earlier, and were made of the same numbers are taken over from there. A check that fails is a
-    metric past its limit. Raises InputError where the device cannot be made (which measure breaks), where the extra is
-    not installed or `out` cannot be written; what is in `out` then is of no use.
+    Parameters
+    ----------
+    layout
+        Layout whose device is built, usually a nominal one.
+    out
+        New or empty folder for the files; `index.html` there leads to all of them.
+    hardware
+        Dimensions that parts are drawn from: camera body, screws, printer, cutter, clearances in mm.
+    previous
+        Folder written earlier; parts there that were made of the same numbers are copied instead of built again.
+    workers
+        Number of processes that share the work.
+    advance
+        Called with the numbers of steps done and of all.
+
+    Returns
+    -------
+    dict of str to Metric
+        The checks, also written as `checks.json`. A check that fails is a metric past its limit.
+
+    Raises
+    ------
+    InputError
+        If the device cannot be made (the message names the measure), the extra `cad` is not installed, or `out` cannot
+        be written; files in `out` are then of no use.
     """
     device = plan_device(layout, hardware)
     with crew(workers) as executor:
@@ -45,4 +65,4 @@ def build_parts(
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-        return write_device(device, out, previous, executor, progress)
+        return write_device(device, out, previous, executor, advance)

@@ -133,9 +133,24 @@ def pictures_in(paths: Sequence[Path]) -> list[Path]:
 
 
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
-    """An 8-bit image, (h, w, 3) in RGB or (h, w) in grey, as the sensor saw it (a turn noted in EXIF is not applied).
+    """Read a picture of 8 bits a channel, PNG, JPEG or WebP.
 
-    Truncated or foreign files raise InputError.
+    Parameters
+    ----------
+    path
+        File to read.
+    grey
+        Convert to grey.
+
+    Returns
+    -------
+    ndarray of uint8
+        (h, w, 3) in RGB, or (h, w) in grey, with rows as on the sensor: a rotation in the EXIF data is not applied.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated or no picture.
     """
     raw = read_bytes(path)
     if (raw.startswith(b"\x89PNG") and PNG_END not in raw) or (raw.startswith(b"\xff\xd8") and not _jpeg_ends(raw)):

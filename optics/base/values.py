@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 class InputError(ValueError):
-    """Bad input from outside: its message is the one line the user sees (what, where, what was expected)."""
+    """Input that cannot be used; the message says in one line what, where, and what was expected."""
 
 
 @dataclass(frozen=True)

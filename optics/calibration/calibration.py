@@ -20,11 +20,11 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined
+from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, fit_metrics, uncertainty
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
-from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError
@@ -49,10 +49,39 @@ def calibrate(
     on_frame: Callable[[int], None] = lambda done: None,
     on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
-    """Calibrate from grey frames (h, w) with and without mirrors, taken one at a time.
+    """Calibrate a mirror camera from pictures of a board, through the mirrors and without them.
 
-    `layout` is the nominal one: where to look and where to start. Without base frames the camera starts from the
-    nominal one too. `level` names a model (`diagnostics.model_selection`); without it the model is selected.
+    Parameters
+    ----------
+    frames
+        Pictures (h, w) in grey, uint8, of the board through the mirrors; each is read once, in turn.
+    base_frames
+        Pictures of the board by the same camera without mirrors. With none, the camera starts from that of `layout`.
+    layout
+        Nominal layout: where to look for the board, and where to start.
+    target
+        The board; its squares in mm set the scale.
+    level
+        Model to fit (`diagnostics.model_selection`); without it, the model is selected.
+    detections
+        Folder that keeps the corners found in each picture, so that none is searched twice.
+    workers
+        Number of processes that search for corners.
+    on_frame
+        Called with the number of pictures done.
+    on_seen
+        Called after each picture through the mirrors with all observations in these so far.
+
+    Returns
+    -------
+    Calibration
+        `layout` is the calibrated one, with covariance; with it poses of the boards (rig_from_board, mm), residuals in
+        px, metrics and diagnostics.
+
+    Raises
+    ------
+    InputError
+        If the pictures do not determine camera and mirrors.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
     extremes = Extremes()
@@ -107,7 +136,7 @@ def calibrate_corners(
         diagnostics = diagnose(reached, observations, calibrated)
         reached = reached.widened_to(diagnostics.widened)
         solution = reached.solution
-        notes += check_solution(solution, layout, mirrored_frames=len(used))
+        notes += consistency.check_solution(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
         spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, reached.model.board)
         metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")

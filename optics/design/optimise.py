@@ -172,13 +172,28 @@ def _stricter(
 
 
 def design(spec: DesignSpec) -> Layout:
-    """The optimised nominal layout of a spec, verified by code that shares nothing with the optimiser.
+    """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
-    Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), the efficiency averaged over
-    the depths. Starts from faceted ellipsoids and keeps the best; where they lead nowhere, looks for any layout that
-    meets the constraints, then comes from easier specs. Neighbours are kept out of each other's way from the start,
-    other mirrors once they have come into it. Raises InfeasibleDesign, which names the constraint that cannot hold and
-    by how much it is missed, or "every" where the search ended without saying why.
+    Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), with the efficiency averaged
+    over the depths, under the constraints of the spec (docs/design.md). The search starts from faceted ellipsoids and
+    keeps the best optimum; where they lead to none, it first looks for any feasible layout, then continues from easier
+    specs. Neighbours are kept apart from the start, other pairs of mirrors once they have come too close.
+
+    Parameters
+    ----------
+    spec
+        What is asked for; lengths in mm, depths from the pupil along view z.
+
+    Returns
+    -------
+    Layout
+        Nominal layout with `metrics` (its figures) and `verdict` (its checks with their limits).
+
+    Raises
+    ------
+    InfeasibleDesign
+        Names the constraint that cannot hold and by how much it is missed, or "every" where the search found no layout
+        and cannot say why.
     """
     _check_at_once(spec)
     pairs = neighbour_pairs(spec.rows, spec.cols)

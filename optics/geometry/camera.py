@@ -16,7 +16,19 @@ INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "
 class Camera(Value):
     """Pinhole camera at the origin of its frame, looking along +z, x to image right, y to image down.
 
-    `distortion` is (k1, k2, p1, p2, k3), the order of OpenCV. "Normalized" coordinates are (x/z, y/z).
+    The lens model is OpenCV's (Brown-Conrady): with x, y the coordinates (x/z, y/z) of a ray, called normalized, and
+    r^2 = x^2 + y^2, a pixel is u = fx (x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)) + cx, v alike.
+
+    Attributes
+    ----------
+    name : str
+        Name for people.
+    width_px, height_px : int
+        Size of the sensor.
+    fx_px, fy_px, cx_px, cy_px : float
+        Focal lengths and principal point; pixel (0, 0) is the centre of the top-left pixel.
+    distortion : ndarray
+        (k1, k2, p1, p2, k3), in the order of OpenCV.
     """
 
     name: str = "camera"

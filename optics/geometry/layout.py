@@ -1,4 +1,4 @@
-"""The one value that flows through the house: a base camera and its mirrors, with the file format users meet."""
+"""The layout: a base camera and its mirrors, which all packages share, with its file format."""
 
 from __future__ import annotations
 
@@ -44,8 +44,28 @@ class Layout(Value):
     Nominal (designed), as-built (perturbed) and calibrated layouts are this same type. All lengths are mm in the rig
     frame: origin at the entrance pupil, +x image right, +y image down, +z along the optical axis.
 
-    `metrics` are the figures of a layout, `verdict` those that a design must keep, with their limits, as measured by
-    `optics.design.verify`. Both are of these very mirrors: a layout whose mirrors moved has neither until measured.
+    Attributes
+    ----------
+    kind : str
+        `nominal`, `as-built` or `calibrated`.
+    rows, cols : int
+        Number of mirrors along t and s.
+    camera : Camera
+        The base camera, at the origin of rig.
+    mirrors : tuple of Mirror
+        Row by row, in rig, mm.
+    view_from_rig : ndarray
+        Rotation (3, 3) from rig to view axes: x right, y down, z forward to the scene.
+    spec : DesignSpec or None
+        What the layout was designed for.
+    metrics : dict of str to Metric
+        Figures of these very mirrors: a layout whose mirrors moved has none until it is evaluated again.
+    verdict : dict of str to Metric
+        Figures that a design must keep, with their limits, as `verify` measured them.
+    provenance : dict of str to str
+        What made the layout, and of which other layout.
+    uncertainty : Uncertainty or None
+        Covariance of what was calibrated.
     """
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")

@@ -29,25 +29,42 @@ NOWHERE_PX = -2.0
 
 
 class Decoder:
-    """Turns frames of one layout into light fields; the lookup table is built once, here.
+    """Decodes frames of one layout into light fields; the lookup table is built once, here.
 
-    Args:
-        layout: nominal, as-built or calibrated.
-        reference_depth_mm: depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the
-            depths the layout was designed for, or 400 mm.
-        field: `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
-        width_px: width of every view; the height follows from the field. Default: the resolution of the sub-images
-            themselves, which more pixels do not add to, and of which fewer leave out some.
-        margin_px: how far inside its mirror's outline on the sensor a valid pixel looks.
-        regular_grid_at_mm: move the views to the nearest regular grid (`Views.on_regular_grid`), which is exact for
-            what lies at this depth. Elsewhere a view is off by its shift times the metric slope between the depths.
+    Without `regular_grid_at_mm`, views keep their true positions: sub-images are rotated, not shifted (as in the 2016
+    report), so nothing depends on depth. What second-surface mirrors and bent ones show of the reference plane is
+    exact; nearer and farther than that, each view is that of the mirror's `apparent` plane through the middle of its
+    outline.
 
-    Raises:
-        InputError: a mirror that shows nothing; views that share no field; a plane nearer than a mirror.
+    Parameters
+    ----------
+    layout
+        Nominal, as-built or calibrated layout.
+    reference_depth_mm
+        Depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the depths that the layout
+        was designed for, or 400 mm.
+    field
+        `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
+    width_px
+        Width of every view; the height follows from the field. Default: the resolution of the sub-images themselves,
+        to which more pixels add nothing, and of which fewer leave out some.
+    margin_px
+        How far inside its mirror's outline on the sensor a valid pixel looks.
+    regular_grid_at_mm
+        Depth at which views are moved to the nearest regular grid (`Views.on_regular_grid`), exactly for what lies
+        there. Elsewhere a view is off by its shift times the metric slope between the depths.
 
-    Without `regular_grid_at_mm`, views keep their true positions: sub-images are turned, not shifted (as in the paper),
-    so nothing depends on depth. What mirrors behind sheets and bent ones show of the reference plane is exact; nearer
-    and farther than that, each view is that of the mirror's `apparent` plane through the middle of its outline.
+    Attributes
+    ----------
+    views : Views
+        Geometry of the light fields: positions in mm, focal length and principal point in px.
+    weights : ndarray of float32
+        (t, s, v, u), 0 where a view has no sample, 1 where it has.
+
+    Raises
+    ------
+    InputError
+        If a mirror shows nothing, views share no field, or the reference plane is nearer than a mirror.
     """
 
     def __init__(
@@ -83,9 +100,22 @@ class Decoder:
         return decoder
 
     def decode(self, frame: Samples) -> LightField:
-        """The light field of one frame (h, w, 3) in RGB or (h, w) in grey, uint8 or float32.
+        """Decode one frame.
 
-        Raises InputError for a frame that is not of the layout's camera.
+        Parameters
+        ----------
+        frame
+            (h, w, 3) in RGB or (h, w) in grey, uint8 or float32, of the size of the layout's camera.
+
+        Returns
+        -------
+        LightField
+            Samples (t, s, v, u, c) of the type of the frame, with weights and the geometry of the views.
+
+        Raises
+        ------
+        InputError
+            If the frame is not of the layout's camera.
         """
         width, height = self.camera.width_px, self.camera.height_px
         if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] not in (1, 3)):

@@ -38,15 +38,24 @@ class Views:
     "Depth" is measured from the pupil along view z (the plane y_rig = depth of the 90 degree fold) here as everywhere;
     the Z of the formulas is `distance`, measured from the reference view.
 
-    Attributes:
-        positions_mm: true positions (t, s, 3) in the view frame; exactly zero for the reference view.
-        focal_px: focal length f of the reference view.
-        centre_px: principal point (cx, cy) of the reference view.
-        width_px, height_px: size of every view.
-        reference_depth_mm: depth of the plane of zero disparity.
-        reference_view_in_rig_mm: position (3,) of the reference view in rig.
-        view_from_rig: rotation (3, 3).
-        layout_identity: `Layout.identity` of the layout that was decoded with.
+    Attributes
+    ----------
+    positions_mm : ndarray
+        True positions (t, s, 3) in the view frame; exactly zero for the reference view.
+    focal_px : float
+        Focal length f of the reference view.
+    centre_px : ndarray
+        Principal point (cx, cy) of the reference view.
+    width_px, height_px : int
+        Size of every view.
+    reference_depth_mm : float
+        Depth of the plane of zero disparity.
+    reference_view_in_rig_mm : ndarray
+        Position (3,) of the reference view in rig.
+    view_from_rig : ndarray
+        Rotation (3, 3).
+    layout_identity : str
+        `Layout.identity` of the layout that was decoded with.
     """
 
     positions_mm: FloatArray
@@ -179,9 +188,14 @@ class Views:
 class LightField(Views):
     """Samples of a grid of parallel views; t down, s right, then image rows, image columns, colour.
 
-    Attributes:
-        samples: (t, s, v, u, c), uint8 or float32 (0 to 1), RGB or grey; zero where `weights` is zero.
-        weights: (t, s, v, u) float32, 0 for no sample, 1 for a full one.
+    The geometry is that of `Views`: every attribute and method of it is here, too.
+
+    Attributes
+    ----------
+    samples : ndarray
+        (t, s, v, u, c), uint8 or float32 (0 to 1), RGB or grey; zero where `weights` is zero.
+    weights : ndarray of float32
+        (t, s, v, u), 0 for no sample, 1 for a full one.
     """
 
     samples: Samples

@@ -16,11 +16,10 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.files import atomic, write_bytes, write_json
-from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
-from mirrorcam.optics.geometry.targets import Target, save_board
+from mirrorcam.optics.geometry.targets import Target, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
@@ -41,15 +40,34 @@ Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
 
 class SetRequest(Value):
-    """All that a set follows from.
+    """Everything that the files of a rendered set follow from.
 
-    `poses` (n, 4, 4), rig_from_board in mm, are those of the frames, in place of planned ones. With `rate_hz`
-    frames are moments of one motion, a smooth way through the poses, of which `poses_hz` are passed in a second.
-    `parts` is a folder of what stands around the mirrors (`render_scenes.reference.device.read_bodies`).
+    Parameters
+    ----------
+    layout
+        Nominal layout; the set is rendered with an as-built copy of it, drawn with `tolerances`.
+    target
+        Board in the pictures.
+    frames, base_frames
+        Number of pictures through the mirrors, and by the bare camera.
+    seed
+        Seed of the as-built copy, the poses and the noise.
+    tolerances
+        How far the as-built copy may be from the nominal layout.
+    settings
+        Renderer, light, sensor, and whether pixel maps and a video are written.
+    poses
+        Poses (n, 4, 4) of the board, rig_from_board in mm, instead of planned ones.
+    poses_hz
+        Number of poses that a motion passes per second.
+    rate_hz
+        Frame rate of a motion: the pictures are then moments of one smooth path through the poses.
+    parts
+        Folder with the parts of the device (`build_parts`) that stand around the mirrors.
     """
 
     layout: Layout
-    target: Target
+    target: Target = Field(default_factory=default_board)
     frames: int = Field(default=20, ge=1)
     base_frames: int = Field(default=10, ge=0)
     seed: int = Field(default=0, ge=0)
@@ -61,13 +79,33 @@ class SetRequest(Value):
     parts: Path | None = None
 
 
-def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progress: Progress = no_progress) -> Dataset:
-    """Render frames through an as-built copy of a layout and frames of its bare camera into `out`.
+def render_set(
+    request: SetRequest, out: Path, *, run: Run | None = None, on_frame: Callable[[int, int], None] | None = None
+) -> Dataset:
+    """Render pictures of a board through an as-built copy of a layout, and by its bare camera.
 
-    Finished frames of an interrupted run with the same request are kept. `run` makes frames of their tasks and yields
-    their numbers and files in any order; without it, this process does. `progress(done, total)` is called once at the
-    start and after each frame; those of a video are counted once more. Raises InputError where Mitsuba is missing, the
-    board cannot be seen, the tolerances cannot be built, the frames make no such video, or `out` holds another set.
+    Parameters
+    ----------
+    request
+        What to render; the same request gives the same bytes.
+    out
+        Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and the truth in
+        its own folder. Finished pictures of an interrupted run with the same request are kept.
+    run
+        Renders pictures of their tasks and yields their numbers and files in any order; by default this process does.
+    on_frame
+        Called with the numbers of pictures done and of all, at the start and after each; those of a video count twice.
+
+    Returns
+    -------
+    Dataset
+        The manifest: names of the pictures relative to `out`, and checksums.
+
+    Raises
+    ------
+    InputError
+        If the extra `render` is not installed, the board cannot be seen, the tolerances cannot be built, the pictures
+        make no such video, or `out` holds another set.
     """
     _check_video(request)
     if request.parts is not None and request.settings.renderer == "fast":
@@ -125,19 +163,20 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
         for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
     ]
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
+    report = on_frame or (lambda done, total: None)
     in_video = 0 if dataset.video_name is None else dataset.frames
     total = len(tasks) + in_video
     done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
-    progress(done, total)
+    report(done, total)
     for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
         # The picture last, so that there is none without its maps.
         for name, content in sorted(files.items(), reverse=True):
             write_bytes(out / name, content)
         dataset = _recorded(out, dataset, *files)
         done += 1
-        progress(done, total)
+        report(done, total)
     if dataset.video_name is not None and dataset.video_name not in dataset.files:
-        _write_video(out, dataset, lambda frames: progress(done + frames, total))
+        _write_video(out, dataset, lambda frames: report(done + frames, total))
         dataset = _recorded(out, dataset, dataset.video_name)
     return dataset
 

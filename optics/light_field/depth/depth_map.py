@@ -17,12 +17,18 @@ Float32 = NDArray[np.float32]
 class DepthMap:
     """Depth of the reference view, pixel by pixel.
 
-    Attributes:
-        views: of the light field it was found in.
-        view: row t and column s of the reference view.
-        depth_mm: (v, u) float32 from the pupil along view z; NaN where fewer than two other views see the pixel.
-        sigma_mm: (v, u) float32, standard deviation of the depth as the noise of the pictures tells it; NaN with depth.
-        confidence: (v, u) float32 from 0 to 1: whether it is this place at all that the views agree on.
+    Attributes
+    ----------
+    views : Views
+        Geometry of the light field that it was found in.
+    view : tuple of int
+        Row t and column s of the reference view.
+    depth_mm : ndarray of float32
+        (v, u), from the pupil along view z; NaN where fewer than two other views see the pixel.
+    sigma_mm : ndarray of float32
+        (v, u), standard deviation of the depth, propagated from the noise of the pictures; NaN with depth.
+    confidence : ndarray of float32
+        (v, u), from 0 to 1: how distinctly the views agree on this depth rather than another.
     """
 
     views: Views

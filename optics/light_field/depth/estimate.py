@@ -48,17 +48,23 @@ QUANTISATION = 1.0 / 6.0
 
 
 class DepthEstimator:
-    """Finds the depth of light fields of one geometry; all that does not change from frame to frame is built once.
+    """Finds the depth of light fields of one geometry; what does not change from frame to frame is built once.
 
-    Args:
-        light_field: one of those to come: views and weights are taken from it.
-        near_mm, far_mm: depths, from the pupil along view z, between which is looked; by default 0.6 and 2 times that
-            of the reference plane. Infinity is a depth.
-        workers: threads; by default as many as OpenCV uses.
+    Parameters
+    ----------
+    light_field
+        One of those to come: views and weights are taken from it.
+    near_mm, far_mm
+        Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
+        plane. Infinity is a depth.
+    workers
+        Number of threads; by default as many as OpenCV uses.
 
-    Raises:
-        InputError: fewer than two views, views in one place, views too small, depths that do not grow, lie within the
-            views or are too far apart for the pixels there are.
+    Raises
+    ------
+    InputError
+        If there are fewer than two views, all views are in one place, views are too small, or the depths do not grow,
+        lie within the views or are too far apart for the pixels there are.
     """
 
     def __init__(
@@ -219,3 +225,27 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
     if not least < near_mm < far_mm:
         raise InputError(f"depths {near_mm:g} to {far_mm:g} mm, expected two that grow, beyond {least:.0f} mm")
+
+
+def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None) -> DepthMap:
+    """Measure the depth of the reference view of one light field; for a video, one `DepthEstimator` serves all frames.
+
+    Parameters
+    ----------
+    light_field
+        Two or more views; colour or grey.
+    near_mm, far_mm
+        Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
+        plane. Infinity is a depth.
+
+    Returns
+    -------
+    DepthMap
+        `depth_mm` (v, u) from the pupil along view z, `sigma_mm` and `confidence` of every pixel of the reference view.
+
+    Raises
+    ------
+    InputError
+        For a light field or depths that `DepthEstimator` refuses.
+    """
+    return DepthEstimator(light_field, near_mm=near_mm, far_mm=far_mm).estimate(light_field)

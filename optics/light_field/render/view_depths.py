@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth import estimate_depth
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -65,7 +65,7 @@ class ViewDepths:
         depth = np.empty(light_field.weights.shape, np.float32)
         for index in np.ndindex(light_field.rows, light_field.cols):
             moved = referred_to(light_field, index)
-            depth[index] = DepthEstimator(moved, near_mm=near_mm, far_mm=far_mm).estimate(moved).depth_mm
+            depth[index] = estimate_depth(moved, near_mm=near_mm, far_mm=far_mm).depth_mm
         every = cls.of_depths(light_field, depth)
         return cls(every.nearness, _confirmed(light_field, every.nearness))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, estimate_depth
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap as Map
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -213,3 +213,10 @@ def test_depth_maps_check_themselves_and_are_read_only(found: DepthMap) -> None:
         )
     with pytest.raises(ValueError, match="read-only"):
         found.depth_mm[0, 0] = 1.0
+
+
+def test_one_call_is_the_estimator_of_that_light_field(scene: Any) -> None:
+    light_field = scene[0]
+    near, far = 0.7 * light_field.reference_depth_mm, 1.8 * light_field.reference_depth_mm
+    wanted = DepthEstimator(light_field, near_mm=near, far_mm=far).estimate(light_field)
+    np.testing.assert_array_equal(estimate_depth(light_field, near_mm=near, far_mm=far).depth_mm, wanted.depth_mm)
