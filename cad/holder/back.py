@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import Manifold
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, unary_union
-from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
+from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
 from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
-from mirrorcam.cad.plan.fasteners import ROOF_DEG
-from mirrorcam.cad.plan.hardware import Fastening, Hardware
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
@@ -24,8 +23,6 @@ from mirrorcam.optics.geometry.layout import Layout
 IN_SLAB_MM = 0.5
 # What is cut is thicker than its pins need by so much: room to place them.
 PIN_SLACK_MM = 0.5
-# A cone at the end of a hole is blunt, with this radius: half a line of plastic.
-POINT_MM = 0.2
 # A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
 OFF_MIDDLE = 0.1
 # A cut rather passes through so much more of the mirrors than leave a square millimetre of a wall that does not print.
@@ -171,43 +168,6 @@ def _cut_mm(seats: list[Polygon], axis: int, place: float) -> float:
     far = 1e4
     line = LineString([(place, -far), (place, far)] if axis == 0 else [(-far, place), (far, place)])
     return float(sum(seat.intersection(line).length for seat in seats))
-
-
-def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
-    """From the back: where the thread of insert or nut begins and ends, and how deep the hole is."""
-    screw = hardware.screw
-    if screw.kind == "insert":
-        return 0.0, screw.insert_mm, screw.insert_depth_mm
-    begin = hardware.holder.floor_mm
-    end = begin + screw.nut_height_mm + hardware.fit.slide_mm
-    # The slot's roof rises at 45 deg over half the nut's width; the screw's tip has room below its ridge.
-    return begin, end, end + slot_width_mm(hardware) / 2.0
-
-
-def hole_mm(screw: Fastening) -> float:
-    """Diameter of the holder's screw holes."""
-    return screw.insert_hole_mm if screw.kind == "insert" else screw.clearance_hole_mm
-
-
-def tip_mm(screw: Fastening) -> float:
-    """Height of the cone that such a hole ends in: a flat ceiling would need support beside a hollow's slope."""
-    return float((hole_mm(screw) / 2.0 - POINT_MM) / np.tan(np.deg2rad(ROOF_DEG)))
-
-
-def slot_width_mm(hardware: Hardware) -> float:
-    """Width of the slot that a nut slides in by."""
-    return hardware.screw.nut_flats_mm + 2.0 * hardware.fit.slide_mm
-
-
-def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
-    """The direction (2,) in which a nut's slot leaves a convex footprint: square to the nearest edge.
-
-    What stands over a slot that leaves askew would end in a tip that recedes faster than the slot's roof.
-    """
-    corners = get_coordinates(orient(footprint))
-    sides = np.diff(corners, axis=0)
-    outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
-    return np.asarray(outward[int(np.argmin(((corners[:-1] - hole) * outward).sum(axis=1)))])
 
 
 def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:

@@ -16,7 +16,7 @@ from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
 from OCP.TopAbs import TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
-from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.optics.base.values import FloatArray
 
 # Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
@@ -26,20 +26,20 @@ Loop = list[int]
 Face = tuple[int, list[Loop]]
 
 
-def brep(workshop: Workshop, body: Manifold) -> Solid:
+def brep(csg: PlanarCsg, body: Manifold) -> Solid:
     """One B-rep solid, whose faces are the connected triangles of each plane. Raises ValueError if it is not valid."""
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
     faces = _faces(*_welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id)))
     faces = _without_needless_corners(_without_spikes(corners, faces))
-    corners = _settled(workshop, corners, faces)
-    solid = _solid(corners, [(_outward(corners, workshop.normals[plane], loops), loops) for plane, loops in faces])
+    corners = _settled(csg, corners, faces)
+    solid = _solid(corners, [(_outward(corners, csg.normals[plane], loops), loops) for plane, loops in faces])
     if not solid.is_valid:
         raise ValueError(f"{len(faces)} flat faces make no valid solid")
     return solid
 
 
-def _settled(workshop: Workshop, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
+def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
     """Corners (n, 3) moved, by less than rounding, onto the planes of the faces that meet there."""
     meeting: dict[int, set[int]] = {}
     for plane, loops in faces:
@@ -48,8 +48,8 @@ def _settled(workshop: Workshop, corners: FloatArray, faces: Sequence[Face]) -> 
                 meeting.setdefault(corner, set()).add(plane)
     for corner, planes in meeting.items():
         several = sorted(planes)
-        normals = np.array([workshop.normals[plane] for plane in several])
-        missing = np.array([workshop.offsets[plane] for plane in several]) - normals @ corners[corner]
+        normals = np.array([csg.normals[plane] for plane in several])
+        missing = np.array([csg.offsets[plane] for plane in several]) - normals @ corners[corner]
         step = np.linalg.lstsq(normals, missing, rcond=1e-6)[0]
         if np.linalg.norm(step) < 10.0 * CORNER_MM:
             corners[corner] += step

@@ -7,6 +7,7 @@ screwed to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -14,20 +15,12 @@ from manifold3d import Manifold
 from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.back import (
-    FrontSurface,
-    fits_bed,
-    mount_axes,
-    place_cuts,
-    place_mount,
-    screw_depths_mm,
-    slot_way,
-    slot_width_mm,
-)
+from mirrorcam.cad.holder.back import FrontSurface, MountFace, fits_bed, mount_axes, place_cuts, place_mount
 from mirrorcam.cad.holder.glue import groove_volume, grooves_of, planned_cover, runs_along_cut
-from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
-from mirrorcam.cad.holder.stray_light import Ring, plan_walls
+from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
+from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import Hollow, plan_hollows
 from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.cuts import Cuts
@@ -37,7 +30,7 @@ from mirrorcam.cad.splitting.body_cuts import fragments
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.transforms import rigid
 
 # Solids that are joined reach into each other by so much: faces that only touch are not joined for sure.
 OVERLAP_MM = 0.5
@@ -65,7 +58,7 @@ class HolderPlan:
     cores: tuple[Frustum, ...]
     fillers: tuple[Frustum, ...]
     rims: tuple[Frustum, ...]
-    walls: Ring
+    walls: Baffle
     keep_outs: tuple[tuple[Frustum, ...], ...]
     grooves: tuple[Frustum, ...]
     hollows: tuple[Hollow, ...]
@@ -100,83 +93,91 @@ class HolderPlan:
         return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
 
+@dataclass(frozen=True)
+class _Front:
+    """What of a holder depends neither on how thick it is nor on where it is cut; `axes` are those of the mount."""
+
+    layout: Layout
+    axes: FloatArray
+    surface: FrontSurface
+    border: Polygon
+    seats: tuple[FloatArray, ...]
+    keep_outs: list[list[Frustum]]
+
+
 def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
-    """Lay out the mirror holder; raises InputError with the measure that breaks where it cannot be made."""
-    axes = mount_axes(layout)
-    front = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
-    border = _border(front.footprint, hardware)
-    plan, body = _solid_plan(layout, axes, front, border, ((), ()), hardware)
-    if not fits_bed(border, hardware):
-        # Rims give way to cuts wherever these are.
-        bare = body_of(Workshop(), replace(plan, rims=()))
-        cuts = place_cuts(layout, axes, border, bare, hardware)
-        # What a cut meets at the front does not depend on how thick the part is, which its pins decide.
-        plan, body = _solid_plan(layout, axes, front, border, cuts, hardware)
+    """Lay out the mirror holder.
+
+    Parameters
+    ----------
+    layout : Layout
+        The mirrors, in rig.
+    hardware : Hardware
+        Fits, printer, screws and the holder's own dimensions.
+
+    Returns
+    -------
+    HolderPlan
+        All solids of the holder in rig, mm.
+
+    Raises
+    ------
+    InputError
+        With the measure that breaks, where the holder cannot be made.
+    """
+    front = _front(layout, hardware)
+    cuts: Cuts = ((), ())
+    if not fits_bed(front.border, hardware):
+        # Rims give way to cuts wherever these are. What a cut meets at the front does not depend on how thick the part
+        # is, which the pins in its cuts decide.
+        uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
+        cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
+    mount = place_mount(front.surface, hardware, cuts)
+    plan = _with_rims(_without_rims(front, mount, cuts, hardware), front, mount, cuts, hardware)
+    csg = PlanarCsg()
+    body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
     size = tuple(np.ptp(points, axis=0).tolist())
     require_height("mirror holder", size[2], hardware)
-    in_mount = Polygon(get_coordinates(border) - plan.rig_from_mount[:3, 3] @ axes[:2].T)
+    in_mount = Polygon(get_coordinates(front.border) - plan.rig_from_mount[:3, 3] @ front.axes[:2].T)
     hollows = plan_hollows(body, plan.rig_from_mount, in_mount, plan.holes_in_mount_mm, plan.cuts_mm, hardware)
     return replace(plan, size_mm=size, hollows=hollows)
 
 
-def _solid_plan(
-    layout: Layout,
-    axes: FloatArray,
-    front: FrontSurface,
-    border: Polygon,
-    cuts: Cuts,
-    hardware: Hardware,
-) -> tuple[HolderPlan, Manifold]:
-    """A holder without hollows, to be cut at places along the mount's axes from the pupil; and its body."""
-    away = axes[2]
-    mount = place_mount(front, hardware, cuts)
-
-    def down_from(polygon: FloatArray) -> Frustum:
-        return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
-
-    seats = [outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors]
-    reach = mount.back_mm - min(float((polygon @ away).min()) for polygon in seats)
-    reach += max(mirror.thickness_mm for mirror in layout.mirrors)
-    volumes = keep_outs(layout, hardware)
-    grooves = [
-        tuple(
-            groove
-            for groove in grooves_of(index, layout.mirrors, away, hardware)
-            if not runs_along_cut(mirror, groove, axes, cuts, hardware)
-        )
-        for index, mirror in enumerate(layout.mirrors)
-    ]
-    rims = plan_rims(layout, volumes, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
-    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
-    in_mount = Polygon(get_coordinates(border) - mount.centre_mm)
-    walls = plan_walls(
-        layout,
-        in_mount,
-        rig_from_mount,
-        [*chain.from_iterable(volumes), *(_way_in(mirror, reach, hardware) for mirror in layout.mirrors)],
-        hardware.holder.floor_mm,
-        hardware,
+def _front(layout: Layout, hardware: Hardware) -> _Front:
+    axes = mount_axes(layout)
+    surface = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
+    return _Front(
+        layout=layout,
+        axes=axes,
+        surface=surface,
+        border=_border(surface.footprint, hardware),
+        seats=tuple(outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors),
+        keep_outs=keep_outs(layout, hardware),
     )
-    hull = get_coordinates(orient(front.footprint))[:-1] @ axes[:2] + front.deepest_mm * away
-    around = get_coordinates(orient(border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
+
+
+def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
+    """A holder without rims, grooves and hollows, to be cut at places along the mount's axes from the pupil."""
+    axes, away = front.axes, front.axes[2]
+    down = partial(_down_from, mount=mount, away=away)
+    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
+    hull = get_coordinates(orient(front.surface.footprint))[:-1] @ axes[:2] + front.surface.deepest_mm * away
+    around = get_coordinates(orient(front.border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
+    nuts = hardware.screw.kind == "nut"
     thread_from, thread_to, hole_depth = screw_depths_mm(hardware)
-    plan = HolderPlan(
-        slab=down_from(hull),
-        flange=down_from(around),
-        cores=tuple(down_from(polygon) for polygon in seats),
-        fillers=tuple(down_from(polygon + RELIEF_MM * away) for polygon in front.fillers),
-        rims=tuple(solid for rim, ground in rims for solid in (rim, down_from(ground))),
-        walls=walls,
-        keep_outs=tuple(tuple(group) for group in volumes),
-        grooves=tuple(
-            groove_volume(mirror, groove, hardware)
-            for mirror, group in zip(layout.mirrors, grooves, strict=True)
-            for groove in group
-        ),
+    return HolderPlan(
+        slab=down(hull),
+        flange=down(around),
+        cores=tuple(down(seat) for seat in front.seats),
+        fillers=tuple(down(filler + RELIEF_MM * away) for filler in front.surface.fillers),
+        rims=(),
+        walls=_baffle(front, mount, rig_from_mount, hardware),
+        keep_outs=tuple(tuple(group) for group in front.keep_outs),
+        grooves=(),
         hollows=(),
-        slots=_slots(mount.holes_mm, front.footprint, mount.centre_mm, rig_from_mount, hardware)
-        if hardware.screw.kind == "nut"
+        slots=nut_slots(mount.holes_mm, front.surface.footprint, mount.centre_mm, rig_from_mount, hardware)
+        if nuts
         else (),
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
@@ -187,20 +188,68 @@ def _solid_plan(
             tuple(cut - float(mount.centre_mm[0]) for cut in cuts[0]),
             tuple(cut - float(mount.centre_mm[1]) for cut in cuts[1]),
         ),
-        planned_cover=planned_cover(layout.mirrors, grooves, volumes),
-        cols=layout.cols,
+        planned_cover=(),
+        cols=front.layout.cols,
         screw=hardware.screw,
         wall_mm=hardware.printer.wall_mm,
     )
-    workshop = Workshop()
-    return plan, one_piece(workshop.cut(body_of(workshop, plan), plan.slots), plan.wall_mm)
 
 
-def body_of(workshop: Workshop, plan: HolderPlan) -> Manifold:
+def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
+    """The holder with rims round its mirrors and grooves in their seats; both give way to cuts."""
+    mirrors, axes = front.layout.mirrors, front.axes
+    grooves = [
+        tuple(
+            groove
+            for groove in grooves_of(index, mirrors, axes[2], hardware)
+            if not runs_along_cut(mirror, groove, axes, cuts, hardware)
+        )
+        for index, mirror in enumerate(mirrors)
+    ]
+    reach = _reach_mm(front, mount)
+    rims = plan_rims(front.layout, front.keep_outs, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
+    return replace(
+        plan,
+        rims=tuple(solid for rim, ground in rims for solid in (rim, _down_from(ground, mount, axes[2]))),
+        grooves=tuple(
+            groove_volume(mirror, groove, hardware)
+            for mirror, group in zip(mirrors, grooves, strict=True)
+            for groove in group
+        ),
+        planned_cover=planned_cover(mirrors, grooves, front.keep_outs),
+    )
+
+
+def _down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frustum:
+    """The column from a polygon (n, 3) straight to the holder's back."""
+    return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
+
+
+def _reach_mm(front: _Front, mount: MountFace) -> float:
+    """How far along its normal any part of the holder lies before or behind a mirror, at most."""
+    reach = mount.back_mm - min(float((seat @ front.axes[2]).min()) for seat in front.seats)
+    return reach + max(mirror.thickness_mm for mirror in front.layout.mirrors)
+
+
+def _baffle(front: _Front, mount: MountFace, rig_from_mount: FloatArray, hardware: Hardware) -> Baffle:
+    """The baffle, out of all light and of the way of every mirror into its pocket."""
+    reach = _reach_mm(front, mount)
+    ways_in = (_way_in(mirror, reach, hardware) for mirror in front.layout.mirrors)
+    return plan_baffle(
+        front.layout,
+        Polygon(get_coordinates(front.border) - mount.centre_mm),
+        rig_from_mount,
+        [*chain.from_iterable(front.keep_outs), *ways_in],
+        hardware.holder.floor_mm,
+        hardware,
+    )
+
+
+def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
     """The holder without hollows, grooves and holes: what is material and not in any light."""
     away = plan.rig_from_mount[:3, 2]
     down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
-    body = workshop.joined(
+    body = csg.joined(
         [
             plan.slab.stretched(down, still),
             plan.flange.stretched(down, still),
@@ -216,7 +265,7 @@ def body_of(workshop: Workshop, plan: HolderPlan) -> Manifold:
     square = np.array([[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]])
     turn, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     under = Frustum(square @ turn.T + origin, (square + np.array([0.0, 0.0, far])) @ turn.T + origin)
-    return workshop.cut(body, [under, *(volume for group in plan.keep_outs for volume in group)])
+    return csg.cut(body, [under, *(volume for group in plan.keep_outs for volume in group)])
 
 
 def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
@@ -244,26 +293,3 @@ def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
     """Where a mirror passes on its way into its pocket."""
     seat, fit = mirror.back_mm, hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))
-
-
-def _slots(
-    holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, rig_from_mount: FloatArray, hardware: Hardware
-) -> tuple[Frustum, ...]:
-    """The slots, from each hole square to the nearest edge, that nuts slide in by: held at their flats.
-
-    A screw from the back pulls its nut against the slot's floor. The roof is a ridge of 45 deg.
-    """
-    begin, end, ridge = screw_depths_mm(hardware)
-    half = slot_width_mm(hardware) / 2.0
-    profile = np.array([(-half, -begin), (half, -begin), (half, -end), (0.0, -ridge - 0.05), (-half, -end)])
-    corner = hardware.screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.slide_mm
-    slots = []
-    for hole in holes_mm:
-        way = slot_way(footprint, centre_mm + hole)
-        across = np.array([-way[1], way[0]])
-        ends = [
-            transform(rig_from_mount, np.column_stack([hole + place * way + profile[:, :1] * across, profile[:, 1]]))
-            for place in (-corner, 1e3)
-        ]
-        slots.append(Frustum(ends[0], ends[1]))
-    return tuple(slots)

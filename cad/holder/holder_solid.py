@@ -7,11 +7,12 @@ from itertools import combinations
 import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
-from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.brep import brep
 from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, sheet
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -42,14 +43,15 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
             )
 
 
+@recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
     """Cut and join the holder's solids; the light and the pockets are removed by construction."""
-    workshop = Workshop()
-    whole = one_piece(body_of(workshop, plan), plan.wall_mm)
-    body = one_piece(workshop.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
+    csg = PlanarCsg()
+    whole = one_piece(body_of(csg, plan), plan.wall_mm)
+    body = one_piece(csg.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
     radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
     with BuildPart() as holder:
-        insert(brep(workshop, body))
+        insert(brep(csg, body))
         x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
         with (
             Locations(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)),

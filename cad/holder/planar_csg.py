@@ -1,4 +1,4 @@
-"""Solids with flat faces, joined and cut as meshes that are manifold by construction.
+"""Planar CSG: solids with flat faces, joined and cut as meshes that are manifold by construction.
 
 A holder is some hundred convex solids, many with faces in one plane. Booleans of B-reps take minutes and lose faces
 there; manifold3d is exact about topology, and every triangle says from which face of which solid it comes.
@@ -31,8 +31,11 @@ class Flat(Protocol):
     def faces(self) -> list[FloatArray]: ...
 
 
-class Workshop:
-    """Joins and cuts solids, and knows the planes of what comes out: `normals`, `offsets` by its face ids."""
+class PlanarCsg:
+    """Boolean unions and differences of solids with flat faces, which keep track of the planes of all faces.
+
+    A face id of a result is the index of its plane in `normals` (unit, (3,)) and `offsets`: normal @ x = offset.
+    """
 
     def __init__(self) -> None:
         self._index: dict[tuple[int, ...], list[int]] = {}
@@ -56,11 +59,11 @@ class Workshop:
         return mesh
 
     def joined(self, volumes: Iterable[Flat]) -> Manifold:
-        """All that lies in any of some solids."""
+        """The union of solids."""
         return Manifold.batch_boolean([self.solid(volume) for volume in volumes], OpType.Add)
 
     def cut(self, body: Manifold, volumes: Iterable[Flat]) -> Manifold:
-        """A body without what lies in any of some solids."""
+        """The difference of a body and the union of solids."""
         return Manifold.batch_boolean([body, *(self.solid(volume) for volume in volumes)], OpType.Subtract)
 
     def _plane(self, normal: FloatArray, offset: float) -> int:

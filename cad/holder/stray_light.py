@@ -1,4 +1,4 @@
-"""Stray light: walls round the mirrors that the camera sees instead of the room, and how much it still sees of that."""
+"""Stray light: a baffle round the mirrors, which the camera sees instead of its surroundings, and what gets past it."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def seen_between(layout: Layout) -> FloatArray:
     return np.asarray(rays[~contains_xy(mirrors, rays[:, 0], rays[:, 1])])
 
 
-def stray_light(layout: Layout, holder: Manifold, sheets: Sequence[Manifold]) -> float:
-    """Share of the camera's pixels that see past mirrors, holder and sheets, by rays from the pupil."""
-    past = sum(_misses([holder, *sheets], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
+def stray_light(layout: Layout, holder: Manifold, mirrors: Sequence[Manifold]) -> float:
+    """Share of the camera's pixels that see past holder and mirrors (as solids), by rays from the pupil."""
+    past = sum(_misses([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in seen_between(layout))
     return past / len(viewing_rays(layout.camera))
 
 
@@ -47,9 +47,12 @@ def _misses(bodies: Sequence[Manifold], end: FloatArray) -> bool:
 
 
 @dataclass(frozen=True)
-class Ring:
-    """A closed wall on the holder's slab. All (n, 3) in rig, mm, corner by corner round the mirrors, as seen from
-    behind counter-clockwise: the outer and the inner side, each at the foot and at the crest."""
+class Baffle:
+    """A closed wall on the holder's slab that keeps stray light from the lens.
+
+    All (n, 3) in rig, mm, corner by corner round the mirrors, counter-clockwise as seen from behind: the outer and the
+    inner side, each at the foot and at the crest.
+    """
 
     outer_foot: FloatArray
     inner_foot: FloatArray
@@ -73,18 +76,33 @@ class Ring:
         ]
 
 
-def plan_walls(
+def plan_baffle(
     layout: Layout,
     border: Polygon,
     rig_from_mount: FloatArray,
     light: Sequence[Frustum],
     foot_mm: float,
     hardware: Hardware,
-) -> Ring:
-    """The wall along a convex border (in the mount's x and y), as high as the light beside it lets it be.
+) -> Baffle:
+    """Lay out the baffle along a convex border, as high as the light beside it permits.
 
-    Its crest runs from corner to corner of short pieces, at a height that no `light` reaches on either side. It ends
+    Its crest runs from corner to corner of short pieces, at a height that no light reaches on either side. It ends
     where the camera sees no further; where it may not rise over `foot_mm` above the back, it stays in the slab.
+
+    Parameters
+    ----------
+    layout : Layout
+        Camera and mirrors.
+    border : Polygon
+        Outline of the baffle's outer side, in the mount's x and y, mm.
+    rig_from_mount : (4, 4)
+        Frame of the holder's flat back, z out of the back.
+    light : sequence of Frustum
+        What the baffle must stay out of, in rig, mm.
+    foot_mm : float
+        Height of the flange, on which the baffle stands, over the back.
+    hardware : Hardware
+        Dimensions of the baffle, and fits.
     """
     dimensions = hardware.holder
     corners = get_coordinates(orient(border))[:-1]
@@ -103,15 +121,15 @@ def plan_walls(
         last = i
     # A corner is as high as the lower of the two pieces that meet there.
     crest = np.minimum(levels, np.roll(levels, -1))
-    buried = foot_mm - 1.0
-    crest = np.where(crest > foot_mm + dimensions.shade_mm, crest, buried - 0.5)
+    inside_slab = foot_mm - 1.0
+    crest = np.where(crest > foot_mm + dimensions.shade_mm, crest, inside_slab - 0.5)
     turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
 
     def placed(flat: FloatArray, heights: FloatArray) -> FloatArray:
         return np.column_stack([flat, -heights]) @ turn.T + origin
 
-    foot = np.full(len(outside), 0.5 * buried)
-    return Ring(placed(outside, foot), placed(inside, foot), placed(outside, crest), placed(inside, crest))
+    foot = np.full(len(outside), 0.5 * inside_slab)
+    return Baffle(placed(outside, foot), placed(inside, foot), placed(outside, crest), placed(inside, crest))
 
 
 def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
@@ -123,7 +141,7 @@ def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:
 
 
 def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
-    """A closed polygon's corners (n, 2) with every side cut into so many equal pieces."""
+    """A closed polygon's corners (n, 2) with every side cut into a given number of equal pieces."""
     following = np.roll(corners, -1, axis=0)
     return np.vstack(
         [
@@ -134,7 +152,7 @@ def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
 
 
 def _field_of_view(camera: Camera) -> Manifold:
-    """What the camera sees, as a pyramid from the pupil."""
+    """The camera's field of view, as a pyramid from the pupil."""
     across, down = np.array([0.0, 0.5, 1.0]) * (camera.width_px - 1), np.array([0.0, 0.5, 1.0]) * (camera.height_px - 1)
     rays = camera.normalized_from_pixels(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
     ends = np.column_stack([rays, np.ones(len(rays))]) * FAR_MM
@@ -142,14 +160,14 @@ def _field_of_view(camera: Camera) -> Manifold:
 
 
 def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
-    """What the camera does not see because a mirror in its pocket is before it."""
+    """What mirrors in their pockets hide from the camera."""
     loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)
 
 
 def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hardware: Hardware) -> float:
-    """How high over the back a wall on a flat convex piece (n, 2) may and need rise; 0 where the camera sees none."""
+    """Height over the back to which a wall on a convex piece (n, 2) may and need rise; 0 where the camera sees none."""
     highest = hardware.printer.bed_mm[2]
     seen = _column(piece, highest) ^ view
     if seen.is_empty():
@@ -161,5 +179,5 @@ def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hardware: 
 
 
 def _column(flat: FloatArray, height_mm: float) -> Manifold:
-    """What stands on a convex area (n, 2) of the back."""
+    """The prism on a convex area (n, 2) of the back."""
     return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in (0.0, -height_mm)]))

@@ -193,14 +193,3 @@ def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> lis
 def _column(flat: FloatArray, levels: tuple[float, float]) -> Manifold:
     """What stands between two levels on the hull of points (n, 2)."""
     return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))
-
-
-def sag_um(load_n: float, side_mm: float, hardware: Hardware) -> float:
-    """How far the floor over one hollow of this width gives way under a force spread over it, in micrometres.
-
-    A square plate clamped along its edges, w = 0.00126 q a^4 / D, D = E t^3 / (12 (1 - nu^2)), nu = 0.35 (Timoshenko,
-    Theory of Plates and Shells, table 35). The roof is thicker than the floor everywhere but at its apex.
-    """
-    thickness = hardware.holder.floor_mm
-    stiffness = hardware.printer.plastic_mpa * thickness**3 / (12.0 * (1.0 - 0.35**2))
-    return 0.00126 * load_n * side_mm**2 / stiffness * 1000.0

@@ -61,7 +61,6 @@ class ClipPlan:
     travel_mm: float
     rib_mm: float
     from_x_mm: float
-    to_x_mm: float
     bottom_mm: float
     top_mm: float
     set_screw_tips: FloatArray
@@ -117,7 +116,6 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         travel_mm=clip.travel_mm,
         rib_mm=clip.rib_mm,
         from_x_mm=from_x,
-        to_x_mm=to_x,
         bottom_mm=bottom,
         top_mm=top,
         set_screw_tips=set_screws,

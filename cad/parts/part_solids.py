@@ -32,6 +32,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon
+from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import InputError
 
@@ -106,6 +107,7 @@ def _built(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
     return one_solid(name, part)
 
 
+@recipe("cad.parts.solids.make_ring")
 def make_ring(plan: RingPlan) -> Part:
     """Half of the wrist's clamp."""
     side = 1.0 if plan.above else -1.0
@@ -128,6 +130,7 @@ def make_ring(plan: RingPlan) -> Part:
     return one_solid(plan.name, part)
 
 
+@recipe("cad.parts.solids.make_coupon")
 def make_coupon(plan: CouponPlan) -> Part:
     """The fit coupon."""
     with BuildPart() as part:
@@ -144,11 +147,13 @@ def make_coupon(plan: CouponPlan) -> Part:
     return one_solid("fit_coupon", part)
 
 
+@recipe("cad.parts.solids.make_clip")
 def make_clip(plan: ClipPlan) -> Part:
     """The camera clip: its pieces joined, its holes cut."""
     return _built("camera_clip", plan.pieces, plan.cuts)
 
 
+@recipe("cad.parts.solids.make_mount")
 def make_mount(plan: MountPlan) -> Part:
     """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
     return _built("mount", plan.pieces, (*plan.cuts, *plan.light))

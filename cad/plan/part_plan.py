@@ -1,4 +1,4 @@
-"""What is made of every printed part, whichever it is: the same few values for all exports, checks and documents."""
+"""What exports, checks and documents know of every printed part: its plan before, and its files after it is made."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 
@@ -17,20 +17,57 @@ from mirrorcam.optics.base.values import FloatArray, Matrix3, Matrix4, Metric, V
 if TYPE_CHECKING:
     from build123d import Part
 
+    Make = TypeVar("Make", bound=Callable[[Any], Part])
+
 Rgb = tuple[float, float, float]
 
 FORMING = " thread-forming"
 """End of the size of a screw that cuts its thread itself, in plastic."""
 
 
+_RECIPES: dict[Callable[..., Any], str] = {}
+
+
+def recipe(name: str) -> Callable[[Make], Make]:
+    """Name how a function makes its part, for the part's identity.
+
+    The identity is printed on drawings and kept in 3MF files: it stays as long as the same numbers give the same part,
+    wherever the function is moved. A function without a recipe goes by its own name.
+    """
+
+    def named(make: Make) -> Make:
+        _RECIPES[make] = name
+        return make
+
+    return named
+
+
+def _recipe_of(make: Callable[..., Any]) -> str:
+    return _RECIPES.get(make, f"{make.__module__}.{make.__qualname__}")
+
+
 @dataclass(frozen=True)
 class PartPlan:
-    """A part to print, before it is made: plain numbers and the function that makes a solid of them.
+    """A part to print, before it is made: plain numbers, and the function that makes a solid of them.
 
-    `name` is the stem of its files, `number` the part number. `make(plan)` gives one solid in rig, mm, as it stands in
-    the assembled device; `make` is a function of a module, `plan` a frozen dataclass of numbers, so that both travel to
-    another process and `plan` alone decides whether the part has to be made again. `print_from_rig` (4, 4) lays the
-    part on the bed: z up, the lowest point at z = 0. `explode_mm` (3,) in rig is where it goes in an exploded view.
+    Both travel to another process, and `plan` alone decides whether the part has to be made again.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the part's files, unique in a device.
+    title, number : str
+        What the part is called, and its part number, in documents.
+    plan : Any
+        The numbers: a frozen dataclass of numbers, text, arrays, tuples and further such dataclasses.
+    make : Callable
+        `make(plan)` gives one solid in rig, mm, as it stands in the assembled device; a function of a module.
+    print_from_rig : (4, 4)
+        Lays the part on the bed: z up, the lowest point at z = 0, mm.
+    explode_mm : (3,)
+        How far the part is moved, in rig, in an exploded view.
+    rgb : (float, float, float)
+        Colour in pictures, from 0 to 1.
     """
 
     name: str
@@ -45,7 +82,7 @@ class PartPlan:
     @cached_property
     def identity(self) -> str:
         """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
-        numbers = {"make": f"{self.make.__module__}.{self.make.__qualname__}", "plan": plain(self.plan)}
+        numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:12]
 
 
@@ -62,7 +99,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if callable(value):
-        return f"{value.__module__}.{value.__qualname__}"
+        return _recipe_of(value)
     if value is None or isinstance(value, str | int | float | bool):
         return value
     raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
@@ -70,8 +107,11 @@ def plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class BoughtItem:
-    """A bought piece in its place: `rig_from_item` (4, 4) has its origin under a screw's head (or at the mouth of an
-    insert's hole) and z along the axis, out of the material. `explode_mm` (3,) in rig is where it goes when exploded.
+    """A bought piece in its place.
+
+    `rig_from_item` (4, 4) has its origin under a screw's head, or at the mouth of an insert's hole, and z along the
+    axis, out of the material. `explode_mm` (3,) is how far it is moved, in rig, in an exploded view; `joins` are the
+    names of the parts that it joins.
     """
 
     kind: Literal["screw", "insert", "nut", "pin"]

@@ -27,7 +27,7 @@ from build123d import (
 
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
-from mirrorcam.cad.plan.part_plan import plain
+from mirrorcam.cad.plan.part_plan import plain, recipe
 from mirrorcam.optics.base.values import FloatArray, InputError
 
 
@@ -51,6 +51,7 @@ def _make_whole(whole: _Whole) -> Part:
     return whole.make(whole.plan)
 
 
+@recipe("cad.split.make_piece")
 def make_piece(plan: PiecePlan) -> Part:
     """Cut a piece out of its part, and drill its holes for pins; raises InputError where it is not one solid."""
     low, high = np.array(plan.low_mm), np.array(plan.high_mm)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.cad.holder.back import FrontSurface, mount_axes, tip_mm
+from mirrorcam.cad.holder.back import FrontSurface, mount_axes
 from mirrorcam.cad.holder.glue import groove_volume, grooves_of, runs_along_cut
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
+from mirrorcam.cad.holder.screw_holes import tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, seat_distance_mm, sheet
 from mirrorcam.optics.base.values import FloatArray, InputError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.holder.brep import brep
-from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
 
@@ -20,9 +20,9 @@ def block(corner: tuple[float, float, float], size: tuple[float, float, float]) 
 
 
 def test_faces_in_one_plane_become_one_face() -> None:
-    workshop = Workshop()
-    body = workshop.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2, 3)), block((1, 1, 0), (2, 3, 3))])
-    solid = brep(workshop, body)
+    csg = PlanarCsg()
+    body = csg.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2, 3)), block((1, 1, 0), (2, 3, 3))])
+    solid = brep(csg, body)
     assert solid.volume == pytest.approx(7 * 2 * 3 + 2 * 2 * 3)
     # A T: eight sides, floor and ceiling.
     assert len(solid.faces()) == 10
@@ -31,18 +31,18 @@ def test_faces_in_one_plane_become_one_face() -> None:
 
 def test_a_ledge_cut_to_the_level_of_its_neighbour_is_one_face_with_it() -> None:
     """The cutter's floor and the block's top lie in one plane, and look opposite ways."""
-    workshop = Workshop()
-    body = workshop.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2, 5))])
-    solid = brep(workshop, workshop.cut(body, [block((2, -1, 3), (9, 4, 4))]))
+    csg = PlanarCsg()
+    body = csg.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2, 5))])
+    solid = brep(csg, csg.cut(body, [block((2, -1, 3), (9, 4, 4))]))
     assert solid.volume == pytest.approx(7 * 2 * 3)
     assert len(solid.faces()) == 6
 
 
 def test_a_hole_and_a_blind_hole_are_loops_of_their_faces() -> None:
-    workshop = Workshop()
-    body = workshop.joined([block((0, 0, 0), (10, 10, 5))])
-    body = workshop.cut(body, [block((1, 1, -1), (2, 2, 7)), block((5, 5, 3), (2, 2, 3))])
-    solid = brep(workshop, body)
+    csg = PlanarCsg()
+    body = csg.joined([block((0, 0, 0), (10, 10, 5))])
+    body = csg.cut(body, [block((1, 1, -1), (2, 2, 7)), block((5, 5, 3), (2, 2, 3))])
+    solid = brep(csg, body)
     assert solid.volume == pytest.approx(500 - 4 * 5 - 4 * 2)
     assert sorted(len(face.inner_wires()) for face in solid.faces()) == [0] * 13 + [1, 2]
     assert solid.is_valid
@@ -50,22 +50,22 @@ def test_a_hole_and_a_blind_hole_are_loops_of_their_faces() -> None:
 
 def test_planes_are_those_that_were_asked_for() -> None:
     """A cut tilted by an odd angle: the face's normal is the cutter's to the last digits, not one fitted to corners."""
-    workshop = Workshop()
+    csg = PlanarCsg()
     normal = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
     across = np.cross(normal, [1.0, 0.0, 0.0])
     along = np.cross(across, normal)
     square = np.array([3.0 * UP + 20.0 * (a * along + b * across) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    body = workshop.cut(workshop.joined([block((0, 0, 0), (2, 2, 9))]), [Frustum(square, square + 20.0 * normal)])
-    solid = brep(workshop, body)
+    body = csg.cut(csg.joined([block((0, 0, 0), (2, 2, 9))]), [Frustum(square, square + 20.0 * normal)])
+    solid = brep(csg, body)
     top = max(solid.faces(), key=lambda face: face.center().Z)
     assert 1.0 - abs(float(np.array(tuple(top.normal_at())) @ normal)) < 1e-15
     assert solid.volume == pytest.approx(4 * 3.0 - 0.1 * 4 - 0.2 * 4)
 
 
 def test_corners_nearer_than_a_tenth_of_a_micrometre_are_one() -> None:
-    workshop = Workshop()
-    body = workshop.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2 + 1e-6, 3))])
-    solid = brep(workshop, body)
+    csg = PlanarCsg()
+    body = csg.joined([block((0, 0, 0), (4, 2, 3)), block((3, 0, 0), (4, 2 + 1e-6, 3))])
+    solid = brep(csg, body)
     assert solid.is_valid
     assert min(edge.length for edge in solid.edges()) > 1e-4
 
@@ -75,4 +75,4 @@ def test_a_solid_inside_out_is_refused() -> None:
         faces = [face[::-1] for face in block((0, 0, 0), (1, 1, 1)).faces]  # noqa: RUF012
 
     with pytest.raises(ValueError, match="8 corners make no solid"):
-        Workshop().solid(Wrong())
+        PlanarCsg().solid(Wrong())

@@ -11,7 +11,7 @@ from manifold3d import Manifold
 from mirrorcam.cad.checks.device_checks import STRAY_LIGHT
 from mirrorcam.cad.checks.overhangs import polygons
 from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, plan_holder
-from mirrorcam.cad.holder.planar_csg import Workshop
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, sheet
@@ -36,12 +36,12 @@ def sheets(layout: Layout) -> list[Manifold]:
 
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
     assert len(seen_between(default_layout)) > 100
-    assert stray_light(default_layout, body_of(Workshop(), plan), sheets(default_layout)) < 0.1 * STRAY_LIGHT
+    assert stray_light(default_layout, body_of(PlanarCsg(), plan), sheets(default_layout)) < 0.1 * STRAY_LIGHT
     # Of mirrors that leave more of the picture free, too much of it shows the room without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
-    assert stray_light(free, body_of(Workshop(), walled), sheets(free)) < 0.1 * STRAY_LIGHT
-    assert stray_light(free, body_of(Workshop(), without_walls(walled)), sheets(free)) > STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), walled), sheets(free)) < 0.1 * STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), sheets(free)) > STRAY_LIGHT
 
 
 def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Layout) -> None:
@@ -52,7 +52,7 @@ def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Lay
 
 
 def test_walls_stand_in_no_light_and_where_no_mirror_passes(default_layout: Layout, plan: HolderPlan) -> None:
-    wall = Workshop().solid(plan.walls)
+    wall = PlanarCsg().solid(plan.walls)
     for mirror, group in zip(default_layout.mirrors, keep_outs(default_layout, HARDWARE), strict=True):
         for volume in group:
             hull = np.vstack([volume.base, volume.top])
@@ -67,7 +67,7 @@ def test_walls_are_as_thick_as_the_table_says(plan: HolderPlan) -> None:
     along = np.roll(outer, -1, axis=0) - outer
     across = np.abs(along[:, 0] * (inner - outer)[:, 1] - along[:, 1] * (inner - outer)[:, 0])
     np.testing.assert_allclose(across / np.linalg.norm(along, axis=1), HARDWARE.holder.shade_mm, atol=1e-9)
-    assert Workshop().solid(plan.walls).volume() > 1000.0
+    assert PlanarCsg().solid(plan.walls).volume() > 1000.0
 
 
 @pytest.mark.parametrize(("reach_mm", "slit"), [(HARDWARE.holder.shade_out_mm, False), (2.0, True)])
@@ -75,7 +75,7 @@ def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: f
     """What is narrower than half a millimetre is closed by going out and back by a quarter; notches are a few mm2."""
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(shade_out_mm=reach_mm))
     plan = plan_holder(default_layout, hardware)
-    lying = body_of(Workshop(), plan).transform(np.linalg.inv(plan.rig_from_mount)[:3])
+    lying = body_of(PlanarCsg(), plan).transform(np.linalg.inv(plan.rig_from_mount)[:3])
     section = polygons(lying.slice(-HARDWARE.holder.floor_mm - 1.0))
     closed = section.buffer(0.25, join_style="mitre").buffer(-0.25, join_style="mitre").difference(section).area
     assert closed > 40.0 if slit else closed < 5.0
