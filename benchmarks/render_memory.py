@@ -46,7 +46,7 @@ def measure(request: SetRequest, out: Path, workers: int) -> dict[int, tuple[flo
             pids = [process.pid for process in multiprocessing.active_children() if process.pid is not None]
             found[done] = resident_mib(os.getpid()), max(map(resident_mib, pids), default=0.0)
 
-    render_set(request, out, run=in_workers(workers), on_frame=look)
+    render_set(request, out, run=in_workers(workers), progress=look)
     return found
 
 

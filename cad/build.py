@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.process_pool import Advance, crew
+from mirrorcam.cad.process_pool import crew
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -20,7 +21,7 @@ def build_parts(
     *,
     previous: Path | None = None,
     workers: int = 1,
-    advance: Advance = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> dict[str, Metric]:
     """Write every file of a layout's device: parts to print, mirrors to cut, drawings, guide, page and checks.
 
@@ -36,7 +37,7 @@ def build_parts(
         Folder written earlier; parts there that were made of the same numbers are copied instead of built again.
     workers
         Number of processes that share the work.
-    advance
+    progress
         Called with the numbers of steps done and of all.
 
     Returns
@@ -65,4 +66,4 @@ def build_parts(
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-        return write_device(device, out, previous, executor, advance)
+        return write_device(device, out, previous, executor, progress)

@@ -17,18 +17,19 @@ from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.process_pool import Advance, Task, results
+from mirrorcam.cad.process_pool import Task, results
 from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 
 def write_device(
-    device: Device, out: Path, previous: Path | None, executor: Executor | None, advance: Advance
+    device: Device, out: Path, previous: Path | None, executor: Executor | None, progress: Progress
 ) -> dict[str, Metric]:
     """Write everything into `out`; returns the checks by what they are of: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
@@ -38,7 +39,7 @@ def write_device(
     def step() -> None:
         nonlocal done
         done += 1
-        advance(done, total)
+        progress(done, total)
 
     *parts, sheets = results(
         executor, [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))], step

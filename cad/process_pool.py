@@ -10,7 +10,6 @@ from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.context import BaseContext
 from typing import Any
 
-Advance = Callable[[int, int], None]
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
 
 

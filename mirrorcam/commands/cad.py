@@ -75,7 +75,7 @@ def run(options: CadOptions) -> int:
             hardware,
             previous=options.out,
             workers=options.workers or cores(),
-            advance=advance,
+            progress=advance,
         )
     failed = {name for name, check in checks.items() if not check.passed}
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})

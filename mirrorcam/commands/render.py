@@ -192,7 +192,7 @@ def run(options: RenderOptions) -> int:
     run_there = in_workers(workers) if options.scheduler is None else on_cluster(options.scheduler)
     who = count_text(workers, "worker") if options.scheduler is None else f"the workers of {options.scheduler}"
     with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
-        dataset = render_set(request, options.out, run=run_there, on_frame=advance)
+        dataset = render_set(request, options.out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, layout.cols))
     say("coverage", reach_text(dataset))
     say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")

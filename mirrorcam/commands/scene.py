@@ -86,7 +86,7 @@ def run(options: SceneOptions) -> int:
     )
     views = layout.rows * layout.cols
     with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
-        render_tabletop(request, options.out, on_picture=advance)
+        render_tabletop(request, options.out, progress=advance)
         write_image(options.out / OVERVIEW, overview(options.out))
     truth = options.out / "truth"
     say(

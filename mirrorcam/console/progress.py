@@ -7,22 +7,22 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.console import interruption
+from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 
 SECONDS_BETWEEN_LINES = 5.0
 TITLE_WIDTH = 12
-
-Advance = Callable[[int, int], None]
 
 
 @cache
@@ -37,7 +37,7 @@ def say(title: str, text: str) -> None:
 
 
 @contextmanager
-def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
+def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
     """Show that `title` is at work until the block ends well, then say how long it took.
 
     The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
@@ -46,7 +46,7 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Advance]:
     if console().is_terminal:
         text, count = TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
         columns = (SpinnerColumn(), text, BarColumn(bar_width=30), count, TimeElapsedColumn())
-        with Progress(*columns, console=console(), transient=True) as bar:
+        with ProgressBar(*columns, console=console(), transient=True) as bar:
             task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None, count="")
             yield lambda done, total: bar.update(task, completed=done, total=total, count=f"{done}/{total} {unit}")
     else:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
-from mirrorcam.console.progress import Advance, long_work, say
+from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.progress import Progress, no_progress
 
 
 class Reporter(Protocol):
@@ -15,7 +16,7 @@ class Reporter(Protocol):
     def note(self, title: str, text: str) -> None:
         """Hear a remark about the step `title`."""
 
-    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Advance]:
+    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Progress]:
         """Hear that a step begins; the context gives its `advance(done, total)` and ends with the step."""
 
 
@@ -25,7 +26,7 @@ class Terminal:
     def note(self, title: str, text: str) -> None:
         say(title, text)
 
-    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Advance]:
+    def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Progress]:
         return long_work(title, doing, unit)
 
 
@@ -36,8 +37,8 @@ class Silent:
         pass
 
     @contextmanager
-    def work(self, title: str, doing: str, unit: str = "") -> Iterator[Advance]:
-        yield lambda done, total: None
+    def work(self, title: str, doing: str, unit: str = "") -> Iterator[Progress]:
+        yield no_progress
 
 
 TERMINAL, SILENT = Terminal(), Silent()

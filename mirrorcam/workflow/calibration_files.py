@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.figures.calibration_figure import residual_figure
 from mirrorcam.optics.base.files import pictures_in, read_image, write_metrics
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -59,18 +59,18 @@ class CalibrationRequest:
 
 def calibrate_files(
     request: CalibrationRequest,
-    advance: Advance = lambda done, total: None,
+    progress: Progress = no_progress,
     on_hint: Callable[[Path, NextPose], None] | None = None,
 ) -> Calibration:
     """Calibrate from files; every picture is read when its turn comes.
 
-    `advance` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
+    `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
     through the mirrors with the pose that the next one should show. Raises InputError where a file cannot be read or
     the pictures do not suffice.
     """
     target, paths = load_board(request.board), pictures_in(request.pictures)
     if request.layout is None:
-        return _calibrate_directly(request, target, paths, advance)
+        return _calibrate_directly(request, target, paths, progress)
     layout = Layout.load(request.layout)
     base_paths = pictures_in(request.base_pictures)
     planner = None if on_hint is None else NextPosePlanner(layout, target)
@@ -87,19 +87,19 @@ def calibrate_files(
         level=request.level,
         detections=request.detections,
         workers=cores(),
-        on_frame=lambda done: advance(done, len(paths) + len(base_paths)),
+        on_frame=lambda done: progress(done, len(paths) + len(base_paths)),
         on_seen=hint,
     )
 
 
 def _calibrate_directly(
-    request: CalibrationRequest, target: Target, paths: Sequence[Path], advance: Advance
+    request: CalibrationRequest, target: Target, paths: Sequence[Path], progress: Progress
 ) -> Calibration:
     if not isinstance(target, Checkerboard) or request.mirrors is None:
         raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
     names = [path.name for path in paths]
     return calibrate_with_direct_view(
-        list(_grey(paths)), target, mirrors=request.mirrors, names=names, on_picture=advance
+        list(_grey(paths)), target, mirrors=request.mirrors, names=names, progress=progress
     )
 
 

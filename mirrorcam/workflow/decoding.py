@@ -9,9 +9,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
-from mirrorcam.console.progress import Advance, count_text
+from mirrorcam.console.progress import count_text
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import is_picture, read_image, write_image
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
@@ -91,15 +92,13 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
         recorder.record(source, name, origin)
 
 
-def decode_pictures(
-    pictures: Sequence[Path], decoder: Decoder, folder: Path, advance: Advance = lambda done, total: None
-) -> None:
+def decode_pictures(pictures: Sequence[Path], decoder: Decoder, folder: Path, progress: Progress = no_progress) -> None:
     """Decode pictures into NAME.npz and NAME_views.png of a folder."""
     for done, path in enumerate(pictures, start=1):
         light_field = decoder.decode(read_image(path))
         save_npz(folder / f"{path.stem}.npz", light_field)
         write_image(folder / f"{path.stem}_views.png", tiles(light_field))
-        advance(done, len(pictures))
+        progress(done, len(pictures))
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import ValidationError
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import atomic, write_json, write_text
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -88,9 +88,7 @@ def _key(spec: DesignSpec) -> str:
     return hashlib.sha256(json.dumps(spec.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def sweep(
-    specs: Sequence[DesignSpec], folder: Path, run: Runner, advance: Advance = lambda done, total: None
-) -> list[Outcome]:
+def sweep(specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress) -> list[Outcome]:
     """What became of each spec, in their order. What `folder` holds already is taken from there, the rest is run.
 
     Every design is in the folder as soon as it is finished, whatever ends the run after that.
@@ -98,11 +96,11 @@ def sweep(
     results = Results(folder)
     outcomes = {number: found for number, spec in enumerate(specs) if (found := results.finished(spec)) is not None}
     missing = [number for number in range(len(specs)) if number not in outcomes]
-    advance(len(outcomes), len(specs))
+    progress(len(outcomes), len(specs))
     if missing:
         for place, got in run([specs[number] for number in missing]):
             outcomes[missing[place]] = results.keep(specs[missing[place]], got)
-            advance(len(outcomes), len(specs))
+            progress(len(outcomes), len(specs))
     return [outcomes[number] for number in range(len(specs))]
 
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -81,15 +81,15 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
     calibrated = root / "validation" / "layout.json"
 
-    def design(folder: Path, advance: Advance) -> None:
+    def design(folder: Path, progress: Progress) -> None:
         write_design(recipe.spec, folder)
 
-    def part(folder: Path, advance: Advance) -> None:
+    def part(folder: Path, progress: Progress) -> None:
         from mirrorcam.cad.build import build_parts
 
-        build_parts(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), advance=advance)
+        build_parts(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), progress=progress)
 
-    def render(folder: Path, advance: Advance) -> None:
+    def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 
         request = SetRequest(
@@ -100,15 +100,15 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             seed=recipe.seed,
             settings=recipe.settings,
         )
-        render_set(request, folder, on_frame=advance)
+        render_set(request, folder, progress=progress)
 
-    def check(folder: Path, advance: Advance) -> None:
-        write_validation(validate(synthetic, advance), folder, command="mirrorcam run")
+    def check(folder: Path, progress: Progress) -> None:
+        write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
 
-    def decode(folder: Path, advance: Advance) -> None:
-        decode_pictures([shown], Decoder(Layout.load(calibrated)), folder, advance)
+    def decode(folder: Path, progress: Progress) -> None:
+        decode_pictures([shown], Decoder(Layout.load(calibrated)), folder, progress)
 
-    def pictures(folder: Path, advance: Advance) -> None:
+    def pictures(folder: Path, progress: Progress) -> None:
         write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
 
     return (

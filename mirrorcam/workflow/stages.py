@@ -19,8 +19,8 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.folders import clear, replaced
 
@@ -38,7 +38,7 @@ class Stage:
     """
 
     name: str
-    work: Callable[[Path, Advance], None]
+    work: Callable[[Path, Progress], None]
     doing: str = ""
     unit: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -141,7 +141,7 @@ def staleness(stage: Stage, root: Path) -> str:
     return ""
 
 
-def perform(stage: Stage, root: Path, advance: Advance = lambda done, total: None) -> None:
+def perform(stage: Stage, root: Path, progress: Progress = no_progress) -> None:
     """Do the stage's work and put the result in the place of an earlier one.
 
     Raises InputError where the folder holds files that no stage has made: those are not ours to replace.
@@ -151,6 +151,6 @@ def perform(stage: Stage, root: Path, advance: Advance = lambda done, total: Non
         if _read_manifest(folder) != wanted:
             clear(folder)  # what is left there was interrupted while making something else
         write_text(folder / MANIFEST, _text(wanted))
-        stage.work(folder, advance)
+        stage.work(folder, progress)
         made = wanted.replaced(files=digests(folder))
         write_text(folder / MANIFEST, _text(made))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.optics.base.files import read_image, read_model, write_metrics
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -74,14 +75,14 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
     )
 
 
-def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, total: None) -> Validation:
+def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
     Parameters
     ----------
     folder
         Folder of a set made by `render_set`.
-    on_frame
+    progress
         Called with the numbers of pictures done and of all; those through the mirrors count twice, as they are decoded
         too.
 
@@ -98,7 +99,7 @@ def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, t
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
-    calibration = calibrate_set(folder, lambda done: on_frame(done, total))
+    calibration = calibrate_set(folder, lambda done: progress(done, total))
     truth = Layout.load(folder / "truth" / "layout.json")
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
     metrics = mirror_errors(calibration.layout, truth)
@@ -108,7 +109,7 @@ def validate(folder: Path, on_frame: Callable[[int, int], None] = lambda done, t
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(folder / name))
         errors.append(decoded_errors(light_field, truth, board, rig_from_board))
-        on_frame(pictures + done, total)
+        progress(pictures + done, total)
     found = np.concatenate(errors)
     if not len(found):
         raise InputError(f"{folder}: no corner found in any decoded view")

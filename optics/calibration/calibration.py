@@ -20,11 +20,11 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined
-from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, fit_metrics, uncertainty
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError
@@ -136,7 +136,7 @@ def calibrate_corners(
         diagnostics = diagnose(reached, observations, calibrated)
         reached = reached.widened_to(diagnostics.widened)
         solution = reached.solution
-        notes += consistency.check_solution(solution, layout, mirrored_frames=len(used))
+        notes += check_solution(solution, layout, mirrored_frames=len(used))
         metrics = fit_metrics(observations, solution)
         spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, reached.model.board)
         metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")

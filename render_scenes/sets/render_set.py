@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.files import atomic, write_bytes, write_json
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
@@ -79,9 +80,7 @@ class SetRequest(Value):
     parts: Path | None = None
 
 
-def render_set(
-    request: SetRequest, out: Path, *, run: Run | None = None, on_frame: Callable[[int, int], None] | None = None
-) -> Dataset:
+def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progress: Progress = no_progress) -> Dataset:
     """Render pictures of a board through an as-built copy of a layout, and by its bare camera.
 
     Parameters
@@ -93,7 +92,7 @@ def render_set(
         its own folder. Finished pictures of an interrupted run with the same request are kept.
     run
         Renders pictures of their tasks and yields their numbers and files in any order; by default this process does.
-    on_frame
+    progress
         Called with the numbers of pictures done and of all, at the start and after each; those of a video count twice.
 
     Returns
@@ -163,20 +162,19 @@ def render_set(
         for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
     ]
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
-    report = on_frame or (lambda done, total: None)
     in_video = 0 if dataset.video_name is None else dataset.frames
     total = len(tasks) + in_video
     done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
-    report(done, total)
+    progress(done, total)
     for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
         # The picture last, so that there is none without its maps.
         for name, content in sorted(files.items(), reverse=True):
             write_bytes(out / name, content)
         dataset = _recorded(out, dataset, *files)
         done += 1
-        report(done, total)
+        progress(done, total)
     if dataset.video_name is not None and dataset.video_name not in dataset.files:
-        _write_video(out, dataset, lambda frames: report(done + frames, total))
+        _write_video(out, dataset, lambda frames: progress(done + frames, total))
         dataset = _recorded(out, dataset, dataset.video_name)
     return dataset
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mirrorcam.optics.base.files import encoded_image, read_model, write_bytes, write_json, write_text
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
@@ -94,12 +94,10 @@ class TabletopSet(Value):
         return read_model(cls, folder / MANIFEST)
 
 
-def render_tabletop(
-    request: TabletopRequest, out: Path, *, on_picture: Callable[[int, int], None] | None = None
-) -> TabletopSet:
+def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress = no_progress) -> TabletopSet:
     """Photograph a desk through an as-built copy of a layout into `out`, and write the truth beside it.
 
-    `on_picture(done, total)` is called at the start and after the frame and each true view. Raises InputError where
+    `progress(done, total)` is called at the start and after the frame and each true view. Raises InputError where
     nothing compiles the renderer, depths or meshes make no desk, views share no field, or `out` holds something else.
     """
     layout = request.layout
@@ -134,15 +132,14 @@ def render_tabletop(
     write_json(out / "truth/things.json", _object_list(objects, views, request.seed))
     manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
     grid = [(t, s) for t in range(views.rows) for s in range(views.cols)]
-    report = on_picture or (lambda done, total: None)
-    report(0, 1 + len(grid))
+    progress(0, 1 + len(grid))
     scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(scene, request)
         write_bytes(out / MAPS, maps)
         write_bytes(out / manifest.frame_name, picture)
         manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
-    report(1, 1 + len(grid))
+    progress(1, 1 + len(grid))
     classes = np.array([*(MASK[item.material] for item in objects), MASK["nothing"]], dtype=np.uint8)
     for number, (t, s) in enumerate(grid):
         # One view alone has no disparity.
@@ -153,7 +150,7 @@ def render_tabletop(
             for kind, name in names.items():
                 write_bytes(out / name, files[kind])
             manifest = _recorded(out, manifest, *names.values())
-        report(2 + number, 1 + len(grid))
+        progress(2 + number, 1 + len(grid))
     return manifest
 
 

@@ -14,7 +14,7 @@ from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
-from mirrorcam.optics.calibration.diagnostics.model_selection import SUPPORTED_CHANCE, ModelComparison
+from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_CHANCE, ModelComparison
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.pages.calibration.drawings import (

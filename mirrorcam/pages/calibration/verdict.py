@@ -11,8 +11,8 @@ from scipy.stats import binom
 
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.cross_validation import ALARM_RATIO
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
+from mirrorcam.optics.calibration.diagnostics.split_half import ALARM_RATIO
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.pages.calibration.inline_svg import SIGMA
 from mirrorcam.pages.calibration.view_statistics import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
@@ -92,7 +92,7 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     best = max(wanted, key=lambda comparison: comparison.information_gain)
     if best.name.endswith("+glass"):
         return [
-            "State in the layout that the mirrors are coated behind, with thickness and index, and calibrate again."
+            "State in the layout that the mirrors are second-surface, with thickness and index, and calibrate again."
         ]
     return [f"Calibrate again as {best.name}, which the pictures support."]
 

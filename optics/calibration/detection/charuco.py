@@ -1,4 +1,4 @@
-"""ChArUco boards in one image, as many as there are: markers, found once, are grouped by the boards they belong to."""
+"""Any number of ChArUco boards in one image: markers are detected once and grouped into boards."""
 
 from __future__ import annotations
 
@@ -10,28 +10,37 @@ from scipy.sparse.csgraph import connected_components
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_growing import (
     BoolArray,
-    corner_places,
-    grow,
+    grow_board,
     same_board,
-    warp_through,
 )
+from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Charuco
 
-WHITE_PART = 0.995  # of the pixels that are at most as bright as white is taken to be
-WINDOWS_PX = (15, 31, 7)  # sides of the neighbourhood that a pixel is compared with, tried in turn
-LEAST_PERIMETER = 0.01  # of a marker, in sides of the picture
-NEAR = 2.3  # squares between the middles of markers that tell of each other
-FORETOLD = 0.12  # squares by which a marker may be off where another one foretells it, per square between them
-FEWEST_MARKERS = 2
-SAME_PLACE = 0.3  # squares between a marker and where a board has it, for it to be the board's
+WHITE_QUANTILE = 0.995
+WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
+MIN_PERIMETER = 0.01  # of a marker, in sides of the picture
+NEAR = 2.3  # squares between the centres of markers that predict each other
+PREDICTION_ERROR = 0.12  # squares between a marker and its prediction by another one, per square between them
+MIN_MARKERS = 2
+SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to belong to that board
 
 
 def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> list[Corners]:
-    """Up to `most` boards in a picture, those with most corners first; `mirrored` where it shows them through a mirror.
+    """Find up to `most` boards in a picture, those with most corners first.
 
-    A mirrored marker is no marker, so the picture is flipped for the search of markers and what is found flipped back.
+    Parameters
+    ----------
+    grey
+        Picture (h, w).
+    target
+        The board.
+    mirrored
+        Whether the picture shows the boards through mirrors. No dictionary holds a mirrored marker, so the picture is
+        flipped for the detection of markers, and their corners are flipped back.
+    most
+        How many boards to return at most.
     """
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     places = marker_places(target)[ids]
@@ -42,25 +51,25 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
     while waiting:
         members = waiting.pop(0)
         members = members[~taken[members]]
-        if len(members) < FEWEST_MARKERS:
+        if len(members) < MIN_MARKERS:
             continue
         at, seen = places[members].reshape(-1, 2), quads[members].reshape(-1, 2)
-        board = grow(picture, at, seen, target, mirrored=mirrored)
+        board = grow_board(picture, at, seen, target, mirrored=mirrored)
         if not len(board) or any(same_board(board, other) for other in found):
             continue
         found.append(board)
         shown = _shown(board, places, quads, target)
         taken |= shown
-        # A group that was two boards', which seemed to go on in each other, has given one of them.
+        # A group may hold two boards that seemed to continue each other; one of them is found now.
         rest = members[~shown[members]]
-        if FEWEST_MARKERS <= len(rest) < len(members):
+        if MIN_MARKERS <= len(rest) < len(members):
             waiting = [rest[part] for part in groups(places[rest], quads[rest])] + waiting
     return sorted(found, key=len, reverse=True)[:most]
 
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco) -> BoolArray:
-    """Which markers (n, 4, 2) at places (n, 4, 2) are where a board that was found has them."""
-    warp = warp_through(corner_places(target)[board.ids], board.pixels)
+    """Which markers (n, 4, 2) with places (n, 4, 2) on the print lie where a detected board has them."""
+    warp = Warp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)
     middles = places.mean(axis=1)
@@ -75,23 +84,22 @@ def marker_places(target: Charuco) -> FloatArray:
 
 
 def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Ids (n,) and corners (n, 4, 2) of markers of the target, each as often as it is found.
+    """Ids (n,) and corners (n, 4, 2) of the target's markers, with repetitions.
 
-    Not all need to be found, as boards are grown from a few; where there is none, smaller and larger neighbourhoods are
-    tried, in which a pixel counts as black.
+    Not all need to be found, as boards are grown from a few; where there is none, other window sizes are tried.
     """
     image = cv2.flip(grey, 1) if mirrored else grey
-    white = float(np.quantile(image[::4, ::4], WHITE_PART))
+    white = float(np.quantile(image[::4, ::4], WHITE_QUANTILE))
     bright = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0))
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = LEAST_PERIMETER
+    parameters.minMarkerPerimeterRate = MIN_PERIMETER
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
         detector = cv2.aruco.ArucoDetector(target.opencv.getDictionary(), parameters)
         quads, ids, _ = detector.detectMarkers(bright)
         names = np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()
         known = names < len(target.opencv.getIds())
-        if known.sum() >= FEWEST_MARKERS:
+        if known.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
@@ -100,9 +108,9 @@ def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArr
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
-    """Markers (n, 4, 2) at places (n, 4, 2) on the print, grouped by boards: those that foretell each other's place.
+    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards: those that predict each other.
 
-    The affine map of each marker says where its neighbours on the print should be; two that agree on that are of one
+    The affine map of each marker predicts where its neighbours on the print are; two markers that agree belong to one
     board. A marker that was read wrongly agrees with none.
     """
     if not len(places):
@@ -117,9 +125,9 @@ def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
     expected = centres[first] + np.einsum("njk,nk->nj", affine[first], squares_apart[first, second])
     cell = np.sqrt(np.abs(np.linalg.det(affine)))
     off = np.linalg.norm(expected - centres[second], axis=1) / cell[first]
-    agree = off < FORETOLD * distance[first, second] + 0.1
+    agree = off < PREDICTION_ERROR * distance[first, second] + 0.1
     matrix = coo_array((agree.astype(float), (first, second)), shape=(len(places),) * 2).tocsr()
     mutual = matrix.multiply(matrix.T)
     count, labels = connected_components(mutual, directed=False)
     members = [np.flatnonzero(labels == label) for label in range(count)]
-    return [m for m in sorted(members, key=len, reverse=True) if len(m) >= FEWEST_MARKERS]
+    return [m for m in sorted(members, key=len, reverse=True) if len(m) >= MIN_MARKERS]

@@ -1,4 +1,4 @@
-"""Observations of frames: the bare camera's view of the target, or every sub-image of a mirror camera."""
+"""Detection of a target in frames: in the bare camera's view, or in every sub-image of a mirror camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import numpy as np
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign
-from mirrorcam.optics.calibration.detection.board_growing import corner_places, grow
+from mirrorcam.optics.calibration.detection.board_growing import grow_board
+from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings, spread_out
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
@@ -21,10 +22,10 @@ from mirrorcam.optics.geometry.targets import Charuco, Target
 
 
 def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
-    """Up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
+    """Find up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
 
-    `mirrored` where the picture shows them by way of mirrors. Boards whose corners are few or near one line are left
-    out: they do not tell where they stand.
+    `mirrored` is whether the picture shows them through mirrors. Boards with few corners, or with corners near one
+    line, are left out, because they do not determine a pose.
     """
     if isinstance(target, Charuco):
         found: list[tuple[Corners, ...]] = [
@@ -34,7 +35,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
         picture, places = np.asarray(grey, dtype=np.float32), corner_places(target)
         found = [
             tuple(
-                grow(picture, places, ordering, target, mirrored=mirrored)
+                grow_board(picture, places, ordering, target, mirrored=mirrored)
                 for ordering in orderings(grey, board, target, mirrored=mirrored)
             )
             for board in find_checkerboards(grey, target, most=most)
@@ -43,7 +44,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
 
 
 def direct_view(grey: Grey, target: Target) -> Observations:
-    """Corners that the bare camera sees, as frame 0; of several boards, those of the largest."""
+    """Corners that the bare camera sees, as frame 0; those of the largest board where there are several."""
     for numberings in find_boards(grey, target, mirrored=False, most=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
     return Observations.none()
@@ -51,7 +52,7 @@ def direct_view(grey: Grey, target: Target) -> Observations:
 
 def sub_images(grey: Grey, layout: Layout, target: Target) -> Observations:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
-    # A few more boards than there are mirrors, for what proves to be none's.
+    # More boards than there are mirrors, as some may belong to none.
     boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
     picture = np.asarray(grey, dtype=np.float32)
     views = []
@@ -71,11 +72,34 @@ def detect_frames(
     workers: int = 1,
     on_frame: Callable[[Sequence[Observations]], None] = lambda found: None,
 ) -> list[Observations]:
-    """`sub_images` of every frame, or where they are not `mirrored` `direct_view`, in their order, each as frame 0.
+    """Detect the target in every picture.
 
-    Pictures are taken as they are needed, at most two for each of the `workers` at a time. What is found in them is
-    kept in `folder` and taken from there the next time; `on_frame` hears after each frame what was found so far.
-    Raises InputError where a picture has not the size of the layout's camera.
+    Parameters
+    ----------
+    pictures
+        Grey pictures (h, w), of the size of the layout's camera; at most two per worker are held at a time.
+    layout
+        Where the sub-images are, exactly or nominally.
+    target
+        The board.
+    mirrored
+        Whether the pictures show the board through the mirrors (`sub_images`), or directly (`direct_view`).
+    folder
+        Where detections are cached, if anywhere.
+    workers
+        Number of threads.
+    on_frame
+        Called after each frame with all observations so far.
+
+    Returns
+    -------
+    list of Observations
+        One per picture, in their order, each as frame 0.
+
+    Raises
+    ------
+    InputError
+        Where a picture does not have the size of the layout's camera.
     """
     expected = (layout.camera.height_px, layout.camera.width_px)
 

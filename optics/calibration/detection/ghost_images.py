@@ -1,14 +1,14 @@
-"""What the front of a sheet does to corners that its coating shows, and how they are found in spite of it.
+"""Ghost images of second-surface mirrors, and refinement of corners in their presence.
 
-The bare front of a mirror that is coated behind reflects some hundredths of the light itself, and sends as much of what
-comes back from the coating to it once more. So the picture has a faint copy on either side, a few pixels off in the
-plane of incidence. At an edge one copy is white already (or the other one still black), which moves its middle by some
-hundredths of a pixel: alike in all views, as if the sheet were thicker.
+The uncoated front of a second-surface mirror reflects a few percent of the light itself, and reflects as much of what
+comes back from the coating to the coating again. So the picture has a faint ghost image on either side, a few pixels
+off in the plane of incidence. At an edge one ghost image is white already (or the other one still black), which moves
+the edge by some hundredths of a pixel: the same way in all views, as if the plate were thicker.
 
-From the nominal layout and the board's pose in the view it is known where the copies are, and by Fresnel's equations
-how strong. What coating and front are really like is told by the view: one factor for each copy, by all its corners.
-One copy ends before the picture does, where its light would leave the sheet past the edge. Just where depends on how
-the sheet was cut and glued, so corners near that place are left out.
+The nominal layout and the board's pose in the view give the offsets of the ghost images, and Fresnel's equations their
+strengths. How coating and front deviate from that is estimated from the view: one factor for each ghost image, from all
+its corners. One ghost image ends before the picture does, where its light would leave the plate past the edge. Exactly
+where depends on how the plate was cut and glued, so corners near that place are left out.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.optics.calibration.detection.board_growing import again, corner_places, smooth
+from mirrorcam.optics.calibration.detection.blurred_print import Image
+from mirrorcam.optics.calibration.detection.board_growing import refine_board, smooth
+from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
-from mirrorcam.optics.calibration.detection.corner_refinement import HALF, MOST_PX, GhostImages, Image
+from mirrorcam.optics.calibration.detection.corner_refinement import HALF_CELLS, MAX_HALF_PX, GhostImages
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.camera import Camera
@@ -28,33 +30,33 @@ from mirrorcam.optics.geometry.plate import surface_reflectance
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
-REFLECTANCE = 0.92  # of the coating: what a factor for each copy makes good
-PASSES = (0, 2)  # of the copies, to the coating and back; the picture has one, three have a five hundredth of the light
+REFLECTANCE = 0.92  # of the coating; the factor for each ghost image corrects it
+PASSES = (0, 2)  # to the coating and back, of the ghost images; the picture itself has one; three carry 1/500 of it
 MARGIN_PX = 2.0
-EDGE_POINTS = 8  # along each edge of an outline, which a lens bends
-FEWEST_CORNERS = 40  # that tell how strong copies are; of fewer, Fresnel's equations are believed
-STRONGEST = 2.0  # times what they say
+EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
+MIN_CORNERS_FOR_STRENGTH = 40  # with fewer corners, the strengths are those of Fresnel's equations
+MAX_STRENGTH = 2.0  # relative to those
 
 
 def refine_with_ghost_images(
     picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Target
 ) -> Corners:
-    """Corners of a mirror's view, refined once more where its sheet has a front that reflects.
+    """Refine the corners of a mirror's view once more, with the ghost images of a second-surface mirror.
 
-    Of a second-surface mirror only those that all copies are whole around.
+    Only corners with complete ghost images are kept. Corners in a first-surface mirror are returned as they are.
     """
     if not mirror.is_second_surface:
         return corners
     whole = _inside(corners, camera, _passed(mirror, max(PASSES)))
     corners = Corners(corners.ids[whole], corners.pixels[whole])
-    copies = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
-    free = None if copies is None else again(picture, corners, target, copies, fit_strengths=True)
-    if copies is None or free is None:
+    ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
+    free = None if ghosts is None else refine_board(picture, corners, target, ghosts, fit_strengths=True)
+    if ghosts is None or free is None:
         return Corners(corners.ids[:0], corners.pixels[:0])
-    if len(corners) >= FEWEST_CORNERS:
-        factors = np.clip(np.median(free.copies, axis=0), 0.0, STRONGEST)
-        copies = GhostImages(copies.offsets_px, copies.parts * factors)
-    seen = again(picture, corners, target, copies, blur_cells=float(np.median(free.blur_cells)))
+    if len(corners) >= MIN_CORNERS_FOR_STRENGTH:
+        factors = np.clip(np.median(free.ghost_strengths, axis=0), 0.0, MAX_STRENGTH)
+        ghosts = GhostImages(ghosts.offsets_px, ghosts.strengths * factors)
+    seen = refine_board(picture, corners, target, ghosts, blur_cells=float(np.median(free.blur_cells)))
     if seen is None:
         return Corners(corners.ids[:0], corners.pixels[:0])
     found = np.isfinite(seen.pixels).all(axis=1)
@@ -64,7 +66,7 @@ def refine_with_ghost_images(
 
 
 def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> GhostImages | None:
-    """The copies of corners (n) that a second-surface mirror shows; None where no pose of the board fits them."""
+    """The ghost images that a second-surface mirror adds at corners (n); None where no pose of the board fits these."""
     board = target.corners_in_board_mm
     pose = initial_estimates.rig_from_board(camera, corners, board, mirror.apparent.virtual_centre_in_rig_mm)
     if pose is None:
@@ -78,14 +80,14 @@ def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Ta
     rays = camera.unproject(corners.pixels)
     along = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
     lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
-    parts = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), REFLECTANCE * lost], axis=1)
-    return GhostImages(offsets, parts)
+    strengths = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), REFLECTANCE * lost], axis=1)
+    return GhostImages(offsets, strengths)
 
 
 def _passed(mirror: Mirror, passes: int) -> Mirror:
-    """The mirror that light shows which goes so many times to the coating and back.
+    """The mirror that shows the same image as light that makes `passes` passes to the coating and back.
 
-    Unfolded, it passes 2 k t of the sheet, as in one that is k times as thick and has the same front.
+    Unfolded, light with k passes crosses 2 k t of the plate, as in a plate k times as thick with the same front.
     """
     deeper_mm = (passes - 1) * mirror.thickness_mm
     return mirror.replaced(
@@ -97,7 +99,7 @@ def _passed(mirror: Mirror, passes: int) -> Mirror:
 
 
 def _inside(corners: Corners, camera: Camera, mirror: Mirror) -> NDArray[np.bool_]:
-    """Which corners (n) a mirror shows with all that they are refined by."""
+    """Which corners (n) a mirror shows together with the whole patch that they are refined with."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
         return np.zeros(len(corners), dtype=np.bool_)
@@ -106,6 +108,6 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror) -> NDArray[np.bool
     pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
     shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
-    # To the corners of the square that is compared with the print.
-    reach = np.sqrt(2.0) * np.minimum(HALF * cell_px(corners.pixels), MOST_PX) + MARGIN_PX
+    # To the corners of the patch that is compared with the print.
+    reach = np.sqrt(2.0) * np.minimum(HALF_CELLS * cell_px(corners.pixels), MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))

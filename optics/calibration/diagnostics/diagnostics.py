@@ -1,4 +1,4 @@
-"""All diagnostics about one calibration in one value, for its report and its metrics."""
+"""All diagnostics of one calibration in one value, for its report and its metrics."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.cross_validation import Split, splits
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty, depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty, mirror_uncertainty
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelComparison, ModelSelection
+from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     ProjectionMap,
     projection_map,
     uncertainty_of,
     working_range_mm,
 )
+from mirrorcam.optics.calibration.diagnostics.split_half import Split, splits
 from mirrorcam.optics.calibration.diagnostics.weak_directions import WeakDirection, weak_directions
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import points_at_camera
@@ -78,7 +79,7 @@ class Diagnostics:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """The figures that go into a layout's file."""
+        """The figures that a calibrated layout's file carries."""
         mirrors = self.mirrors
         figures: dict[str, tuple[float, str]] = {
             "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_turn_deg)), "deg"),
@@ -99,7 +100,7 @@ class Diagnostics:
         if self.free_views is not None:
             figures["unexplained_px"] = (self.free_views.unexplained_px, "px")
         for split in self.splits:
-            figures[f"split_{split.how.split()[1]}_ratio"] = (split.overall_ratio, "1")
+            figures[f"split_{split.key}_ratio"] = (split.overall_ratio, "1")
         return {name: Metric(value=value, unit=unit) for name, (value, unit) in figures.items() if np.isfinite(value)}
 
 

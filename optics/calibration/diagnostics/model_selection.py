@@ -1,77 +1,65 @@
-"""The ladder of models: what may vary, from the paper's three numbers per mirror up, and what the data support.
-
-paper: virtual centres and board poses, with the camera held. joint: intrinsics, too. Above that, in any order:
-sheet: the thickness of second-surface mirrors. bend: the curvature of each mirror. warp: two bows of the board.
-"""
+"""Forward selection among nested models: which parameters the data support."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from scipy.stats import f as f_distribution
-
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_residuals
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
-    BoolArray,
-    Solution,
-    UndeterminedError,
-    fit,
-    minimise,
+from mirrorcam.optics.calibration.diagnostics.model_comparison import (
+    SUPPORTED_CHANCE,
+    ModelComparison,
+    compare,
+    compare_likelihood,
+    cross_validated,
+    smallest,
 )
+from mirrorcam.optics.calibration.diagnostics.nested_models import (
+    ADDITIONS,
+    PLATE_INDEX,
+    Fitted,
+    additions_of,
+    fit_as,
+    fit_with,
+    joint_model,
+    paper_model,
+    plate_thickness,
+)
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
-from mirrorcam.optics.geometry.plate import rise_mm
+from mirrorcam.optics.calibration.solver.residuals import Estimate
 
-ADDITIONS = ("sheet", "bend", "warp")
-FOLDS = 3
-SUPPORTED_CHANCE = 1e-3
-BEYOND_NOISE = 2.0
-"""Standard errors by which held-out frames must be explained better."""
-MATERIAL = 0.1
-"""Part of the noise that mirrors must leave unexplained beyond it before it is worth an alarm."""
-THINNEST_MM = 0.1  # no sheet that holds a mirror is thinner
-GLASS_MM, GLASS_INDEX = 1.0, 1.49
-"""A sheet to start from where the layout has none; its index is that of acrylic."""
-
-
-@dataclass(frozen=True)
-class ModelComparison:
-    """One model tried: what it frees, how well it fits, and whether the data support it over `against`.
-
-    `rms_px` per axis over the corners that took part and `sigma_px`, which counts the unknowns. Against the model
-    below it, on the same corners: `drop`, by how many sigma^2 the sum of squares falls; `chance` of that from noise
-    alone (F test of the likelihood ratio); `information_gain`, by how much the Bayesian information criterion falls.
-    `held_out_rms_px` is that of frames predicted by a fit without them, `held_out_gain` the improvement in standard
-    errors; NaN where not computed (the likelihood already rejects the model, or another comparison gains more).
-    """
-
-    name: str
-    against: str | None
-    parameters: int
-    rms_px: float
-    sigma_px: float
-    drop: float
-    chance: float
-    information_gain: float
-    held_out_rms_px: float
-    held_out_gain: float
-    supported: bool
+MIN_UNEXPLAINED = 0.1
+"""Fraction of the noise that mirrors must leave unexplained beyond it to raise an alarm."""
+MIN_PLATE_MM = 0.1  # no plate that holds a mirror is thinner
 
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """The selected level, its model and solution, every comparison made, the free-view check, alarms and notes.
+    """The selected model and how it was selected.
 
-    The covariance of the solution is `widened`, as a factor of its standard deviations, against what independent errors
-    of all corners would make it.
+    Attributes
+    ----------
+    level
+        Name of the selected model, as `joint+bend`.
+    model
+        Its free parameters.
+    solution
+        Its fit. The covariance is scaled by `widened` squared.
+    comparisons
+        Every model that was fitted, against the one nested in it.
+    free_views
+        Comparison with free virtual cameras, where it was possible.
+    alarms
+        What contradicts the model, one sentence each.
+    notes
+        What could not be determined, one sentence each.
+    widened
+        Factor on the standard deviations, against those that independent corner errors would give.
     """
 
     level: str
@@ -84,293 +72,143 @@ class ModelSelection:
     widened: float = 1.0
 
     def widened_to(self, factor: float) -> ModelSelection:
-        """The same with standard deviations at least so many times what independent errors would make them."""
+        """The same with standard deviations at least `factor` times those that independent errors would give."""
         further = max(factor / self.widened, 1.0)
         solution = replace(self.solution, covariance=further**2 * self.solution.covariance)
         return replace(self, solution=solution, widened=further * self.widened)
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """A model under the name of its level, and its fit."""
-
-    name: str
-    model: Model
-    solution: Solution
-
-
-def additions_of(level: str) -> tuple[str, ...]:
-    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else."""
-    first, *additions = level.split("+")
-    known = first in {"paper", "joint"} and all(name in ADDITIONS for name in additions)
-    if not known or (first == "paper" and additions) or len(set(additions)) < len(additions):
-        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(ADDITIONS)} (joint+bend)")
-    return tuple(additions)
-
-
 def select_model(
-    start: Estimate,
-    observations: Observations,
-    corners_in_board_mm: FloatArray,
-    *,
-    intrinsics: tuple[str, ...] = INTRINSIC_NAMES,
-    level: str | None = None,
+    start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, *, level: str | None = None
 ) -> ModelSelection:
-    """Fit at a `level`, or, without one, as far up the ladder as the data support.
+    """Fit a given level, or select one by forward selection.
 
-    The camera was found from the same corners as the rest, so that `joint` is the lowest level that tells the truth
-    about its uncertainty: `paper` is taken only when asked for, or where the corners leave the intrinsics open. Above
-    it the addition that gains most information is taken as long as one is supported: its likelihood ratio is no noise,
-    and frames held out are predicted better. Raises UndeterminedError where the corners do not suffice.
+    The camera was found from the same corners as the rest, so that `joint` is the smallest model whose uncertainty is
+    right: `paper` is used only on request, or where the corners do not determine the intrinsics. From `joint` on, the
+    addition that gains most information is made as long as one is supported: its likelihood ratio exceeds noise, and
+    held-out frames are predicted better.
+
+    Parameters
+    ----------
+    start
+        Estimate near the solution, with one pose per frame.
+    observations
+        The corners, by frame and view.
+    corners_in_board_mm
+        The board's corners (c, 3) as drawn.
+    level
+        Model to fit (`nested_models.additions_of`); None selects one. An alarm is raised where a larger model than the
+        given one is supported.
+
+    Raises
+    ------
+    UndeterminedError
+        Where the corners do not suffice.
+    InputError
+        Where `level` is unknown, or names plates that the layout does not have.
     """
     asked = None if level is None else additions_of(level)
-    paper = fit_as("paper", start, observations, _model((), (), corners_in_board_mm))
-    comparisons = [first_comparison(paper)]
+    paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm))
+    comparisons = [smallest(paper)]
     try:
-        current = fit_as("joint", paper.solution.estimate, observations, _model(intrinsics, (), corners_in_board_mm))
+        current = fit_as("joint", paper.solution.estimate, observations, joint_model(corners_in_board_mm))
     except UndeterminedError:
         if asked is not None and level != "paper":
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
-        return conclude(paper, comparisons, observations, [], [note])
+        return conclude(paper, comparisons, observations, notes=[note])
     comparisons.append(compare(current, paper, observations))
     if level == "paper":
         note = "the intrinsics are held: what they may be off is in no uncertainty"
         doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return conclude(paper, comparisons, observations, doubts, [note])
-    if asked:
-        for name in asked:
-            taken = _added(current, name, observations, intrinsics, corners_in_board_mm)
-            comparisons.append(compare(taken, current, observations))
-            current = taken
+    for name in asked or ():
+        larger = fit_with(name, current, observations)
+        comparisons.append(compare(larger, current, observations))
+        current = larger
+    current, further, alarms, notes = _forward(current, observations, extend=level is None)
+    if "sheet" in current.name.split("+"):
+        alarms += _missing_plate(current)
+    return conclude(current, [*comparisons, *further], observations, alarms, notes)
+
+
+def _forward(
+    current: Fitted, observations: Observations, *, extend: bool
+) -> tuple[Fitted, list[ModelComparison], list[str], list[str]]:
+    """The largest supported model, the comparisons made, alarms and notes.
+
+    Unless the model may be extended, the first supported addition raises an alarm instead, as plates always do where
+    the layout has none.
+    """
     left = [name for name in ADDITIONS if name not in current.name.split("+")]
+    comparisons: list[ModelComparison] = []
     alarms: list[str] = []
     notes: list[str] = []
     while left:
-        tried, open_ones = _tried(current, left, observations, intrinsics, corners_in_board_mm)
-        notes += open_ones
+        tried, undetermined = _tried(current, left, observations)
+        notes += undetermined
         best = None
-        judged = [(fitted, _judged(fitted, current, observations)) for fitted in tried]
-        # Held-out frames are the dearer witness: asked about the most informative first, no further once one agrees.
-        for fitted, comparison in sorted(judged, key=lambda pair: -pair[1].information_gain):
-            comparisons.append(comparison if best is not None else _held_out(comparison, fitted, current, observations))
+        likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in tried]
+        # Cross-validation is expensive: the most informative addition comes first, the others only if it fails.
+        for fitted, made in sorted(likelihoods, key=lambda pair: -pair[1].information_gain):
+            comparisons.append(made if best is not None else cross_validated(made, fitted, current, observations))
             if comparisons[-1].supported:
                 best = fitted
         if best is None:
             break
         addition = best.name.removeprefix(f"{current.name}+")
-        if addition == "glass" or level is not None:
+        if addition == "glass" or not extend:
             alarms.append(_alarm(best, addition))
             break
         current = best
         left.remove(addition)
-    if "sheet" in current.name.split("+"):
-        alarms += _no_sheet(current)
-    return conclude(current, comparisons, observations, alarms, notes)
+    return current, comparisons, alarms, notes
 
 
-def _model(intrinsics: tuple[str, ...], additions: Sequence[str], corners_in_board_mm: FloatArray) -> Model:
-    board = Board.warped(corners_in_board_mm) if "warp" in additions else Board.rigid(corners_in_board_mm)
-    return Model(
-        intrinsics, thickness="sheet" in additions or "glass" in additions, curvature="bend" in additions, board=board
-    )
+def _tried(current: Fitted, left: Sequence[str], observations: Observations) -> tuple[list[Fitted], list[str]]:
+    """The fits with one more addition each, and a note on each addition that the corners do not determine.
 
-
-def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
-    """The fit of a model under the name of its level."""
-    return Fitted(name, model, fit(start, observations, model))
-
-
-def _tried(
-    current: Fitted,
-    left: Sequence[str],
-    observations: Observations,
-    intrinsics: tuple[str, ...],
-    corners_in_board_mm: FloatArray,
-) -> tuple[list[Fitted], list[str]]:
-    """The fits with one more addition each, and a note on each addition that the corners leave open.
-
-    Where the layout has no sheet to vary, "glass" stands in: sheets where it says there are none.
+    Where the layout has no plate to vary, the addition "glass" takes the place of "sheet".
     """
-    sheets = (current.solution.estimate.thickness_mm > 0.0).any()
+    plates = (current.solution.estimate.thickness_mm > 0.0).any()
     found, notes = [], []
     for name in left:
-        addition = "glass" if name == "sheet" and not sheets else name
+        addition = "glass" if name == "sheet" and not plates else name
         try:
-            found.append(_added(current, addition, observations, intrinsics, corners_in_board_mm))
+            found.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
     return found, notes
 
 
-def _added(
-    current: Fitted,
-    addition: str,
-    observations: Observations,
-    intrinsics: tuple[str, ...],
-    corners_in_board_mm: FloatArray,
-) -> Fitted:
-    estimate = current.solution.estimate
-    if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
-        raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
-    if addition == "warp":
-        estimate = replace(estimate, shape=np.zeros(2))
-    if addition == "glass":
-        estimate = _behind_glass(estimate)
-    name = f"{current.name}+{addition}"
-    return fit_as(name, estimate, observations, _model(intrinsics, name.split("+"), corners_in_board_mm))
-
-
-def _behind_glass(estimate: Estimate) -> Estimate:
-    """The same mirrors, coated behind sheets, that look alike along the middle of each."""
-    centres = estimate.virtual_centres_in_rig_mm
-    distance = np.linalg.norm(centres, axis=1) / 2.0
-    foot = centres / 2.0
-    middles = estimate.middles_in_rig_mm
-    across = np.linalg.norm(middles - foot - _along(middles - foot, centres), axis=1)
-    rise = rise_mm(across / distance, GLASS_MM, GLASS_INDEX)
-    mirrors = len(centres)
-    return replace(
-        estimate,
-        virtual_centres_in_rig_mm=centres * (1.0 + rise / distance)[:, None],
-        thickness_mm=np.full(mirrors, GLASS_MM),
-        refractive_index=np.full(mirrors, GLASS_INDEX),
-    )
-
-
-def _along(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
-
-
-def _thickness(fitted: Fitted) -> tuple[float, float]:
-    """Thickness of the thinnest sheet and its standard deviation, mm."""
-    place = fitted.solution.parameters.index("sheet_mm")
-    thickness = fitted.solution.estimate.thickness_mm
-    sigma = float(np.sqrt(fitted.solution.covariance[place, place]))
-    return float(thickness[thickness > 0.0].min()), sigma
-
-
-def _no_sheet(fitted: Fitted) -> list[str]:
-    thickness, sigma = _thickness(fitted)
-    if thickness > max(3.0 * sigma, THINNEST_MM):
+def _missing_plate(fitted: Fitted) -> list[str]:
+    thickness, sigma = plate_thickness(fitted)
+    if thickness > max(3.0 * sigma, MIN_PLATE_MM):
         return []
     return [
-        f"the sheets come out {thickness:.2g} +- {sigma:.2g} mm thick: the mirrors look coated in front, "
-        "the layout says they are coated behind"
+        f"the plates come out {thickness:.2g} +- {sigma:.2g} mm thick: the mirrors look first-surface, "
+        "the layout has second-surface ones"
     ]
 
 
 def _alarm(best: Fitted, addition: str) -> str:
     if addition == "glass":
-        thickness, sigma = _thickness(best)
+        thickness, sigma = plate_thickness(best)
         return (
-            f"the mirrors look like glass coated behind, {thickness:.2f} +- {sigma:.2g} mm thick if its index is "
-            f"{GLASS_INDEX}: the layout says they are coated in front"
+            f"the mirrors look second-surface, {thickness:.2f} +- {sigma:.2g} mm thick if the index is "
+            f"{PLATE_INDEX}: the layout has first-surface ones"
         )
     return f"the data support a further level, {best.name}"
-
-
-def first_comparison(fitted: Fitted) -> ModelComparison:
-    """The comparison that a select_model begins with, which stands against none."""
-    solution = fitted.solution
-    return ModelComparison(
-        name=fitted.name,
-        against=None,
-        parameters=len(solution.parameters),
-        rms_px=_rms(solution),
-        sigma_px=solution.sigma_px,
-        drop=np.nan,
-        chance=np.nan,
-        information_gain=np.nan,
-        held_out_rms_px=np.nan,
-        held_out_gain=np.nan,
-        supported=True,
-    )
-
-
-def _rms(solution: Solution) -> float:
-    return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
-
-
-def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
-    """What likelihood and frames held out say of a larger model."""
-    return _held_out(_judged(larger, smaller, observations), larger, smaller, observations)
-
-
-def _judged(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
-    """What the likelihood says of the larger model, on the corners that it takes for no outliers."""
-    rows = larger.solution.inliers
-    seen = observations.where(rows)
-    # Corners without noise, from a simulation, would make diagnostics of rounding.
-    floor = 2 * len(seen) * NOTHING_PX**2
-    squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
-    at_smaller = _at_minimum(smaller, observations, rows)
-    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2)) + floor
-    added = len(larger.solution.parameters) - len(smaller.solution.parameters)
-    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
-    drop = max(squares_smaller - squares, 0.0) / (squares / spare)
-    return ModelComparison(
-        name=larger.name,
-        against=smaller.name,
-        parameters=len(larger.solution.parameters),
-        rms_px=_rms(larger.solution),
-        sigma_px=larger.solution.sigma_px,
-        drop=drop,
-        chance=float(f_distribution.sf(drop / added, added, spare)),
-        information_gain=2 * len(seen) * float(np.log(squares_smaller / squares))
-        - added * float(np.log(2 * len(seen))),
-        held_out_rms_px=np.nan,
-        held_out_gain=np.nan,
-        supported=False,
-    )
-
-
-def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> Estimate:
-    """The estimate of a model at the minimum over other rows than it chose itself."""
-    if np.array_equal(rows, fitted.solution.inliers):
-        return fitted.solution.estimate
-    return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
-
-
-def _held_out(
-    comparison: ModelComparison, larger: Fitted, smaller: Fitted, observations: Observations
-) -> ModelComparison:
-    """The comparison with what frames held out say, where the likelihood speaks for it; supported where they agree.
-
-    The gain is the mean over frames in standard errors of that mean: frames are independent where corners of one frame
-    may not be. Too few frames to hold any out support nothing.
-    """
-    seen = observations.where(larger.solution.inliers)
-    enough = len(np.unique(seen.frame)) >= FOLDS
-    if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
-        return comparison
-    fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
-    squares = []
-    for fitted in (larger, smaller):
-        try:
-            left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
-        except UndeterminedError:
-            return comparison
-        squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
-    gains = squares[1] - squares[0]
-    error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
-    gain = float(gains.sum()) / error if error > 0.0 else 0.0
-    return replace(
-        comparison,
-        held_out_rms_px=float(np.sqrt(squares[0].sum() / (2 * len(seen)))),
-        held_out_gain=gain,
-        supported=gain > BEYOND_NOISE,
-    )
 
 
 def conclude(
     current: Fitted,
     comparisons: Sequence[ModelComparison],
     observations: Observations,
-    alarms: list[str],
-    notes: list[str],
+    alarms: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> ModelSelection:
-    """The select_model that ends at `current`, with the check by free views and errors that corners share."""
+    """The selection of `current`, with the check by free virtual cameras and the correlation of errors."""
     free = None
     try:
         free = free_views(current.solution, observations, current.model)
@@ -379,20 +217,21 @@ def conclude(
     if (
         free is not None
         and free.chance < SUPPORTED_CHANCE
-        and free.unexplained_px > max(MATERIAL * free.rms_px, NOTHING_PX)
+        and free.unexplained_px > max(MIN_UNEXPLAINED * free.rms_px, NOTHING_PX)
     ):
-        alarms = [
-            *alarms,
+        alarm = (
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "
-            "that free virtual cameras explain",
-        ]
-    shared = correlated_errors(current.solution, observations, current.model).widening
-    if shared > 1.0:
+            "that free virtual cameras explain"
+        )
+        alarms = [*alarms, alarm]
+    widening = correlated_errors(current.solution, observations, current.model).widening
+    if widening > 1.0:
         note = (
-            f"the corners of a frame share errors: all uncertainties are {shared:.1f} times what independent ones give"
+            f"the errors of corners in one frame are correlated: all uncertainties are {widening:.1f} times those of "
+            "independent errors"
         )
         notes = [*notes, note]
-    reached = ModelSelection(
+    selected = ModelSelection(
         current.name, current.model, current.solution, tuple(comparisons), free, tuple(alarms), tuple(notes)
     )
-    return reached.widened_to(shared)
+    return selected.widened_to(widening)

@@ -1,6 +1,6 @@
-"""Before a calibration is believed: corners, views and frames that contradict the others are taken out, or refused.
+"""Screening of observations before a calibration: contradictory corners, views and frames are left out or refused.
 
-The nominal layout is where to start, not what is believed: every test compares the pictures with each other.
+The nominal layout is only the start: every test compares the pictures with each other.
 """
 
 from __future__ import annotations
@@ -12,23 +12,30 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 
-SHEET_TRIED_MM, INDEX_TRIED = 1.0, 1.49
+PLATE_TRIED_MM, INDEX_TRIED = 1.0, 1.49
 
 
 @dataclass(frozen=True)
 class ScreenedFrames:
-    """What may be calibrated from: corners by frame with and without mirrors, and notes on what may not.
+    """Observations that passed the screening.
 
-    The error bounds of a common fit are to be `widened` by this factor; it is 1 where both kinds of frames agree about
-    the camera.
+    Attributes
+    ----------
+    seen, base
+        Corners by frame, with and without mirrors.
+    notes
+        What was left out, one sentence each.
+    widened
+        Factor on the error bounds of a common fit; 1 where both kinds of frames agree about the camera.
     """
 
     seen: list[Observations]
@@ -40,10 +47,28 @@ class ScreenedFrames:
 def screen(
     seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
 ) -> ScreenedFrames:
-    """Take out pictures given twice, corners off the board, and views that show the board elsewhere.
+    """Leave out repeated pictures, corners off the board, and views that show the board elsewhere than the others.
 
-    A list entry per frame with and per frame without mirrors, as it comes back. Raises InputError where so much
-    contradicts itself that none of it can be believed, and UndeterminedError where nothing can be solved.
+    Parameters
+    ----------
+    seen, base
+        Corners by frame, with and without mirrors.
+    layout
+        The nominal layout.
+    corners_in_board_mm
+        The board's corners (c, 3) as drawn.
+
+    Returns
+    -------
+    ScreenedFrames
+        With as many frames as were given.
+
+    Raises
+    ------
+    InputError
+        Where so much is contradictory that nothing can be trusted.
+    UndeterminedError
+        Where nothing can be solved.
     """
     consistency.enough_mirrors(layout)
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
@@ -60,41 +85,41 @@ def screen(
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
     consistency.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
-    free = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
+    mirrored, widened, further = _agreeing(mirrored, direct, names, layout, corners_in_board_mm)
+    return ScreenedFrames(
+        seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
+        base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
+        notes=(*notes, *further),
+        widened=widened,
+    )
+
+
+def _agreeing(
+    mirrored: Observations,
+    direct: Observations,
+    names: Sequence[str],
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+) -> tuple[Observations, float, tuple[str, ...]]:
+    """The mirrored views that agree with each other, the widening by the direct ones, and notes."""
+    free = joint_model(corners_in_board_mm)
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
     start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)
     paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
-    kept, elsewhere = consistency.agreeing_views(
+    kept, notes = consistency.agreeing_views(
         packed, residuals(estimate, packed, free.board), [names[n] for n in numbers]
     )
-    notes += elsewhere
     mirrored = mirrored.where(kept)
-    widened = 1.0
-    if len(direct):
-        still = np.isin(numbers, mirrored.frame)
-        estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
-        ratio = _camera_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
-        if ratio > consistency.DRIFT_WIDENS:
-            # A sheet or a bend that the layout leaves out pulls at the intrinsics, too: they get their chance first.
-            sheets = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, SHEET_TRIED_MM)
-            index = np.maximum(estimate.refractive_index, INDEX_TRIED)
-            for tried, richer in (
-                (replace(estimate, thickness_mm=sheets, refractive_index=index), replace(free, thickness=True)),
-                (estimate, replace(free, curvature=True)),
-            ):
-                other = _camera_disagreement(tried, _packed(mirrored), _packed(direct), layout, richer)
-                ratio = min(ratio, other)
-        notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-        widened = ratio if ratio > consistency.DRIFT_WIDENS else 1.0
-    return ScreenedFrames(
-        seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
-        base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
-        notes=tuple(notes),
-        widened=widened,
-    )
+    if not len(direct):
+        return mirrored, 1.0, notes
+    still = np.isin(numbers, mirrored.frame)
+    estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
+    ratio = _least_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
+    notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
+    return mirrored, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
 
 
 def _packed(observations: Observations) -> Observations:
@@ -103,12 +128,32 @@ def _packed(observations: Observations) -> Observations:
     return Observations(frame, observations.view, observations.corner, observations.pixels)
 
 
+def _least_disagreement(
+    estimate: Estimate, mirrored: Observations, direct: Observations, layout: Layout, free: Model
+) -> float:
+    """The camera disagreement; where it is large, the least of those with plates and with bent mirrors.
+
+    A plate or a bend that the layout leaves out biases the intrinsics, too.
+    """
+    ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
+    if ratio <= consistency.DRIFT_WIDENS:
+        return ratio
+    plates = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, PLATE_TRIED_MM)
+    index = np.maximum(estimate.refractive_index, INDEX_TRIED)
+    for tried, richer in (
+        (replace(estimate, thickness_mm=plates, refractive_index=index), replace(free, thickness=True)),
+        (estimate, replace(free, curvature=True)),
+    ):
+        ratio = min(ratio, _camera_disagreement(tried, mirrored, direct, layout, richer))
+    return ratio
+
+
 def _camera_disagreement(
     with_mirrors: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
 ) -> float:
     """`consistency.camera_disagreement` of fits to frames with mirrors, without, and to both.
 
-    The common fit is to all corners that fit either kind alone: what contradicts it must not go as an outlier.
+    The common fit uses all corners that fit either kind alone, so that no contradiction is dropped as an outlier.
     """
     mirrored, with_mirrors = _cleaned(mirrored, with_mirrors, model)
     start = initial_estimates.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
@@ -124,7 +169,7 @@ def _camera_disagreement(
 
 
 def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
-    """The corners that a robust fit does not find wild, and the least-squares fit to them."""
+    """The inliers of a robust fit, and the least-squares fit to them."""
     if not (observations.view != DIRECT).any():
         model = replace(model, mirrors=False, thickness=False, curvature=False)
     estimate, _ = start_robustly(start, observations, model)

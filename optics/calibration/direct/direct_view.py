@@ -8,23 +8,18 @@ by what stands still in them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.model_selection import (
-    Fitted,
-    ModelComparison,
-    ModelSelection,
-    compare,
-    conclude,
-    first_comparison,
-    fit_as,
-)
+from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison, compare, smallest
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
@@ -46,7 +41,7 @@ def calibrate_with_direct_view(
     *,
     mirrors: int,
     names: Sequence[str],
-    on_picture: Callable[[int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Calibration:
     """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
 
@@ -62,8 +57,7 @@ def calibrate_with_direct_view(
     for number, picture in enumerate(pictures):
         boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
         found.append([board for board in boards if board.direct or board.image])
-        if on_picture is not None:
-            on_picture(number + 1, len(pictures))
+        progress(number + 1, len(pictures))
     if not any(found):
         raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
 
@@ -96,7 +90,7 @@ def select_model_with_free_board(flat: Fitted, observations: Observations) -> tu
     Mirrors behind glass are asked about before and, where they were not supported, once more after the free board: an
     inexact board hides them.
     """
-    comparisons = [first_comparison(flat)]
+    comparisons = [smallest(flat)]
     drawn, comparison = _behind_glass(flat, observations)
     comparisons.append(comparison)
     board = Board.free(flat.model.board.corners_in_board_mm)
@@ -108,14 +102,14 @@ def select_model_with_free_board(flat: Fitted, observations: Observations) -> tu
     )
     comparisons.append(compare(current, drawn, observations))
     if not comparisons[-1].supported:
-        return conclude(drawn, comparisons, observations, [], []), drawn.solution
+        return conclude(drawn, comparisons, observations), drawn.solution
     if not current.model.thickness:
         current, comparison = _behind_glass(current, observations)
         comparisons.append(comparison)
     if current.model.thickness and not drawn.model.thickness:
         as_drawn = replace(current.solution.estimate, shape=np.zeros(0))
         drawn = fit_as("as drawn", as_drawn, observations, replace(current.model, board=flat.model.board))
-    return conclude(current, comparisons, observations, [], []), drawn.solution
+    return conclude(current, comparisons, observations), drawn.solution
 
 
 def _squares(solution: Solution) -> float:

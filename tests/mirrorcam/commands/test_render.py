@@ -155,7 +155,7 @@ def test_a_killed_worker_loses_nothing(request_of_options: SetRequest, finished:
             killed.append(worker.pid)
             worker.kill()
 
-    render_set(request_of_options, tmp_path / "set", run=in_workers(2), on_frame=kill_one)
+    render_set(request_of_options, tmp_path / "set", run=in_workers(2), progress=kill_one)
     assert len(killed) == 1
     assert contents(tmp_path / "set") == contents(finished)
 

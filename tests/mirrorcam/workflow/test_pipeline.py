@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -49,13 +49,13 @@ def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[s
     part = {"seat_error_mm": Metric(value=0.0, unit="mm", limit=0.001)}
 
     def fake(recipe: pipeline.Recipe, root: Path) -> tuple[Stage, ...]:
-        def design(folder: Path, advance: Advance) -> None:
+        def design(folder: Path, progress: Progress) -> None:
             small_layout.save(folder / "layout.json")
 
-        def cad(folder: Path, advance: Advance) -> None:
+        def cad(folder: Path, progress: Progress) -> None:
             write_metrics(folder / "checks.json", part)
 
-        def validation(folder: Path, advance: Advance) -> None:
+        def validation(folder: Path, progress: Progress) -> None:
             write_metrics(folder / "metrics.json", truth)
 
         values = {name: metric.value for name, metric in truth.items()}

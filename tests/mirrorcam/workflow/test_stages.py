@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.console.progress import Advance
+from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.workflow import stages
 from mirrorcam.workflow.stages import MANIFEST, Stage, perform, staleness
@@ -16,7 +16,7 @@ from mirrorcam.workflow.stages import MANIFEST, Stage, perform, staleness
 def copying(root: Path, name: str = "copy", read: str = "source.txt", **parameters: object) -> Stage:
     """A stage that writes what it reads, and its parameters, into two files, one of them in a folder."""
 
-    def work(folder: Path, advance: Advance) -> None:
+    def work(folder: Path, progress: Progress) -> None:
         (folder / "text.txt").write_text((root / read).read_text())
         (folder / "deep").mkdir()
         (folder / "deep" / "parameters.txt").write_text(repr(parameters))
@@ -142,7 +142,7 @@ def test_a_stage_done_again_with_the_same_result_leaves_its_followers_alone(root
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
 def test_interrupted_work_leaves_nothing_behind(root: Path, error: type[BaseException]) -> None:
-    def work(folder: Path, advance: Advance) -> None:
+    def work(folder: Path, progress: Progress) -> None:
         (folder / "half.txt").write_text("half")
         raise error
 
@@ -155,7 +155,7 @@ def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
     stage = copying(root)
     perform(stage, root)
 
-    def work(folder: Path, advance: Advance) -> None:
+    def work(folder: Path, progress: Progress) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -166,7 +166,7 @@ def test_interrupted_work_leaves_the_earlier_result(root: Path) -> None:
 def growing(frames: int) -> Stage:
     """A stage that is interrupted at each new frame until it has them all."""
 
-    def work(folder: Path, advance: Advance) -> None:
+    def work(folder: Path, progress: Progress) -> None:
         found = len(list(folder.glob("*.png")))
         (folder / f"{found:04d}.png").touch()
         if found + 1 < frames:

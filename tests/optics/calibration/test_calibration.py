@@ -262,7 +262,7 @@ def test_a_layout_that_is_wrong_about_its_coating_is_told_so(small_set: Set) -> 
     found = calibrate(small_set.frames, small_set.base, second, BOARD)
     assert found.diagnostics is not None
     assert found.diagnostics.level == "joint+sheet"
-    assert any("look coated in front" in alarm for alarm in found.diagnostics.alarms)
+    assert any("look first-surface" in alarm for alarm in found.diagnostics.alarms)
 
 
 def test_one_frame_of_one_mirror_does_not_determine_a_camera(small_set: Set) -> None:

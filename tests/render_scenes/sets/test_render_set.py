@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
@@ -30,7 +31,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def render(small_layout: Layout, small_board: Charuco) -> Render:
     def call(out: Path, **changes: object) -> Dataset:
-        on_frame = changes.pop("on_frame", None)
+        progress = changes.pop("progress", no_progress)
         request = SetRequest(
             layout=small_layout,
             target=small_board,
@@ -40,7 +41,7 @@ def render(small_layout: Layout, small_board: Charuco) -> Render:
             tolerances=Tolerances(centre_px=2.0),
             settings=RenderSettings(spp=4, sensor=SensorModel()),
         )
-        return render_set(request.replaced(**changes), out, on_frame=on_frame)  # type: ignore[arg-type]
+        return render_set(request.replaced(**changes), out, progress=progress)  # type: ignore[arg-type]
 
     return call
 
@@ -136,7 +137,7 @@ def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_pat
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        render(out, on_frame=interrupt)
+        render(out, progress=interrupt)
     dataset = Dataset.load(out)
     assert not dataset.complete
     assert [name for name in dataset.files if name.startswith("frames")] == ["frames/0000.png", "frames/0001.png"]
@@ -145,7 +146,7 @@ def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_pat
     (out / "frames" / "0001.png").write_bytes(b"half a pict")
     (out / "frames" / ".0002-killed.png").write_bytes(b"left over by a killed run")
     calls: list[tuple[int, int]] = []
-    render(out, on_frame=lambda done, total: calls.append((done, total)))
+    render(out, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(done, FRAMES + BASE) for done in range(1, FRAMES + BASE + 1)]
     assert (out / "frames" / "0000.png").stat().st_mtime_ns == written
     assert contents(out) == contents(finished)
@@ -199,7 +200,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
 def test_a_finished_set_renders_nothing_again(render: Render, finished: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in finished.glob("*/*.png")}
     calls: list[tuple[int, int]] = []
-    render(finished, on_frame=lambda done, total: calls.append((done, total)))
+    render(finished, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(FRAMES + BASE, FRAMES + BASE)]
     assert {path: path.stat().st_mtime_ns for path in finished.glob("*/*.png")} == before
 
@@ -280,19 +281,19 @@ def test_a_video_that_is_interrupted_is_encoded_again_from_the_finished_frames(r
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        render(tmp_path / "set", on_frame=interrupt, **MOVING)
+        render(tmp_path / "set", progress=interrupt, **MOVING)
     before = contents(tmp_path / "set")
     assert not any(name.endswith(".mp4") for name in before)
     assert Dataset.load(tmp_path / "set").missing == ("video.mp4",)
     calls: list[int] = []
-    dataset = render(tmp_path / "set", on_frame=lambda done, total: calls.append(done), **MOVING)
+    dataset = render(tmp_path / "set", progress=lambda done, total: calls.append(done), **MOVING)
     assert calls == [6, 7, 8, 9, 10, 11]
     assert dataset.complete
     assert dataset.files["video.mp4"] == sha256(tmp_path / "set" / "video.mp4")
     render(tmp_path / "at once", **MOVING)
     assert contents(tmp_path / "at once") == contents(tmp_path / "set")
     calls.clear()
-    render(tmp_path / "set", on_frame=lambda done, total: calls.append(done), **MOVING)
+    render(tmp_path / "set", progress=lambda done, total: calls.append(done), **MOVING)
     assert calls == [11]
 
 

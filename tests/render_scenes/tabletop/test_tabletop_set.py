@@ -288,7 +288,7 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(
     (out / "frames/0000.png").write_bytes(b"torn")
     (out / "frames/.0000-left.png").write_bytes(b"over")
     heard: list[tuple[int, int]] = []
-    render_tabletop(asked, out, on_picture=lambda done, total: heard.append((done, total)))
+    render_tabletop(asked, out, progress=lambda done, total: heard.append((done, total)))
     assert contents(out) == contents(finished)
     assert heard == [(done, 10) for done in range(11)]
 

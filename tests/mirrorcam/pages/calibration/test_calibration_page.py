@@ -192,7 +192,7 @@ def test_an_alarm_forbids_the_use(calibration: Calibration) -> None:
 def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibration) -> None:
     diagnostics = calibration.diagnostics
     assert diagnostics is not None
-    for name, advice in (("joint+bend", "Calibrate again as joint+bend"), ("joint+glass", "coated behind")):
+    for name, advice in (("joint+bend", "Calibrate again as joint+bend"), ("joint+glass", "second-surface")):
         comparison = replace(
             diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0
         )

@@ -1,4 +1,4 @@
-"""Corners of mirrors coated behind: the copies that the front of the sheet adds must not move them."""
+"""Corners in second-surface mirrors: the ghost images that the front adds must not move them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection import detect_boards, ghost_images
-from mirrorcam.optics.calibration.detection.board_growing import again
+from mirrorcam.optics.calibration.detection.board_growing import refine_board
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import sub_images
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
@@ -28,13 +28,13 @@ BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
 FRONT = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fill=0.92)
 
 
-def coated_behind(mirror: Mirror) -> Mirror:
+def second_surface(mirror: Mirror) -> Mirror:
     return Mirror.second_surface(
         mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49
     )
 
 
-NOMINAL = FRONT.replaced(mirrors=tuple(coated_behind(mirror) for mirror in FRONT.mirrors), spec=None)
+NOMINAL = FRONT.replaced(mirrors=tuple(second_surface(mirror) for mirror in FRONT.mirrors), spec=None)
 
 
 @pytest.fixture(scope="module")
@@ -81,25 +81,25 @@ def test_the_ghost_of_the_front_moves_no_corner(
     assert sum(map(len, seen)) > 0.7 * sum(map(len, pulled))
 
 
-def test_copies_are_where_the_sheet_puts_them_and_as_strong(frames: tuple[list[Grey], FloatArray]) -> None:
+def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(frames: tuple[list[Grey], FloatArray]) -> None:
     pictures, _ = frames
     factors = []
     for picture in pictures:
         for view, corners in boards_of(sub_images(picture, NOMINAL, BOARD)):
-            copies = ghost_images.ghost_images_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
-            assert copies is not None
-            assert 0.03 < copies.parts.min() < copies.parts.max() < 0.12
+            ghosts = ghost_images.ghost_images_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
+            assert ghosts is not None
+            assert 0.03 < ghosts.strengths.min() < ghosts.strengths.max() < 0.12
             # One before and one behind the picture, across the mirror's own slope, by about the same.
-            before, behind = copies.offsets_px[:, 0], copies.offsets_px[:, 1]
+            before, behind = ghosts.offsets_px[:, 0], ghosts.offsets_px[:, 1]
             assert np.abs(before + behind).max() < 0.1
             assert (before[:, 1] > 2.0).all()
-            seen = again(picture.astype(np.float32), corners, BOARD, copies, fit_strengths=True)
+            seen = refine_board(picture.astype(np.float32), corners, BOARD, ghosts, fit_strengths=True)
             assert seen is not None
-            factors.append(np.median(seen.copies, axis=0))
+            factors.append(np.median(seen.ghost_strengths, axis=0))
     assert np.abs(np.median(factors, axis=0) - 1.0).max() < 0.3
 
 
-def test_a_mirror_coated_in_front_has_no_ghost() -> None:
+def test_a_first_surface_mirror_has_no_ghost_image() -> None:
     corners = Corners(np.arange(12), np.random.default_rng(0).uniform(100.0, 200.0, (12, 2)))
     picture = np.zeros((540, 960), dtype=np.float32)
     assert ghost_images.refine_with_ghost_images(picture, corners, CAMERA, FRONT.mirrors[0], BOARD) is corners

@@ -96,7 +96,7 @@ def test_glass_raises_the_alarm_of_the_splits_too(device: Layout) -> None:
     flat = Scene(device, truth.poses, truth.clean)
     found = gathered(flat, 0)
     assert found.level == "joint"
-    assert found.alarms[0].startswith("the mirrors look like glass coated behind")
+    assert found.alarms[0].startswith("the mirrors look second-surface")
     assert any(alarm.startswith("split") for alarm in found.alarms)
 
 

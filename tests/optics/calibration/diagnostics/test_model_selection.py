@@ -1,4 +1,4 @@
-"""The ladder of models: each cause is named, noise alone is not, and a model that is too small is called so."""
+"""Forward selection: each cause is identified, noise alone is not, and a model that is too small raises an alarm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, additions_of, select_model
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
@@ -23,8 +23,8 @@ from tests.optics.calibration.diagnostics.conftest import (
 )
 
 
-def climbed(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> ModelSelection:
-    """The select_model from a layout that says no more of the mirrors than `nominal` does."""
+def selected(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> ModelSelection:
+    """The model selected from a layout that describes the mirrors as `nominal` does."""
     start = Estimate.of(nominal.camera, nominal.mirrors, scene.poses)
     return select_model(start, scene.noisy(seed), BOARD.corners_in_board_mm, level=level)
 
@@ -36,12 +36,12 @@ def warped(device: Layout) -> Scene:
 
 @pytest.fixture(scope="module")
 def of_warped(warped: Scene, device: Layout) -> ModelSelection:
-    return climbed(warped, device, 0)
+    return selected(warped, device, 0)
 
 
 def check_noise_alone(scene: Scene, nominal: Layout, seeds: range) -> None:
-    found = [climbed(scene, nominal, seed) for seed in seeds]
-    quiet = [select_model for select_model in found if select_model.level == "joint" and not select_model.alarms]
+    found = [selected(scene, nominal, seed) for seed in seeds]
+    quiet = [selection for selection in found if selection.level == "joint" and not selection.alarms]
     assert len(quiet) >= 0.95 * len(found)
 
 
@@ -64,23 +64,23 @@ def test_outliers_are_taken_for_nothing_else(scene: Scene, device: Layout) -> No
     assert (found.level, found.alarms) == ("joint", ())
 
 
-def test_a_warped_board_is_named(of_warped: ModelSelection) -> None:
+def test_a_warped_board_is_identified(of_warped: ModelSelection) -> None:
     assert of_warped.level == "joint+warp"
     assert of_warped.alarms == ()
     np.testing.assert_allclose(of_warped.solution.estimate.shape, [0.2, 0.0], atol=0.02)
 
 
-def test_bent_mirrors_are_named(device: Layout) -> None:
+def test_bent_mirrors_are_identified(device: Layout) -> None:
     truth = bent(device, 0.1)
-    found = climbed(scene_of(truth), device, 0)
+    found = selected(scene_of(truth), device, 0)
     assert found.level == "joint+bend"
     assert found.alarms == ()
     expected = np.array([mirror.curvature_per_m for mirror in truth.mirrors])
     np.testing.assert_allclose(found.solution.estimate.curvature_per_m, expected, atol=2e-3)
 
 
-def test_a_sheet_of_another_thickness_is_named(device: Layout) -> None:
-    found = climbed(scene_of(behind_glass(device, 2.0)), behind_glass(device, 1.7), 0)
+def test_a_plate_of_another_thickness_is_identified(device: Layout) -> None:
+    found = selected(scene_of(behind_glass(device, 2.0)), behind_glass(device, 1.7), 0)
     assert found.level == "joint+sheet"
     assert found.alarms == ()
     place = found.solution.parameters.index("sheet_mm")
@@ -88,39 +88,39 @@ def test_a_sheet_of_another_thickness_is_named(device: Layout) -> None:
     assert abs(found.solution.estimate.thickness_mm[0] - 2.0) < 3 * sigma < 0.2
 
 
-def test_sheets_and_a_warped_board_are_both_named(device: Layout) -> None:
-    found = climbed(scene_of(behind_glass(device, 2.0), warp_mm=0.2), behind_glass(device, 1.7), 0)
+def test_plates_and_a_warped_board_are_both_identified(device: Layout) -> None:
+    found = selected(scene_of(behind_glass(device, 2.0), warp_mm=0.2), behind_glass(device, 1.7), 0)
     assert set(found.level.split("+")) == {"joint", "sheet", "warp"}
 
 
-def test_glass_in_front_of_mirrors_said_to_be_coated_in_front_raises_the_alarm(device: Layout) -> None:
-    found = climbed(scene_of(behind_glass(device, 2.0)), device, 0)
-    assert found.level == "joint", "what the layout says is not overruled, but doubted"
-    assert found.alarms[0].startswith("the mirrors look like glass coated behind, 2.0")
+def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_alarm(device: Layout) -> None:
+    found = selected(scene_of(behind_glass(device, 2.0)), device, 0)
+    assert found.level == "joint", "the layout is not overruled, but doubted"
+    assert found.alarms[0].startswith("the mirrors look second-surface, 2.0")
     assert found.alarms[1].startswith("mirrors as joint describes them leave 0.00")
     assert found.free_views is not None
     assert found.free_views.unexplained_px > 0.004
 
 
 def test_a_level_that_is_asked_for_is_kept_and_the_one_above_recommended(warped: Scene, device: Layout) -> None:
-    found = climbed(warped, device, 0, level="joint")
+    found = selected(warped, device, 0, level="joint")
     assert found.level == "joint"
     assert "the data support a further level, joint+warp" in found.alarms
     assert len(found.solution.parameters) == 9 + 12
 
 
 def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> None:
-    found = climbed(scene_of(bent(device, 0.02)), device, 0, level="joint+bend")
+    found = selected(scene_of(bent(device, 0.02)), device, 0, level="joint+bend")
     assert found.level == "joint+bend"
     assert found.alarms == ()
     assert len(found.solution.parameters) == 9 + 12 + 12
 
 
-def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: ModelSelection) -> None:
-    """What the board's bow puts on the corners of a frame is shared: sigmas must cover it, and it is said."""
-    wrong = climbed(warped, device, 0, level="joint")
+def test_a_wrong_model_is_less_certain(warped: Scene, device: Layout, of_warped: ModelSelection) -> None:
+    """The board's bow correlates the errors of a frame: sigmas must cover it, and a note must report it."""
+    wrong = selected(warped, device, 0, level="joint")
     assert wrong.widened > 1.5
-    assert any("corners of a frame share errors" in note for note in wrong.notes)
+    assert any("corners in one frame are correlated" in note for note in wrong.notes)
     assert of_warped.widened == 1.0
     plain = wrong.solution.covariance / wrong.widened**2
     np.testing.assert_allclose(wrong.widened_to(1.0).solution.covariance, wrong.solution.covariance)
@@ -128,7 +128,7 @@ def test_a_wrong_model_is_less_sure(warped: Scene, device: Layout, of_warped: Mo
 
 
 def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
-    found = climbed(scene, device, 0, level="paper")
+    found = selected(scene, device, 0, level="paper")
     assert found.level == "paper"
     assert found.alarms == (), "the camera it holds is the true one"
     assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
@@ -138,12 +138,12 @@ def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
 
 def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
     camera = device.camera.replaced(fx_px=1.005 * device.camera.fx_px, cx_px=device.camera.cx_px + 3.0)
-    found = climbed(scene, device.replaced(camera=camera), 0, level="paper")
+    found = selected(scene, device.replaced(camera=camera), 0, level="paper")
     assert found.level == "paper"
     assert "the data support a further level, joint" in found.alarms
 
 
-def test_a_camera_that_corners_do_not_tell_is_held_and_it_is_said(scene: Scene, device: Layout) -> None:
+def test_a_camera_that_corners_do_not_determine_is_held_and_noted(scene: Scene, device: Layout) -> None:
     """Thirteen corners: 26 numbers for 12 of the mirrors and 6 of the pose, but not for 9 of a lens as well."""
     seen = scene.noisy(1)
     first = seen.where(seen.frame == 0)
@@ -166,7 +166,7 @@ def test_two_frames_cannot_be_held_out_and_support_no_further_level(warped: Scen
     assert all(np.isnan(comparison.held_out_gain) and not comparison.supported for comparison in found.comparisons[1:])
 
 
-def test_evidence_of_each_rung_adds_up(of_warped: ModelSelection) -> None:
+def test_the_figures_of_each_comparison_follow_from_its_residuals(of_warped: ModelSelection) -> None:
     comparisons = {comparison.name: comparison for comparison in of_warped.comparisons}
     taken, left = comparisons["joint+warp"], comparisons["joint+warp+bend"]
     assert taken.against == "joint"
@@ -186,12 +186,6 @@ def test_evidence_of_each_rung_adds_up(of_warped: ModelSelection) -> None:
     assert not left.supported
 
 
-@pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
-def test_a_level_that_is_none_is_refused(level: str) -> None:
-    with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
-        additions_of(level)
-
-
-def test_a_sheet_is_not_asked_of_mirrors_without_one(scene: Scene, device: Layout) -> None:
+def test_a_plate_thickness_is_not_asked_of_first_surface_mirrors(scene: Scene, device: Layout) -> None:
     with pytest.raises(InputError, match="the layout has no second-surface mirror"):
-        climbed(scene, device, 0, level="joint+sheet")
+        selected(scene, device, 0, level="joint+sheet")

@@ -1,4 +1,4 @@
-"""Degenerate and wrong input: a clear refusal, or error bounds that are true. The truth is known, the corners exact."""
+"""Degenerate and wrong input gives a clear refusal or true error bounds. The truth is known, the corners exact."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics import consistency, plausibility
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
@@ -53,7 +53,7 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *consistency.check_solution(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *plausibility.check_solution(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
@@ -143,18 +143,6 @@ def test_a_wrong_square_size_is_refused_and_the_right_one_named(good: Views, def
     assert any("square_mm" in note for note in notes)
 
 
-def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(default_layout: Layout) -> None:
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        centres = default_layout.virtual_centres_in_rig_mm
-        moved = centres + 4.0 * random.standard_normal(centres.shape)  # mirrors tilted by 1.4 deg and 2 mm off
-        factor, sigma = consistency.common_scale(default_layout, moved)
-        assert abs(factor - 1.0) < 4.0 * sigma
-        consistency.scale_note(default_layout, moved)
-        bare, _ = consistency.common_scale(default_layout, 1.2 * centres)
-        assert bare == pytest.approx(1.2, abs=0.02)
-
-
 def test_swapped_rows_and_columns_are_refused(good: Views, default_layout: Layout) -> None:
     swapped = Charuco(cols=BOARD.rows, rows=BOARD.cols, square_mm=BOARD.square_mm, marker_mm=BOARD.marker_mm)
     with pytest.raises(InputError, match="are rows, columns and markers those of"):
@@ -185,11 +173,11 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
 
 
 def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(default_layout: Layout) -> None:
-    """A sheet or a bend that the layout leaves out pulls at the intrinsics: that is for the diagnostics to tell."""
+    """A plate or a bend that the layout leaves out biases the intrinsics; model selection deals with it."""
     truth = as_built(default_layout, seed=1)
     bent = tuple(mirror.replaced(curvature_per_m=[0.1, 0.05, 0.0]) for mirror in truth.mirrors)
-    coated_behind = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)
-    for mirrors in (bent, coated_behind):
+    second_surface = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)
+    for mirrors in (bent, second_surface):
         views = views_of(truth.replaced(mirrors=mirrors), BOARD, MIRRORED, BASE, seed=1)
         screened = screen(views.seen, views.base, default_layout, CORNERS)
         assert screened.notes == ()
@@ -292,16 +280,3 @@ def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, default_layou
     blank = [Observations.none()] * 3
     with pytest.raises(InputError, match="no corner of the board found in any of 3 frames"):
         screen(blank, good.base, default_layout, CORNERS)
-
-
-def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_not_believed(good: Views, default_layout: Layout) -> None:
-    solution, _ = solved(good.seen, good.base, default_layout)
-    consistency.believable(solution)
-    open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 5 ")]
-    covariance = solution.covariance.copy()
-    covariance[np.ix_(open_rows, open_rows)] += np.diag([10.0, 10.0, 10.0]) ** 2
-    with pytest.raises(InputError, match="leave mirror 5 open by "):
-        consistency.believable(replace(solution, covariance=covariance))
-    fitting = np.arange(len(solution.inliers)) % 5 > 0
-    with pytest.raises(InputError, match="20% of the corners fit neither mirrors nor camera"):
-        consistency.believable(replace(solution, inliers=fitting))

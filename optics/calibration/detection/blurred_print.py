@@ -1,0 +1,76 @@
+"""The print of a target as an image, blurred as a lens blurs it, with its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Checkerboard, Target
+
+Image = NDArray[np.float32]
+
+PX_PER_SQUARE = 40
+BLUR_STEP = 2.0**0.25
+SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
+
+
+def sample(image: Image, at: FloatArray) -> FloatArray:
+    """Values (n, m) of an image at pixels (n, m, 2), bilinear; beyond the border, those of the border."""
+    found = np.empty(at.shape[:-1], dtype=np.float32)
+    x, y = np.ascontiguousarray(np.moveaxis(at, -1, 0), dtype=np.float32)
+    for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
+        part = slice(start, start + 2**14)
+        found[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class BlurredPrint:
+    """A print of values -1 (black) to 1 (white), blurred, and its derivatives per square, as images."""
+
+    value: Image
+    right: Image
+    down: Image
+    laplacian: Image
+
+
+def _ink(target: Target) -> FloatArray:
+    """The black fraction of each pixel (rows * p, cols * p) of a print.
+
+    `target.image` would not do: it rounds markers to whole pixels, and a corner is found to 1/2000 of a square.
+    """
+    ink = 1.0 - Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0).image(PX_PER_SQUARE) / 255.0
+    if isinstance(target, Checkerboard):
+        return ink
+    dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
+    side = PX_PER_SQUARE * target.marker_mm / target.square_mm
+    edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
+    pixels = np.arange(PX_PER_SQUARE)
+    begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
+    covers = np.maximum(end - begin, 0.0)
+    white = ((row, col) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2)
+    for number, (row, col) in enumerate(white):
+        black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
+        square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
+        ink[square] = covers.T @ black @ covers
+    return ink
+
+
+def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
+    """The print of a target with a blur of about `blur_cells`, sigma in cells: the nearest of a geometric series."""
+    return _blurred(target, round(float(np.log(np.clip(blur_cells, SHARPEST, SOFTEST)) / np.log(BLUR_STEP))))
+
+
+@lru_cache(maxsize=24)
+def _blurred(target: Target, step: int) -> BlurredPrint:
+    blur_px = BLUR_STEP**step * PX_PER_SQUARE
+    padded = np.pad(1.0 - 2.0 * _ink(target), PX_PER_SQUARE, constant_values=1.0).astype(np.float32)
+    value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
+    down, right = (np.asarray(d, dtype=np.float32) * PX_PER_SQUARE for d in np.gradient(value))
+    laplacian = np.asarray(cv2.Laplacian(value, cv2.CV_32F, ksize=1), dtype=np.float32) * PX_PER_SQUARE**2
+    return BlurredPrint(value, right, down, laplacian)

@@ -1,0 +1,105 @@
+"""The map from a printed board to a picture: projective, with a smooth cubic correction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.corner_refinement import ExpectedCorners
+from mirrorcam.optics.geometry.targets import Target
+
+MIN_POINTS = 4
+MIN_POINTS_FOR_CUBIC = 24
+OUTLIER_CELLS = 0.12  # between a corner and the map through the others
+
+
+@dataclass(frozen=True)
+class Warp:
+    """The map from a board's points, in squares from its top left, to pixels: projective, plus a smooth cubic.
+
+    The cubic stands for what a lens, a bent board or mirror and a rolling shutter add; with few points it is left out.
+
+    Attributes
+    ----------
+    homography
+        (3, 3), pixels from squares.
+    middle, half
+        Centre (2,) and half extent, in squares, that the cubic's argument is normalised with.
+    cubic
+        Coefficients (10, 2), px.
+    """
+
+    homography: FloatArray
+    middle: FloatArray
+    half: float
+    cubic: FloatArray
+
+    @classmethod
+    def through(cls, places: FloatArray, pixels: FloatArray) -> Warp | None:
+        """The warp of places (n, 2) in squares to pixels (n, 2), some of which may be wrong; None for too few."""
+        if len(places) < MIN_POINTS:
+            return None
+        off_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
+        homography, _ = cv2.findHomography(places, pixels, cv2.RANSAC, off_px, None, 2000, 0.9999)
+        if homography is None:
+            return None
+        middle = places.mean(axis=0)
+        half = max(float(np.abs(places - middle).max()), 1.0)
+        warp = cls(np.asarray(homography), middle, half, np.zeros((10, 2)))
+        return warp if len(places) < MIN_POINTS_FOR_CUBIC else warp._with_cubic(places, pixels, off_px)
+
+    def _with_cubic(self, places: FloatArray, pixels: FloatArray, off_px: float) -> Warp:
+        """The warp with its cubic fitted robustly (Cauchy weights), as some outliers remain."""
+        off = pixels - self.at(places)
+        terms = self._terms(places)
+        weights = 1.0 / (1.0 + (np.linalg.norm(off, axis=1) / off_px) ** 2)
+        ridge = 1e-3 * np.eye(10)
+        cubic = np.zeros((10, 2))
+        for _ in range(3):
+            weighted = terms * weights[:, None]
+            cubic = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ off)
+            rest = np.linalg.norm(off - terms @ cubic, axis=1)
+            scale = max(3.0 * 1.4826 * float(np.median(rest)), 0.02)
+            weights = 1.0 / (1.0 + (rest / scale) ** 2)
+        return replace(self, cubic=cubic)
+
+    def _terms(self, places: FloatArray) -> FloatArray:
+        x, y = ((places - self.middle) / self.half).T
+        return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=1)
+
+    def at(self, places: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of places (n, 2); NaN where they would lie behind the camera."""
+        lifted = np.column_stack([places, np.ones(len(places))]) @ self.homography.T
+        depth = np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan)
+        return lifted[:, :2] / depth + self._terms(places) @ self.cubic
+
+    def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives (n, 2, 2) of pixels by squares (columns: right, down), and half the second ones (n, 2, 3)."""
+        step = 0.25
+        right, down = np.array([step, 0.0]), np.array([0.0, step])
+        here, east, west = self.at(places), self.at(places + right), self.at(places - right)
+        south, north = self.at(places + down), self.at(places - down)
+        mixed = self.at(places + right + down) + self.at(places - right - down)
+        mixed -= self.at(places + right - down) + self.at(places - right + down)
+        cells = np.stack([east - west, south - north], axis=2) / (2.0 * step)
+        bends = np.stack([east + west - 2.0 * here, mixed / 2.0, south + north - 2.0 * here], axis=2)
+        return cells, bends / (2.0 * step**2)
+
+    def expected(self, places: FloatArray, pixels: FloatArray) -> ExpectedCorners:
+        """Corners at places (n, 2), expected at pixels (n, 2), with the warp's derivatives there."""
+        cells, bends = self.shapes(places)
+        return ExpectedCorners(places, pixels, cells, bends)
+
+
+def corner_places(target: Target) -> FloatArray:
+    """The inner corners (n, 2) in squares from the top left of the print, in the order of their ids."""
+    return target.corners_in_board_mm[:, :2] / target.square_mm
+
+
+def typical_cell_px(places: FloatArray, pixels: FloatArray) -> float:
+    """Pixels per square, approximately: the ratio of mean distances from the centroids."""
+    spread = np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean()
+    return float(spread / max(np.linalg.norm(places - places.mean(axis=0), axis=1).mean(), 1e-9))

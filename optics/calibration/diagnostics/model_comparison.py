@@ -1,0 +1,152 @@
+"""Comparison of two nested models: likelihood ratio, information criterion and cross-validation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_residuals
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, minimise
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+
+FOLDS = 3
+SUPPORTED_CHANCE = 1e-3
+MIN_GAIN_SIGMAS = 2.0
+"""Standard errors by which held-out frames must be predicted better."""
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """A fitted model, compared with the model nested in it.
+
+    Attributes
+    ----------
+    name
+        Level of the model, as `joint+bend`.
+    against
+        Level of the nested model; None for the smallest model.
+    parameters
+        Number of free parameters besides the board's poses.
+    rms_px
+        Root mean square residual per axis over the inliers.
+    sigma_px
+        Standard deviation of a residual, which accounts for the number of unknowns.
+    drop
+        Decrease of the sum of squares on the same corners, in units of sigma^2.
+    chance
+        Probability of such a decrease by noise alone (F test of the likelihood ratio).
+    information_gain
+        Decrease of the Bayesian information criterion.
+    held_out_rms_px
+        Root mean square residual of frames that a fit without them predicts.
+    held_out_gain
+        Improvement of that prediction, in standard errors. Both are NaN where they were not computed: the likelihood
+        rejects the model already, or another addition gains more.
+    supported
+        Whether the data support the model over the nested one.
+    """
+
+    name: str
+    against: str | None
+    parameters: int
+    rms_px: float
+    sigma_px: float
+    drop: float
+    chance: float
+    information_gain: float
+    held_out_rms_px: float
+    held_out_gain: float
+    supported: bool
+
+
+def smallest(fitted: Fitted) -> ModelComparison:
+    """The entry of the smallest model, which is compared with none."""
+    solution = fitted.solution
+    return ModelComparison(
+        name=fitted.name,
+        against=None,
+        parameters=len(solution.parameters),
+        rms_px=_rms(solution),
+        sigma_px=solution.sigma_px,
+        drop=np.nan,
+        chance=np.nan,
+        information_gain=np.nan,
+        held_out_rms_px=np.nan,
+        held_out_gain=np.nan,
+        supported=True,
+    )
+
+
+def _rms(solution: Solution) -> float:
+    return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
+
+
+def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
+    """Compare a model with the one nested in it, by likelihood and by cross-validation."""
+    return cross_validated(compare_likelihood(larger, smaller, observations), larger, smaller, observations)
+
+
+def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
+    """Compare two nested models by likelihood, on the inliers of the larger one."""
+    rows = larger.solution.inliers
+    seen = observations.where(rows)
+    # Simulated corners without noise would turn rounding errors into significance.
+    floor = 2 * len(seen) * NOTHING_PX**2
+    squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
+    at_smaller = _at_minimum(smaller, observations, rows)
+    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2)) + floor
+    added = len(larger.solution.parameters) - len(smaller.solution.parameters)
+    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
+    drop = max(squares_smaller - squares, 0.0) / (squares / spare)
+    return replace(
+        smallest(larger),
+        against=smaller.name,
+        drop=drop,
+        chance=float(f_distribution.sf(drop / added, added, spare)),
+        information_gain=2 * len(seen) * float(np.log(squares_smaller / squares))
+        - added * float(np.log(2 * len(seen))),
+        supported=False,
+    )
+
+
+def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> Estimate:
+    """The estimate of a model at the minimum over other rows than its own inliers."""
+    if np.array_equal(rows, fitted.solution.inliers):
+        return fitted.solution.estimate
+    return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
+
+
+def cross_validated(
+    comparison: ModelComparison, larger: Fitted, smaller: Fitted, observations: Observations
+) -> ModelComparison:
+    """Complete a comparison by cross-validation over frames, unless the likelihood rejects the larger model.
+
+    The gain is the mean over frames in standard errors of that mean: frames are independent where corners of one frame
+    may not be. A model is not supported where there are too few frames to hold any out.
+    """
+    seen = observations.where(larger.solution.inliers)
+    enough = len(np.unique(seen.frame)) >= FOLDS
+    if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
+        return comparison
+    fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
+    squares = []
+    for fitted in (larger, smaller):
+        try:
+            left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
+        except UndeterminedError:
+            return comparison
+        squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
+    gains = squares[1] - squares[0]
+    error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
+    gain = float(gains.sum()) / error if error > 0.0 else 0.0
+    return replace(
+        comparison,
+        held_out_rms_px=float(np.sqrt(squares[0].sum() / (2 * len(seen)))),
+        held_out_gain=gain,
+        supported=gain > MIN_GAIN_SIGMAS,
+    )

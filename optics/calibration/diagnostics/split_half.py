@@ -1,0 +1,239 @@
+"""Split-half test: whether halves of the frames, each calibrated alone, agree within their uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.cross_validation import (
+    balanced_folds,
+    frames_of,
+    is_mirrored,
+    near_and_far,
+)
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    NOTHING_PX,
+    derivatives_held_in,
+    grid_px,
+    points_at_pixels,
+    project,
+    uncertainty_of,
+)
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, fit
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names
+from mirrorcam.optics.geometry.layout import Layout
+
+ALARM_RATIO = 2.0
+ALARM_CHANCE = 1e-3
+MIN_HALF = 3
+"""Mirrored frames that a half must have."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """Comparison of two halves of the frames, each calibrated alone.
+
+    Attributes
+    ----------
+    key
+        Name of the split in metrics.
+    how
+        How the frames are split, in words.
+    frames
+        Number of frames in each half.
+    difference_px, predicted_px, chance
+        For each mirror's view (m,), root mean square over its sub-image at the working range: the difference between
+        the halves, that predicted by both covariances, and the probability of a larger one where both are right.
+    relative_difference_px, relative_predicted_px, relative_chance
+        The same for points held in the reference view.
+    overall_ratio, overall_chance
+        Over all parameters: the root mean square difference in standard deviations, 1 on average, and its probability.
+    """
+
+    key: str
+    how: str
+    frames: tuple[int, int]
+    difference_px: FloatArray
+    predicted_px: FloatArray
+    chance: FloatArray
+    relative_difference_px: FloatArray
+    relative_predicted_px: FloatArray
+    relative_chance: FloatArray
+    overall_ratio: float
+    overall_chance: float
+
+    @property
+    def ratio(self) -> FloatArray:
+        """Difference relative to the predicted difference (m,) of each view."""
+        return self.difference_px / self.predicted_px
+
+    @property
+    def relative_ratio(self) -> FloatArray:
+        """The same against the reference view (m,); NaN for that view itself."""
+        predicted = self.relative_predicted_px
+        return np.divide(
+            self.relative_difference_px, predicted, out=np.full(len(predicted), np.nan), where=predicted > 0
+        )
+
+    @property
+    def _worst(self) -> tuple[float, str]:
+        """The largest ratio that is both large and improbable, and what differs; (1, "") where none is."""
+        enough = ALARM_CHANCE / len(self.chance)
+        ratios = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
+        for where, in_views, chances, differences in (
+            ("", self.ratio, self.chance, self.difference_px),
+            (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
+        ):
+            worst = int(np.argmax(np.nan_to_num(in_views)))
+            words = f"mirror {worst} differs by {differences[worst]:.2g} px{where}"
+            ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < enough), words))
+        alarming = [(ratio, words) for ratio, is_unlikely, words in ratios if ratio > ALARM_RATIO and is_unlikely]
+        return max(alarming, default=(1.0, ""))
+
+    @property
+    def alarm(self) -> str | None:
+        """A sentence on what differs by more than `ALARM_RATIO` times the prediction; None where nothing does."""
+        ratio, words = self._worst
+        if not words:
+            return None
+        return f"split {self.how}, {words}: {ratio:.1f} times what the halves' uncertainties predict"
+
+    @property
+    def widening(self) -> float:
+        """Factor by which standard deviations are too small to explain the alarm; 1 without an alarm."""
+        return self._worst[0]
+
+
+def splits(
+    solution: Solution,
+    observations: Observations,
+    model: Model,
+    layout: Layout,
+    *,
+    reference: int,
+    range_mm: float,
+) -> tuple[tuple[Split, ...], tuple[str, ...]]:
+    """Split a calibration's frames into similar halves, and into near and far boards, and compare the halves.
+
+    A wrong model fits near and far boards differently. The predicted difference is that of independent corner errors,
+    whatever the uncertainties of `layout` were widened by: a larger difference is an error of the model even where
+    these allow for it.
+
+    Parameters
+    ----------
+    solution, observations, model
+        The fit of all frames.
+    layout
+        The calibrated layout, with covariance.
+    reference
+        The view that others are measured against: a mirror's index, or DIRECT.
+    range_mm
+        Distance at which views are compared, mm.
+
+    Returns
+    -------
+    splits, notes
+        A split is left out, with a note, where a half has fewer than `MIN_HALF` mirrored frames or determines no
+        camera.
+    """
+    if solution.sigma_px < NOTHING_PX:
+        return (), ("not split: the corners have no noise that halves could differ by",)
+    rows = observations.where(solution.inliers)
+    shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
+    found, notes = [], []
+    for key, how, part in (
+        ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
+        ("near", "into near and far boards", near_and_far(solution.estimate, rows, model.board)),
+    ):
+        mirrored = is_mirrored(rows, len(part))
+        if min(np.sum(mirrored & (part == half)) for half in (0, 1)) < MIN_HALF:
+            notes.append(f"not split {how}: a half would have under {MIN_HALF} mirrored frames")
+            continue
+        try:
+            halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
+        except UndeterminedError as error:
+            notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
+            continue
+        found.append(_compared((key, how), halves, uncertainty_of(layout).parameters, shown))
+    return tuple(found), tuple(notes)
+
+
+def _half(estimate: Estimate, observations: Observations, model: Model, frames: BoolArray) -> Solution:
+    rows, start = frames_of(observations, estimate, frames)
+    return fit(start, rows, model)
+
+
+def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (n, 2, g) of a view's pixels by the parameters: of points held in rig, and in the reference view."""
+    points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
+    shown = project(layout, view, points)
+    return shown.by_parameter, shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
+
+
+def _compared(
+    split: tuple[str, str],
+    halves: Sequence[Solution],
+    names: Sequence[str],
+    shown: Sequence[tuple[FloatArray, FloatArray]],
+) -> Split:
+    a, b = halves
+    places = [a.parameters.index(name) for name in names]
+    difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
+    covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
+    views = [[_quadratic(d, difference, covariance) for d in both] for both in shown]
+    in_rig, against = np.array(views).transpose(1, 2, 0)
+    squared = float(difference @ np.linalg.solve(covariance, difference))
+    return Split(
+        key=split[0],
+        how=split[1],
+        frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
+        difference_px=in_rig[0],
+        predicted_px=in_rig[1],
+        chance=in_rig[2],
+        relative_difference_px=against[0],
+        relative_predicted_px=against[1],
+        relative_chance=against[2],
+        overall_ratio=float(np.sqrt(squared / len(names))),
+        overall_chance=float(chi2.sf(squared, len(names))),
+    )
+
+
+def _quadratic(derivatives: FloatArray, difference: FloatArray, covariance: FloatArray) -> tuple[float, float, float]:
+    """Rms of derivatives (n, 2, g) times a difference (g,), its prediction by the covariance, and its probability.
+
+    The squared rms is a sum of squared normal variables with unequal variances; its distribution is approximated by the
+    scaled chi squared distribution with the same mean and variance (Satterthwaite 1946).
+    """
+    flat = derivatives.reshape(-1, derivatives.shape[-1]) * np.sqrt(2.0 / derivatives[..., 0].size)
+    squared = float(np.sum((flat @ difference) ** 2))
+    weighted = (flat.T @ flat) @ covariance
+    mean, spread = float(np.trace(weighted)), float(np.sum(weighted * weighted.T))
+    if mean <= 1e-18:  # the reference view against itself
+        return 0.0, 0.0, 1.0
+    freedom = mean**2 / spread
+    return float(np.sqrt(squared)), float(np.sqrt(mean)), float(chi2.sf(squared / mean * freedom, freedom))
+
+
+def global_values(estimate: Estimate) -> FloatArray:
+    """The numbers of an estimate in the order of `global_names`, with the plates' mean thickness for its correction."""
+    plates = estimate.thickness_mm[estimate.thickness_mm > 0.0]
+    return np.concatenate(
+        [
+            estimate.camera.intrinsics,
+            estimate.virtual_centres_in_rig_mm.ravel(),
+            estimate.curvature_per_m.ravel(),
+            [plates.mean() if plates.size else 0.0],
+            estimate.shape,
+        ]
+    )
+
+
+def _free_places(solution: Solution, names: Sequence[str]) -> list[int]:
+    every = global_names(len(solution.estimate.virtual_centres_in_rig_mm), solution.estimate.shape.size)
+    return [every.index(name) for name in names]

@@ -1,0 +1,105 @@
+"""Contradictions between observed corners: each kind is found, and noise alone is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.calibration.diagnostics.conftest import BOARD, Scene
+
+CORNERS = BOARD.corners_in_board_mm
+
+
+def in_frame(scene: Scene, frame: int) -> Observations:
+    return scene.clean.where(scene.clean.frame == frame).shifted(-frame)
+
+
+def test_corners_of_a_flat_board_fit_a_homography_but_for_those_moved(scene: Scene, device: Layout) -> None:
+    seen = scene.noisy(0)
+    assert not consistency.odd_corners(seen, device.camera, CORNERS).any()
+    rows = np.array([3, 50, 200])
+    pixels = seen.pixels.copy()
+    pixels[rows] += 40.0
+    odd = consistency.odd_corners(Observations(seen.frame, seen.view, seen.corner, pixels), device.camera, CORNERS)
+    np.testing.assert_array_equal(np.flatnonzero(odd), rows)
+
+
+def test_a_view_with_few_corners_is_odd_as_a_whole(scene: Scene, device: Layout) -> None:
+    view = in_frame(scene, 0)
+    few = view.where(np.arange(len(view)) < 5)
+    assert consistency.odd_corners(few, device.camera, CORNERS).all()
+    assert consistency.odd_corners(Observations.none(), device.camera, CORNERS).shape == (0,)
+
+
+def test_some_odd_corners_are_noted_many_refused(scene: Scene) -> None:
+    view = in_frame(scene, 0)
+    odd = np.zeros(len(view), dtype=bool)
+    assert consistency.board_fits(view, odd, ["a.png"]) == ()
+    odd[0] = True
+    (note,) = consistency.board_fits(view, odd, ["a.png"])
+    assert note.startswith(f"a.png, mirror {view.view[0]}: 1 of ")
+    with pytest.raises(InputError, match="100% of the corners lie where no flat board"):
+        consistency.board_fits(view, ~np.zeros(len(view), dtype=bool), ["a.png"])
+
+
+def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
+    a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.none()
+    assert consistency.repeats([a, none, b, a, none, a]) == {3: 0, 5: 0}
+
+
+def test_views_that_agree_are_kept(scene: Scene) -> None:
+    seen = scene.noisy(0)
+    kept, notes = consistency.agreeing_views(seen, seen.pixels - scene.clean.pixels, [""] * 15)
+    assert kept.all()
+    assert notes == ()
+
+
+def test_a_view_elsewhere_is_left_out_by_name(scene: Scene) -> None:
+    seen = scene.clean
+    away = (seen.frame == 2) & (seen.view == 1)
+    left = np.where(away[:, None], 100.0, 0.0) * np.ones((len(seen), 2))
+    kept, notes = consistency.agreeing_views(seen, left, [f"{n}.png" for n in range(15)])
+    np.testing.assert_array_equal(kept, ~away)
+    assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 1"]
+    with pytest.raises(InputError, match="mirror 1 shows the board elsewhere"):
+        often = (seen.frame < 7) & (seen.view == 1)
+        consistency.agreeing_views(seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15)
+
+
+def fitted(columns: FloatArray, values: FloatArray) -> FloatArray:
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+
+
+def test_the_disagreement_is_one_where_two_fits_estimate_the_same(device: Layout) -> None:
+    """Linear regressions with as many shared coefficients as a camera has: the squares are F, with mean near 1."""
+    random = np.random.default_rng(1)
+    squares = []
+    for _ in range(200):
+        parts = [random.normal(size=(200, 9)) for _ in range(2)]
+        noise = [random.normal(size=200) for _ in range(2)]
+        apart = [fitted(columns, values) for columns, values in zip(parts, noise, strict=True)]
+        together = fitted(np.concatenate(parts), np.concatenate(noise))
+        squares.append(
+            consistency.camera_disagreement([r.reshape(-1, 2) for r in apart], together.reshape(-1, 2), unknowns=18)
+            ** 2
+        )
+    assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 9 / 200))
+
+
+def test_drift_is_noted_then_refused() -> None:
+    assert consistency.drift_note(consistency.DRIFT_NOTED, (1400.0, 1401.0)) == ()
+    (note,) = consistency.drift_note(4.0, (1400.0, 1405.0))
+    assert "disagree about the camera by 4.0 sigmas" in note
+    with pytest.raises(InputError, match=r"focal length of 1400\.0 px, frames without 1500\.0 px"):
+        consistency.drift_note(30.0, (1400.0, 1500.0))
+
+
+def test_two_mirrors_are_too_few(default_layout: Layout) -> None:
+    consistency.enough_mirrors(default_layout)
+    pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
+    with pytest.raises(InputError, match="2 mirrors without a direct view"):
+        consistency.enough_mirrors(pair)

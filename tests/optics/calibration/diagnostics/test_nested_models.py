@@ -1,0 +1,85 @@
+"""The nested models: names of levels, what each addition frees, and plates that look like plane mirrors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.diagnostics.nested_models import (
+    PLATE_MM,
+    additions_of,
+    as_second_surface,
+    fit_as,
+    fit_with,
+    joint_model,
+    paper_model,
+    plate_thickness,
+)
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, residuals
+from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, Scene
+
+CORNERS = BOARD.corners_in_board_mm
+
+
+@pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
+def test_a_level_that_is_none_is_refused(level: str) -> None:
+    with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
+        additions_of(level)
+
+
+def test_a_level_names_its_additions() -> None:
+    assert additions_of("paper") == additions_of("joint") == ()
+    assert additions_of("joint+warp+sheet") == ("warp", "sheet")
+
+
+def test_every_model_is_nested_in_the_next() -> None:
+    levels = [(), ("sheet",), ("sheet", "bend"), ("sheet", "bend", "warp")]
+    names = [
+        set(paper_model(CORNERS).parameters(4)),
+        *(set(joint_model(CORNERS, level).parameters(4)) for level in levels),
+    ]
+    assert [len(some) for some in names] == [12, 12 + 9, 12 + 9 + 1, 12 + 9 + 1 + 12, 12 + 9 + 1 + 12 + 2]
+    assert all(smaller < larger for smaller, larger in pairwise(names))
+
+
+def test_the_stand_in_for_plates_has_the_same_free_parameters_as_plates() -> None:
+    stand_in, plates = joint_model(CORNERS, ("glass",)), joint_model(CORNERS, ("sheet",))
+    assert stand_in.parameters(4) == plates.parameters(4)
+
+
+def test_plates_look_alike_along_the_chief_rays(scene: Scene) -> None:
+    """Corners near the middle of each mirror stay where they are to a part of what a plate moves the others by."""
+    start = scene.start
+    middles = start.middles_in_rig_mm
+    rows = Observations.join([Observations.of_view(0, m, np.array([m]), np.zeros((1, 2))) for m in range(4)])
+    # Points far out along the reflected chief rays: seen through the middle of each outline.
+    units = start.virtual_centres_in_rig_mm / np.linalg.norm(start.virtual_centres_in_rig_mm, axis=1, keepdims=True)
+    reflected = middles - 2.0 * np.sum(middles * units, axis=1, keepdims=True) * units
+    points = Board.rigid(middles + 5.0 * reflected)
+    pose = replace(start, rig_from_board=np.eye(4)[None])
+    plates = as_second_surface(pose)
+    assert (plates.thickness_mm == PLATE_MM).all()
+    np.testing.assert_allclose(residuals(plates, rows, points), residuals(pose, rows, points), atol=0.05)
+    unmoved = replace(plates, virtual_centres_in_rig_mm=start.virtual_centres_in_rig_mm)
+    moved = np.linalg.norm(residuals(unmoved, rows, points) - residuals(pose, rows, points), axis=1)
+    assert (moved > 1.0).all()
+
+
+def test_a_plate_cannot_vary_where_the_layout_has_none(scene: Scene, solution: Solution) -> None:
+    joint = fit_as("joint", solution.estimate, scene.noisy(0), JOINT)
+    with pytest.raises(InputError, match="no second-surface mirror"):
+        fit_with("sheet", joint, scene.noisy(0))
+
+
+def test_plates_of_first_surface_mirrors_come_out_thin(scene: Scene, solution: Solution) -> None:
+    joint = fit_as("joint", solution.estimate, scene.noisy(0), JOINT)
+    plates = fit_with("glass", joint, scene.noisy(0))
+    assert plates.name == "joint+glass"
+    thickness, sigma = plate_thickness(plates)
+    assert abs(thickness) < 4.0 * sigma
