@@ -34,7 +34,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import disturbed, large_scene, small_scene, start_from
-from tests.optics.calibration.solver.test_at_the_limit import converges, over_bound, run_trials
+from tests.optics.calibration.solver.trials import converges, over_bound, run_trials
 
 ROUNDS = 5
 TRIALS = 1000

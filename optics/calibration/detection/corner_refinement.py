@@ -211,7 +211,8 @@ class _Fit:
         scaled = (inverse @ (weighted.transpose(0, 2, 1) @ seen[:, :, None]))[:, :, 0]
         rest = seen - (columns @ scaled[:, :, None])[:, :, 0]
         # Noise by the median, so that a part that is covered does not hide itself.
-        return cls(seen, rest, scaled / scale, inverse, scale, 1.4826 * np.median(np.abs(rest), axis=1))
+        noise = np.asarray(1.4826 * np.median(np.abs(rest), axis=1), dtype=np.float64)
+        return cls(seen, rest, scaled / scale, inverse, scale, noise)
 
     @property
     def contrast(self) -> FloatArray:

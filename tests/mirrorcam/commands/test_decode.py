@@ -26,7 +26,7 @@ from mirrorcam.optics.light_field.io.npz import load_npz, read_light_field
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
 from mirrorcam.workflow.frame_checks import layout_identity_of
 from mirrorcam.workflow.stream_recording import spans
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import cut, damage, pictures, write_h264, write_mjpeg
 
 ROOT = Path(__file__).parents[3]

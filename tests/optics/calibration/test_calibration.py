@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
 
 # The renderer of these tests errs by a thousandth of a pixel, which less noise than this would bring to light.

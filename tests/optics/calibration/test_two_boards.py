@@ -9,7 +9,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.optics.calibration.test_calibration import BOARD, CAMERA, draw, mirrored_pose
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import render
 
 

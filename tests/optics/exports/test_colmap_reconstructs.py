@@ -16,7 +16,7 @@ from mirrorcam.optics.exports import write_exports
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
 
 

@@ -25,7 +25,7 @@ from mirrorcam.pages.calibration.verdict import Verdict, check_solution, empty_r
 from mirrorcam.pages.calibration.view_statistics import board_normals, cell_means, view_figures
 from tests.mirrorcam.pages.test_run_report import outline
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
 NOISE_PX = 0.05

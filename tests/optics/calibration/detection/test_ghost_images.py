@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 CAMERA = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
 BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)

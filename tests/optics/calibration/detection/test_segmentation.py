@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 PINHOLE = Camera(width_px=1920, height_px=1080, fx_px=1360.0, fy_px=1360.0, cx_px=959.5, cy_px=539.5)
 CAMERA = PINHOLE.replaced(distortion=[0.05, -0.1, 0.0, 0.0, 0.0])

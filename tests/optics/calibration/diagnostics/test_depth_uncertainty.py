@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import reflect
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 FOCAL_PX = 8000.0
 RANGES_MM = np.array([200.0, 350.0, 600.0, 1000.0])

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.optics.calibration.synthetic_corners import direct_corners, direct_poses, mirrored_corners, mirrored_poses
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 SIGMA_PX = 0.05
 LENS = (0.05, -0.12, 4e-4, -6e-4, 0.01)

@@ -23,7 +23,7 @@ from mirrorcam.optics.light_field.io.npz import read_light_field, save_npz
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import record
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import damage, pictures, write_h264, write_mjpeg
 
 COUNT = 20
