@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
-from mirrorcam.optics.calibration.direct.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
@@ -17,7 +18,6 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     angle_between_mirrors,
     mirror_sigmas,
 )
-from mirrorcam.optics.calibration.direct.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.initial_estimates import behind, virtual_centre_between
 from mirrorcam.optics.calibration.solver.observations import DIRECT

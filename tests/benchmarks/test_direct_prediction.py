@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.direct.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
@@ -56,7 +56,7 @@ def test_the_light_of_two_mirrors_meets_the_corners(thickness_mm: float, path: t
     assert np.linalg.norm(off, axis=1).max() < 1e-6
 
 
-def test_without_sheets_it_is_two_reflections() -> None:
+def test_without_plates_it_is_two_reflections() -> None:
     estimate = estimate_of(0.0)
     a, b = estimate.virtual_centres_in_rig_mm
     points = transform(estimate.rig_from_board[1], CORNERS)

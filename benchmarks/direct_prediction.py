@@ -1,4 +1,4 @@
-"""What pictures that a calibration has not seen should show in the mirrors, from the direct view in them alone."""
+"""Predictions of mirrored corners in pictures that a calibration has not seen, from their direct views alone."""
 
 from __future__ import annotations
 
@@ -21,11 +21,23 @@ PATH_STEPS = 20
 def predicted_mirrored(
     start: Estimate, observations: Observations, model: Model, fold: IntArray
 ) -> tuple[FloatArray, list[Estimate]]:
-    """Residuals (n, 2) of mirrored corners to which no plane, camera or board was fitted; NaN for direct ones.
+    """Predict the mirrored corners of each frame by a fit to the other folds and the frame's direct view.
 
-    Frames of each fold (f,) in turn are left out of a fit of `model`; the board's pose in each is that which its direct
-    view alone tells under that fit's camera and board. Also returns, for each frame, that camera and pose with the
-    fit's mirrors. Frames without a direct view stay NaN.
+    Parameters
+    ----------
+    start, observations
+        The estimate to start from, and all corners (n).
+    model
+        What the fits leave free.
+    fold
+        Fold (f,) of each frame.
+
+    Returns
+    -------
+    residuals
+        Predicted minus observed pixels (n, 2); NaN for direct corners and in frames without a direct view.
+    estimates
+        For each frame, the camera and mirrors of the fit without it, and the pose from its direct view.
     """
     errors = np.full((len(observations), 2), np.nan)
     estimates: list[Estimate] = [start] * len(start.rig_from_board)
@@ -55,8 +67,8 @@ def predicted_mirrored(
 def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[int, int]) -> FloatArray:
     """Pixels (c, 2) of the board's corners seen in mirror path[0], in which mirror path[1] shows them.
 
-    Each sheet is, for a ray of one incidence, a plain mirror raised by t (1 - tan' / tan); rays and incidences are
-    found together by fixed-point steps. Whether the outlines let that light pass is not asked.
+    Each plate is, for a ray of one incidence, a first-surface mirror raised by t (1 - tan' / tan); rays and incidences
+    are found together by fixed-point iteration. Whether the outlines let that light pass is not considered.
     """
     points = transform(estimate.rig_from_board[frame], board.shaped(estimate.shape))
     image = points
