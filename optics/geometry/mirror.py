@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
 from mirrorcam.optics.base.values import FloatArray, Points3, Value, Vector3
-from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images, plane_axes
+from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
+from mirrorcam.optics.geometry.mirror_imaging import images
 from mirrorcam.optics.geometry.mirror_solid import MirrorSolid
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 from mirrorcam.optics.geometry.transforms import rigid
@@ -211,14 +212,14 @@ class Mirror(Value):
         """
         if not self.is_second_surface and not self.curvature_per_m.any():
             return self.reflect(points_in_rig)
-        surfaces = Surfaces(
-            centre=self.virtual_centre_in_rig_mm[:, None],
-            middle=self.outline_in_rig_mm.mean(axis=0)[:, None],
-            thickness=np.array([self.front_mm]),
-            index=np.array([self.refractive_index]),
-            curvature=self.curvature_per_m[:, None],
+        mirrors = MirrorArrays(
+            centre_mm=self.virtual_centre_in_rig_mm[:, None],
+            middle_mm=self.outline_in_rig_mm.mean(axis=0)[:, None],
+            thickness_mm=np.array([self.front_mm]),
+            refractive_index=np.array([self.refractive_index]),
+            curvature_per_m=self.curvature_per_m[:, None],
         )
-        return images(points_in_rig.reshape(-1, 3).T, surfaces).image.T.reshape(points_in_rig.shape)
+        return images(points_in_rig.reshape(-1, 3).T, mirrors).image_mm.T.reshape(points_in_rig.shape)
 
     def sag_mm(self, points_in_rig: FloatArray) -> FloatArray:
         """How far (...) the reflecting surface stands before the plane at points (..., 3) of the plane."""

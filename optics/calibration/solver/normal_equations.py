@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Estimate, Linearized, linearized, surfaces_of
+from mirrorcam.optics.calibration.solver.residuals import Estimate, Linearized, linearized, mirrors_of_views
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.mirror_imaging import images
 
@@ -189,14 +189,14 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the sheet, the modes.
     """
     turned, in_rig = _in_rig(estimate, chunk, corners)
-    surfaces = None if chunk.direct else surfaces_of(estimate, chunk.view)
-    at = linearized(estimate.camera, turned, in_rig, surfaces, bent=model.curvature)
+    mirrors = None if chunk.direct else mirrors_of_views(estimate, chunk.view)
+    at = linearized(estimate.camera, turned, in_rig, mirrors, bent=model.curvature)
     parts = [at.turn, at.corner, (at.pixels - chunk.pixels)[:, None]]
     parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
-    if surfaces is not None:
+    if mirrors is not None:
         parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
     if model.thickness:
-        sheet = np.zeros_like(at.pixels) if surfaces is None else np.where(surfaces.thickness > 0, at.thickness, 0.0)
+        sheet = np.zeros_like(at.pixels) if mirrors is None else np.where(mirrors.thickness_mm > 0, at.thickness, 0.0)
         parts.append(sheet[:, None])
     if len(model.board.modes):
         parts.append(_by_modes(at, estimate, chunk, model.board.modes[:, chunk.corner]))
@@ -234,6 +234,6 @@ def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArr
     for chunk in grouped.chunks:
         _, seen = _in_rig(estimate, chunk, corners)
         if not chunk.direct:
-            seen = images(seen, surfaces_of(estimate, chunk.view)).image
+            seen = images(seen, mirrors_of_views(estimate, chunk.view)).image_mm
         found[:, chunk.rows] = estimate.camera.project(seen.T).T - chunk.pixels
     return found

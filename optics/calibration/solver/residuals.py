@@ -1,7 +1,7 @@
 """Reprojection residuals of corners seen directly or by way of one mirror, and their exact derivatives.
 
 A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k) + t_f in rig in frame f. Seen
-directly it projects from X; by way of a mirror from its image (`optics.image`).
+directly it projects from X; by way of a mirror from its image (`optics.geometry.mirror_imaging`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_imaging import Derivatives, Surfaces, images
+from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays
+from mirrorcam.optics.geometry.mirror_imaging import images
 
 N_INTRINSICS = 9
 
@@ -157,19 +158,19 @@ def points_at_camera(
     in_rig = turned + poses[:, :3, 3]
     seen = in_rig.copy()
     mirrored = observations.view != DIRECT
-    surfaces = surfaces_of(estimate, observations.view[mirrored])
-    seen[mirrored] = images(in_rig[mirrored].T, surfaces).image.T
+    mirrors = mirrors_of_views(estimate, observations.view[mirrored])
+    seen[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
     return turned, in_rig, seen
 
 
-def surfaces_of(estimate: Estimate, view: IntArray) -> Surfaces:
+def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
     """The mirrors of views (n,)."""
-    return Surfaces(
-        centre=estimate.virtual_centres_in_rig_mm.T[:, view],
-        middle=estimate.middles_in_rig_mm.T[:, view],
-        thickness=estimate.thickness_mm[view],
-        index=estimate.refractive_index[view],
-        curvature=estimate.curvature_per_m.T[:, view],
+    return MirrorArrays(
+        centre_mm=estimate.virtual_centres_in_rig_mm.T[:, view],
+        middle_mm=estimate.middles_in_rig_mm.T[:, view],
+        thickness_mm=estimate.thickness_mm[view],
+        refractive_index=estimate.refractive_index[view],
+        curvature_per_m=estimate.curvature_per_m.T[:, view],
     )
 
 
@@ -197,16 +198,16 @@ class Linearized:
 
 
 def linearized(
-    camera: Camera, turned: FloatArray, in_rig: FloatArray, surfaces: Surfaces | None, *, bent: bool
+    camera: Camera, turned: FloatArray, in_rig: FloatArray, mirrors: MirrorArrays | None, *, bent: bool
 ) -> Linearized:
     """Corners (3, n) seen by way of mirrors, or directly where there are none (None).
 
     `turned` are the corners about their board's origin, in rig axes. `bent`: also by curvature.
     """
-    found = None if surfaces is None else images(in_rig, surfaces, bent=bent)
-    pixels, by_seen, by_intrinsics = camera.project_with_jacobians((in_rig if found is None else found.image).T)
+    found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
+    pixels, by_seen, by_intrinsics = camera.project_with_jacobians((in_rig if found is None else found.image_mm).T)
     rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
-    change = Derivatives(rows, none, none, none) if found is None else found.pulled_back(rows)
+    change = ImageDerivatives(rows, none, none, none) if found is None else found.vjp(rows)
     x, y, z = change.point[:, 0], change.point[:, 1], change.point[:, 2]
     # J (w x p) = w . (p x J)
     turn = np.stack(
@@ -231,16 +232,16 @@ def residuals_with_jacobians(
     The globals are those of `global_names`. All at once and mostly zeros: the solver sums the same blocks by groups.
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
-    mirrors = len(estimate.virtual_centres_in_rig_mm)
-    sheet = N_INTRINSICS + 6 * mirrors
+    count = len(estimate.virtual_centres_in_rig_mm)
+    sheet = N_INTRINSICS + 6 * count
     r = np.empty((len(observations), 2))
     by_global = np.zeros((len(observations), 2, sheet + 1 + estimate.shape.size))
     by_twist = np.empty((len(observations), 2, 6))
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
         view = observations.view[rows]
-        surfaces = None if is_direct else surfaces_of(estimate, view)
-        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, surfaces, bent=True)
+        mirrors = None if is_direct else mirrors_of_views(estimate, view)
+        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True)
         r[rows] = at.pixels.T - observations.pixels[rows]
         by_global[rows, :, :N_INTRINSICS] = at.intrinsics.transpose(2, 0, 1)
         by_twist[rows] = np.concatenate([at.turn, at.corner], axis=1).transpose(2, 0, 1)
@@ -248,9 +249,9 @@ def residuals_with_jacobians(
         by_global[rows, :, sheet + 1 :] = np.einsum(
             "nij,knj->nik", by_corner, board.modes[:, observations.corner[rows]]
         )
-        if surfaces is not None:
+        if mirrors is not None:
             for k in range(3):
                 by_global[rows, :, N_INTRINSICS + 3 * view + k] = at.centre[:, k].T
-                by_global[rows, :, N_INTRINSICS + 3 * (mirrors + view) + k] = at.curvature[:, k].T
-            by_global[rows, :, sheet] = np.where(surfaces.thickness > 0.0, at.thickness, 0.0).T
+                by_global[rows, :, N_INTRINSICS + 3 * (count + view) + k] = at.curvature[:, k].T
+            by_global[rows, :, sheet] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
     return r, by_global, by_twist

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror, cut
-from mirrorcam.optics.geometry.mirror_imaging import Surfaces, images
+from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays
+from mirrorcam.optics.geometry.mirror_imaging import images
 from mirrorcam.optics.geometry.transforms import transform
 
 SQUARE = np.array([[-0.18, -0.15], [0.12, -0.15], [0.12, 0.15], [-0.18, 0.15]])
@@ -208,31 +209,31 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
     centre = np.array([[9.0], [-80.0], [84.0]]) + random.normal(0, 6.0, (3, 7))
     at = {
         "point": points,
-        "centre": centre,
-        "middle": centre / 2 + random.normal(0, 5.0, (3, 7)),
-        "thickness": np.full(7, thickness),
-        "index": np.full(7, 1.49),
-        "curvature": bend * random.normal(size=(3, 7)),
+        "centre_mm": centre,
+        "middle_mm": centre / 2 + random.normal(0, 5.0, (3, 7)),
+        "thickness_mm": np.full(7, thickness),
+        "refractive_index": np.full(7, 1.49),
+        "curvature_per_m": bend * random.normal(size=(3, 7)),
     }
     rows = random.normal(size=(2, 3, 7))
 
     def value(changed: dict[str, FloatArray]) -> FloatArray:
-        surfaces = Surfaces(**{name: array for name, array in changed.items() if name != "point"})
-        return np.einsum("akn,kn->an", rows, images(changed["point"], surfaces, bent=bent).image)
+        mirrors = MirrorArrays(**{name: array for name, array in changed.items() if name != "point"})
+        return np.einsum("akn,kn->an", rows, images(changed["point"], mirrors, bent=bent).image_mm)
 
     def difference(name: str, direction: FloatArray, h: float = 1e-4) -> FloatArray:
         ahead, back = (value(at | {name: at[name] + sign * h * direction}) for sign in (1, -1))
         return (ahead - back) / (2 * h)
 
-    surfaces = Surfaces(**{name: array for name, array in at.items() if name != "point"})
-    found = images(points, surfaces, bent=bent).pulled_back(rows)
-    checked: dict[str, Callable[[], FloatArray]] = {"point": lambda: found.point, "centre": lambda: found.centre}
+    mirrors = MirrorArrays(**{name: array for name, array in at.items() if name != "point"})
+    found = images(points, mirrors, bent=bent).vjp(rows)
+    checked: dict[str, Callable[[], FloatArray]] = {"point": lambda: found.point, "centre_mm": lambda: found.centre}
     if bent:
-        checked["curvature"] = lambda: found.curvature
+        checked["curvature_per_m"] = lambda: found.curvature
     for name, of in checked.items():
         for axis in range(3):
             expected = difference(name, np.eye(3)[:, axis : axis + 1] * np.ones(7))
             assert_allclose(of()[:, axis], expected, atol=1e-7 * np.abs(expected).max(), err_msg=f"{name} {axis}")
     if thickness:
-        expected = difference("thickness", np.ones(7))
+        expected = difference("thickness_mm", np.ones(7))
         assert_allclose(found.thickness, expected, atol=1e-7 * np.abs(expected).max())
