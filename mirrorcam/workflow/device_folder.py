@@ -1,0 +1,52 @@
+"""The folder of a device: every part of a layout, its files, documents and checks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+from mirrorcam.console.progress import Advance
+from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.folders import merged
+from mirrorcam.workflow.workers import cores
+
+LISTING = ".files.txt"
+
+
+def read_hardware(
+    table: Path | None = None, *, camera: str | None = None, fasteners: Literal["insert", "nut"] | None = None
+) -> Hardware:
+    """The table of dimensions of a TOML file, else the default one, with another camera or other fasteners.
+
+    `camera` is the name of a known camera or a TOML file. Raises InputError for a file that is none.
+    """
+    hardware = HARDWARE if table is None else read_model(Hardware, table)
+    if camera:
+        hardware = hardware.replaced(camera=read_camera(camera))
+    if fasteners:
+        hardware = hardware.replaced(screw=hardware.screw.replaced(kind=fasteners))
+    return hardware
+
+
+def write_device(
+    layout: Layout,
+    folder: Path,
+    hardware: Hardware = HARDWARE,
+    *,
+    workers: int | None = None,
+    advance: Advance = lambda done, total: None,
+) -> dict[str, Metric]:
+    """Build and check every part of a layout's device in a folder; returns the checks by name.
+
+    What an earlier call has written there and still holds is taken over, and its other files go. `workers` are
+    processes that share the work, one for each core without a number. It needs the extra `cad`.
+    """
+    from mirrorcam.cad.build import build_parts
+
+    with merged(folder, listing=LISTING) as unfinished:
+        return build_parts(
+            layout, unfinished, hardware, previous=folder, workers=workers or cores(), advance=advance
+        )

@@ -1,0 +1,158 @@
+"""What is measured in light fields as files: depth, features and epipolar-plane images, each with a figure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.console.progress import Advance
+from mirrorcam.figures.depth_figure import draw_depth
+from mirrorcam.figures.epi_figure import draw_epi
+from mirrorcam.figures.features_figure import draw_features
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth.depth_files import save_depth
+from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder
+from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
+from mirrorcam.optics.light_field.io.formats.pfm import write_pfm
+from mirrorcam.optics.light_field.render.epipolar_images import Axis, Epi, epi
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs
+
+SURE = 0.5
+"""Confidence above which a depth counts as known."""
+
+
+def ignore(done: int, total: int) -> None:
+    """Hear of progress, and do nothing."""
+
+
+@dataclass(frozen=True)
+class DepthSummary:
+    """Of one light field: the share of its pixels whose depth is sure, and the median of these (NaN without any)."""
+
+    name: str
+    sure: float
+    median_mm: float
+
+
+def write_depths(
+    inputs: LightFieldInputs,
+    folder: Path,
+    *,
+    near_mm: float | None = None,
+    far_mm: float | None = None,
+    advance: Advance = ignore,
+) -> list[DepthSummary]:
+    """Measure depth in light fields, between the depths given or those that their files state.
+
+    Writes NAME_depth.npz, .pfm and .png into a folder.
+    """
+    estimator: DepthEstimator | None = None
+    summaries = []
+    for each in inputs.each(advance):
+        if estimator is None or not estimator.fits(each.light_field):
+            near, far = each.depths_to_search(near_mm, far_mm)
+            estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
+        depth = estimator.estimate(each.light_field)
+        save_depth(folder / f"{each.name}_depth.npz", depth)
+        write_pfm(folder / f"{each.name}_depth.pfm", depth.depth_mm)
+        draw_depth(folder / f"{each.name}_depth.png", each.light_field, depth)
+        sure = depth.valid & (depth.confidence > SURE)
+        median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
+        summaries.append(DepthSummary(each.name, float(sure.mean()), median))
+    return summaries
+
+
+@dataclass(frozen=True)
+class FeaturesSummary:
+    """Of one light field: how many features it has, how many are refracted, and the median sigma of their depth."""
+
+    name: str
+    count: int
+    refracted: int
+    median_sigma_mm: float
+
+
+@dataclass(frozen=True)
+class FeatureSearch:
+    """How features are searched for: `FeatureFinder` says what each number means."""
+
+    detector: DetectorName = "SIFT"
+    keypoints: int = 600
+    max_distance_px: float = 0.5
+    min_views: int | None = None
+    near_mm: float | None = None
+    far_mm: float | None = None
+    two_slope_sigma: float = 4.0
+
+
+def write_features(
+    inputs: LightFieldInputs, folder: Path, search: FeatureSearch, advance: Advance = ignore
+) -> list[FeaturesSummary]:
+    """Find features in light fields, up to infinity where neither the search nor a file states a depth.
+
+    Writes NAME_features.npz, .csv and .png into a folder.
+    """
+    finder: FeatureFinder | None = None
+    depth_range_mm: tuple[float, float] | None = None
+    summaries = []
+    for each in inputs.each(advance):
+        if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
+            depth_range_mm = each.depth_range_mm
+            near, far = each.depths_to_search(search.near_mm, search.far_mm)
+            finder = FeatureFinder(
+                each.light_field,
+                search.detector,
+                keypoints=search.keypoints,
+                max_distance_px=search.max_distance_px,
+                min_views=search.min_views,
+                nearest_mm=near,
+                farthest_mm=np.inf if far is None else far,
+                two_slope_sigma=search.two_slope_sigma,
+            )
+        found = finder.find(each.light_field)
+        save_npz(folder / f"{each.name}_features.npz", found)
+        save_csv(folder / f"{each.name}_features.csv", found)
+        draw_features(folder / f"{each.name}_features.png", each.light_field, found)
+        sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
+        summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
+    return summaries
+
+
+def write_epipolar_images(
+    inputs: LightFieldInputs,
+    folder: Path,
+    *,
+    axis: Axis = "s",
+    line: int | None = None,
+    depth_mm: float | None = None,
+    advance: Advance = ignore,
+) -> None:
+    """Cut epipolar-plane images out of light fields, at a line of the central view or in its middle.
+
+    What lies at `depth_mm` (the reference depth without it) stands upright. Writes NAME_epi.npz and .png into a folder.
+    """
+    for each in inputs.each(advance):
+        light_field = each.light_field
+        lines = light_field.height_px if axis == "s" else light_field.width_px
+        found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
+        _save_epi(folder / f"{each.name}_epi.npz", found, light_field.layout_identity)
+        reference = light_field.reference_depth_mm
+        depths_mm = each.depth_range_mm or (0.75 * reference, 2.0 * reference)
+        draw_epi(folder / f"{each.name}_epi.png", light_field, found, depths_mm)
+
+
+def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:
+    with atomic(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            samples=found.samples,
+            weights=found.weights,
+            positions_mm=found.positions_mm,
+            axis=np.array(found.axis),
+            line=np.array(found.line),
+            plane_depth_mm=np.array(found.plane_depth_mm),
+            layout_identity=np.array(layout_identity),
+        )

@@ -1,0 +1,152 @@
+"""Pictures of light fields as files: focused, sharp everywhere, from between the views, and loops of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.console.progress import Advance
+from mirrorcam.optics.base.files import atomic, write_image
+from mirrorcam.optics.light_field.io.animation import write_loop
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, Picture, aperture, refocus, to_bytes
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
+
+ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
+SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
+# Ends of a sweep without depths, in reference depths.
+NEAR, FAR = 0.75, 2.0
+SHOWN_GREY = 0.01
+"""Share of a picture that no view shows, above which it is worth a remark."""
+
+LoopFormat = Literal["gif", "mp4"]
+
+
+@dataclass(frozen=True)
+class RefocusRequest:
+    """Which pictures of each light field are made.
+
+    Parameters
+    ----------
+    depths_mm
+        Depths from the pupil to focus on, a picture each; without any, and nothing else asked for, the reference depth.
+    tilt_deg
+        Turn of the focal plane about its middle: its right, its lower side moves away.
+    combine
+        How views become one picture; "weighted" counts those far from the central view less.
+    scale
+        Pixels of the picture along one of a view.
+    all_in_focus
+        Make a picture with everything sharp, too.
+    from_mm
+        Place (right, down) from the central view, from which a sharp picture is made, too.
+    behind_mm
+        Leave out of all pictures what lies nearer than this depth.
+    orbit, sweep
+        Format of a loop around the views, and of one of the focus from near to far and back.
+    near_mm, far_mm
+        Depths between which depth is measured and focus swept; without them, those that a file states.
+    """
+
+    depths_mm: tuple[float, ...] = ()
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    combine: Literal["mean", "median", "weighted"] = "mean"
+    scale: int = 1
+    all_in_focus: bool = False
+    from_mm: tuple[float, float] | None = None
+    behind_mm: float | None = None
+    orbit: LoopFormat | None = None
+    sweep: LoopFormat | None = None
+    near_mm: float | None = None
+    far_mm: float | None = None
+
+    @property
+    def needs_depths(self) -> bool:
+        """Whether depth must be measured for the pictures."""
+        return self.all_in_focus or self.from_mm is not None or self.behind_mm is not None or self.orbit is not None
+
+
+@dataclass(frozen=True)
+class GreyPicture:
+    """A picture that is partly grey: its name, and the share of it that no view shows."""
+
+    name: str
+    hidden: float
+
+
+def write_refocused(
+    inputs: LightFieldInputs, folder: Path, request: RefocusRequest, advance: Advance = lambda done, total: None
+) -> list[GreyPicture]:
+    """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey."""
+    return [grey for each in inputs.each(advance) for grey in _write(each, folder, request)]
+
+
+def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list[GreyPicture]:
+    light_field, name = each.light_field, each.name
+    near, far = each.depths_to_search(request.near_mm, request.far_mm)
+    depths = ViewDepths.measured(light_field, near_mm=near, far_mm=far) if request.needs_depths else None
+    if depths is not None and request.behind_mm is not None:
+        light_field = without_nearer(light_field, depths, request.behind_mm)
+    grey = []
+    for title, picture in stills(light_field, depths, request):
+        _save_picture(folder / f"{name}_{title}.npz", picture, light_field.layout_identity)
+        write_image(folder / f"{name}_{title}.png", to_bytes(picture))
+        hidden = float(1.0 - picture.valid.mean())
+        if hidden > SHOWN_GREY:
+            grey.append(GreyPicture(f"{name}_{title}", hidden))
+    if depths is not None and request.orbit is not None:
+        places = list(orbit(light_field, ORBIT_PICTURES))
+        pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
+        write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
+    if request.sweep is not None:
+        pictures = _focal_sweep(light_field, request, near, far)
+        write_loop(folder / f"{name}_sweep.{request.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
+    return grey
+
+
+def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> Picture:
+    """The picture in focus at a depth."""
+    return refocus(
+        light_field,
+        FocalPlane.at_depth(light_field, depth_mm, request.tilt_deg),
+        combine="median" if request.combine == "median" else "mean",
+        view_weights=aperture(light_field) if request.combine == "weighted" else None,
+        scale=request.scale,
+    )
+
+
+def stills(
+    light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
+) -> Iterator[tuple[str, Picture]]:
+    """The pictures of a request, each with what its name ends in."""
+    others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
+    for depth_mm in request.depths_mm or (() if others else (light_field.reference_depth_mm,)):
+        yield f"focus_{depth_mm:g}mm", focused(light_field, request, depth_mm)
+    if depths is not None and request.all_in_focus:
+        yield "all_in_focus", all_in_focus(light_field, depths)
+    if depths is not None and request.from_mm is not None:
+        yield "from", seen_from(light_field, depths, np.array([*request.from_mm, 0.0]))
+
+
+def _focal_sweep(
+    light_field: LightField, request: RefocusRequest, near_mm: float | None, far_mm: float | None
+) -> list[NDArray[np.uint8]]:
+    """Pictures focused from near to far, in even steps of 1 / depth."""
+    reference = light_field.reference_depth_mm
+    ends = 1.0 / (near_mm or NEAR * reference), 1.0 / (far_mm or FAR * reference)
+    sharp = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]
+    return [to_bytes(focused(light_field, request, depth_mm)) for depth_mm in sharp]
+
+
+def _save_picture(path: Path, picture: Picture, layout_identity: str) -> None:
+    with atomic(path) as temporary:
+        np.savez_compressed(
+            temporary, image=picture.image, weights=picture.weights, layout_identity=np.array(layout_identity)
+        )

@@ -1,0 +1,46 @@
+"""A sweep as files: the table of its designs and the figure of what they trade."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.console.progress import Advance
+from mirrorcam.figures.sweep_figure import pareto
+from mirrorcam.optics.design.spec_grid import Outcome
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.design_sweep import Runner, sweep, table_of, write_table
+
+TableFormat = Literal["csv", "parquet", "json"]
+
+
+@dataclass(frozen=True)
+class SweepFiles:
+    """What became of the specs of a sweep, in their order, and the files of them all."""
+
+    outcomes: tuple[Outcome, ...]
+    files: tuple[Path, ...]
+
+
+def write_sweep(
+    specs: Sequence[DesignSpec],
+    folder: Path,
+    run: Runner,
+    *,
+    table: TableFormat = "csv",
+    advance: Advance = lambda done, total: None,
+) -> SweepFiles:
+    """Design specs into a folder, which an interrupted sweep goes on with; then write sweep.csv and pareto.png.
+
+    There is no figure where no spec could be solved.
+    """
+    outcomes = sweep(specs, folder, run, advance)
+    path, figure = folder / f"sweep.{table}", folder / "pareto.png"
+    write_table(path, table_of(outcomes))
+    if not any(outcome.status == "solved" for outcome in outcomes):
+        figure.unlink(missing_ok=True)  # of an earlier sweep
+        return SweepFiles(tuple(outcomes), (path,))
+    pareto(outcomes, figure)
+    return SweepFiles(tuple(outcomes), (path, figure))
