@@ -14,12 +14,12 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mirrorcam.commands.render import in_workers
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.pipeline import scaled
+from mirrorcam.workflow.rendering import in_workers
 from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"

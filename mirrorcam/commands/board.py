@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.console.progress import say
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import Value
 
 
 class BoardOptions(Value):
@@ -26,18 +26,11 @@ class BoardOptions(Value):
 
 
 def run(options: BoardOptions) -> int:
-    """Write the sheet."""
-    from mirrorcam.figures.board_print import FORMATS, page_for, write_board
-    from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
+    """Write the page."""
+    from mirrorcam.workflow.board_files import print_board
 
-    if options.out.suffix not in FORMATS:
-        raise InputError(f"--out {options.out}: expected a name that ends in {' or '.join(FORMATS)}")
-    target = default_board() if options.board is None else load_board(options.board)
-    page = page_for(target, options.page.lower())
-    numbers = options.out.with_suffix(".toml") if options.board is None else options.board
-    write_board(target, options.out, page, numbers.name)
-    if options.board is None:
-        save_board(numbers, target)
-    say("board", f"{options.out} written, {page[0]:g} x {page[1]:g} mm; print it at 100 % and measure its ruler")
-    say("board", f"{numbers} holds its numbers")
+    printed = print_board(options.out, options.board, options.page)
+    width, height = printed.page_mm
+    say("board", f"{options.out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
+    say("board", f"{printed.numbers} holds its numbers")
     return 0

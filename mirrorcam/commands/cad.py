@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 from pydantic import Field
@@ -11,14 +11,9 @@ from pydantic import Field
 from mirrorcam.console.progress import count_text, long_work, print_metrics, say
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.folders import merged
 
-if TYPE_CHECKING:
-    from mirrorcam.cad.plan.hardware import Hardware
-
-LISTING = ".files.txt"
-# Of all checks those of the whole are printed, and every one that fails.
 SHOWN = ("device.", "mirrors.")
+"""How the names of the checks begin that are printed beside those that fail."""
 
 
 class CadOptions(Value):
@@ -44,39 +39,17 @@ class CadOptions(Value):
     )
 
 
-def hardware_of(options: CadOptions) -> Hardware:
-    """The table of dimensions that the options name; raises InputError for a file that is none."""
-    from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
-    from mirrorcam.optics.base.files import read_model
-
-    hardware = read_model(Hardware, options.hardware) if options.hardware else HARDWARE
-    if options.camera:
-        hardware = hardware.replaced(camera=read_camera(options.camera))
-    if options.fasteners:
-        hardware = hardware.replaced(screw=hardware.screw.replaced(kind=options.fasteners))
-    return hardware
-
-
 def run(options: CadOptions) -> int:
     """Build the parts and print their checks."""
     from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.workflow.device_folder import read_hardware, write_device
 
     layout = Layout.load(options.layout)
-    hardware = hardware_of(options)
+    hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners)
     require("cad")
-    from mirrorcam.cad.build import build_parts
-    from mirrorcam.workflow.workers import cores
-
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
-    with long_work("cad", doing, "steps") as advance, merged(options.out, listing=LISTING) as folder:
-        checks = build_parts(
-            layout,
-            folder,
-            hardware,
-            previous=options.out,
-            workers=options.workers or cores(),
-            progress=advance,
-        )
+    with long_work("cad", doing, "steps") as advance:
+        checks = write_device(layout, options.out, hardware, workers=options.workers, progress=advance)
     failed = {name for name, check in checks.items() if not check.passed}
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
     limited = sum(check.limit is not None for check in checks.values())

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.console.progress import count_text, long_work, say
-
-if TYPE_CHECKING:
-    pass
+from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.console.progress import long_work, say
 
 
 class DepthOptions(LightFieldsOptions):
@@ -35,41 +32,15 @@ class DepthOptions(LightFieldsOptions):
 
 def run(options: DepthOptions) -> int:
     """Measure and write depths."""
-    import numpy as np
+    from mirrorcam.workflow.light_field_results import write_depths
 
-    from mirrorcam.figures.depth_figure import draw_depth
-    from mirrorcam.optics.base.files import atomic
-    from mirrorcam.optics.light_field.depth import DepthEstimator
-    from mirrorcam.optics.light_field.io.formats.pfm import write_pfm
-
-    names = distinct_names(options.light_fields, "depth map")
-    estimator: DepthEstimator | None = None
-    summary: list[str] = []
-    with long_work("depth", count_text(len(names), "light field"), "files") as advance:
-        for done, path in enumerate(options.light_fields, start=1):
-            for name, light_field, known in opened(path, options.layout):
-                if estimator is None or not estimator.fits(light_field):
-                    near, far = known or (None, None)
-                    near = near if options.near_mm is None else options.near_mm
-                    far = far if options.far_mm is None else options.far_mm
-                    estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
-                depth = estimator.estimate(light_field)
-                with atomic(options.out / f"{name}_depth.npz") as temporary:
-                    np.savez_compressed(
-                        temporary,
-                        depth_mm=depth.depth_mm,
-                        sigma_mm=depth.sigma_mm,
-                        confidence=depth.confidence,
-                        view=np.array(depth.view),
-                        layout_identity=np.array(depth.views.layout_identity),
-                    )
-                write_pfm(options.out / f"{name}_depth.pfm", depth.depth_mm)
-                draw_depth(options.out / f"{name}_depth.png", light_field, depth)
-                sure = depth.valid & (depth.confidence > 0.5)
-                middle = f"median {np.median(depth.depth_mm[sure]):.0f} mm" if sure.any() else "nothing sure"
-                summary.append(f"{name}: {sure.mean():.0%} of the pixels with confidence above 0.5, {middle}")
-            advance(done, len(names))
-    for line in summary[:20]:
-        say("depth", line)
+    inputs = options.inputs()
+    with long_work("depth", options.counted, "files") as advance:
+        found = write_depths(inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, progress=advance)
+    lines = []
+    for each in found:
+        middle = f"median {each.median_mm:.0f} mm" if each.sure else "nothing sure"
+        lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5, {middle}")
+    say_some("depth", lines)
     say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {options.out}")
     return 0

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.console.progress import count_text, long_work, say
-
-if TYPE_CHECKING:
-    from mirrorcam.optics.light_field.features import FeatureFinder
+from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.console.progress import long_work, say
 
 
 class FeaturesOptions(LightFieldsOptions):
@@ -50,41 +47,24 @@ class FeaturesOptions(LightFieldsOptions):
 
 def run(options: FeaturesOptions) -> int:
     """Find and write features."""
-    import numpy as np
+    from mirrorcam.workflow.light_field_results import FeatureSearch, write_features
 
-    from mirrorcam.figures.features_figure import draw_features
-    from mirrorcam.optics.light_field.features import FeatureFinder
-    from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
-
-    names = distinct_names(options.light_fields, "features")
-    finder: FeatureFinder | None = None
-    depths_mm: tuple[float, float] | None = None
-    summary: list[str] = []
-    with long_work("features", count_text(len(names), "light field"), "files") as advance:
-        for done, path in enumerate(options.light_fields, start=1):
-            for name, light_field, known in opened(path, options.layout):
-                if finder is None or known != depths_mm or not finder.fits(light_field):
-                    depths_mm = known
-                    near, far = known or (None, np.inf)
-                    finder = FeatureFinder(
-                        light_field,
-                        options.detector,
-                        keypoints=options.keypoints,
-                        max_distance_px=options.max_distance_px,
-                        min_views=options.min_views,
-                        nearest_mm=near if options.near_mm is None else options.near_mm,
-                        farthest_mm=far if options.far_mm is None else options.far_mm,
-                        two_slope_sigma=options.two_slope_sigma,
-                    )
-                found = finder.find(light_field)
-                save_npz(options.out / f"{name}_features.npz", found)
-                save_csv(options.out / f"{name}_features.csv", found)
-                draw_features(options.out / f"{name}_features.png", light_field, found)
-                flagged = int(found.refracted.sum())
-                sigma = f", median sigma {np.median(found.depth_sigma_mm):.2f} mm" if len(found) else ""
-                summary.append(f"{name}: {len(found)} features, {flagged} of them with two slopes{sigma}")
-            advance(done, len(names))
-    for line in summary[:20]:
-        say("features", line)
+    search = FeatureSearch(
+        detector=options.detector,
+        keypoints=options.keypoints,
+        max_distance_px=options.max_distance_px,
+        min_views=options.min_views,
+        near_mm=options.near_mm,
+        far_mm=options.far_mm,
+        two_slope_sigma=options.two_slope_sigma,
+    )
+    inputs = options.inputs()
+    with long_work("features", options.counted, "files") as advance:
+        found = write_features(inputs, options.out, search, advance)
+    lines = []
+    for each in found:
+        sigma = f", median sigma {each.median_sigma_mm:.2f} mm" if each.count else ""
+        lines.append(f"{each.name}: {each.count} features, {each.refracted} of them with two slopes{sigma}")
+    say_some("features", lines)
     say("features", f"pictures, tables (.csv) and arrays (.npz) written to {options.out}")
     return 0

@@ -11,8 +11,6 @@ from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
 
-QUALITY = 85  # of a JPEG
-
 
 class PictureOptions(Value):
     """Render the device that `mirrorcam cad` made of a layout, from the front and from the side, in 1920 x 1080 pixels.
@@ -28,17 +26,16 @@ class PictureOptions(Value):
 
 def run(options: PictureOptions) -> int:
     """Render and write the picture."""
-    from mirrorcam.optics.base.files import PICTURE_ENDINGS, encoded_image, is_picture, write_bytes
+    from mirrorcam.optics.base.files import PICTURE_ENDINGS, is_picture
     from mirrorcam.optics.geometry.layout import Layout
 
     if not is_picture(options.out):
         raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(PICTURE_ENDINGS)}")
     layout = Layout.load(options.layout)
     require("render")
-    from mirrorcam.render_scenes.reference.product_picture import product_picture
+    from mirrorcam.workflow.rendering import write_product_picture
 
     say("picture", f"{options.spp} samples a pixel ...")
-    picture = product_picture(layout, options.parts, spp=options.spp)
-    write_bytes(options.out, encoded_image(picture, options.out.suffix.lower(), QUALITY))
+    write_product_picture(layout, options.parts, options.out, spp=options.spp)
     say("picture", f"{options.out} written")
     return 0

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, distinct_names, opened
-from mirrorcam.console.progress import count_text, long_work, say
-
-if TYPE_CHECKING:
-    from mirrorcam.optics.light_field.light_field import LightField
-    from mirrorcam.optics.light_field.render.refocusing import Picture
-    from mirrorcam.optics.light_field.render.view_depths import ViewDepths
-
-ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
-SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
-NEAR, FAR = 0.75, 2.0
+from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.console.progress import long_work, say
 
 
 class RefocusOptions(LightFieldsOptions):
@@ -73,87 +63,27 @@ class RefocusOptions(LightFieldsOptions):
                 raise ValueError(f"focus at {depth:g} mm twice, expected different depths")
         return self
 
-    @property
-    def needs_depths(self) -> bool:
-        """Whether how deep things are must be measured."""
-        return self.all_in_focus or self.from_mm is not None or self.behind_mm is not None or self.orbit is not None
-
-
-def focused(light_field: LightField, options: RefocusOptions, depth_mm: float) -> Picture:
-    """The picture in focus at a depth, as the options want it."""
-    from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, refocus
-
-    return refocus(
-        light_field,
-        FocalPlane.at_depth(light_field, depth_mm, options.tilt_deg),
-        combine="median" if options.combine == "median" else "mean",
-        view_weights=aperture(light_field) if options.combine == "weighted" else None,
-        scale=options.scale,
-    )
-
-
-def stills(
-    light_field: LightField, depths: ViewDepths | None, options: RefocusOptions
-) -> Iterator[tuple[str, Picture]]:
-    """The pictures that are asked for, each with what its name ends in."""
-    import numpy as np
-
-    from mirrorcam.optics.light_field.render.perspective import all_in_focus, seen_from
-
-    others = options.all_in_focus or options.from_mm or options.orbit or options.sweep
-    for depth_mm in options.depth_mm or (() if others else (light_field.reference_depth_mm,)):
-        yield f"focus_{depth_mm:g}mm", focused(light_field, options, depth_mm)
-    if depths is not None and options.all_in_focus:
-        yield "all_in_focus", all_in_focus(light_field, depths)
-    if depths is not None and options.from_mm is not None:
-        yield "from", seen_from(light_field, depths, np.array([*options.from_mm, 0.0]))
-
 
 def run(options: RefocusOptions) -> int:
     """Focus and write pictures."""
-    import numpy as np
+    from mirrorcam.workflow.refocusing_files import RefocusRequest, write_refocused
 
-    from mirrorcam.optics.base.files import atomic, write_image
-    from mirrorcam.optics.light_field.io.animation import write_loop
-    from mirrorcam.optics.light_field.render.perspective import orbit, seen_from
-    from mirrorcam.optics.light_field.render.refocusing import to_bytes
-    from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
-
-    names = distinct_names(options.light_fields, "pictures")
-    unseen: list[str] = []
-    with long_work("refocus", count_text(len(names), "light field"), "files") as advance:
-        for done, path in enumerate(options.light_fields, start=1):
-            for name, light_field, known in opened(path, options.layout):
-                near, far = known or (None, None)
-                near = near if options.near_mm is None else options.near_mm
-                far = far if options.far_mm is None else options.far_mm
-                depths = ViewDepths.measured(light_field, near_mm=near, far_mm=far) if options.needs_depths else None
-                if depths is not None and options.behind_mm is not None:
-                    light_field = without_nearer(light_field, depths, options.behind_mm)
-                for title, picture in stills(light_field, depths, options):
-                    with atomic(options.out / f"{name}_{title}.npz") as temporary:
-                        np.savez_compressed(
-                            temporary,
-                            image=picture.image,
-                            weights=picture.weights,
-                            layout_identity=np.array(light_field.layout_identity),
-                        )
-                    write_image(options.out / f"{name}_{title}.png", to_bytes(picture))
-                    hidden = 1.0 - picture.valid.mean()
-                    if hidden > 0.01:
-                        unseen.append(f"{name}_{title}: no view shows {hidden:.0%} of it (grey)")
-                if depths is not None and options.orbit is not None:
-                    places = list(orbit(light_field, ORBIT_PICTURES))
-                    pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
-                    write_loop(options.out / f"{name}_orbit.{options.orbit}", pictures, ORBIT_HZ)
-                if options.sweep is not None:
-                    reference = light_field.reference_depth_mm
-                    ends = 1.0 / (near or NEAR * reference), 1.0 / (far or FAR * reference)
-                    sharp = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]
-                    pictures = [to_bytes(focused(light_field, options, depth_mm)) for depth_mm in sharp]
-                    write_loop(options.out / f"{name}_sweep.{options.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
-            advance(done, len(names))
-    for line in unseen[:20]:
-        say("refocus", line)
+    request = RefocusRequest(
+        depths_mm=options.depth_mm,
+        tilt_deg=options.tilt_deg,
+        combine=options.combine,
+        scale=options.scale,
+        all_in_focus=options.all_in_focus,
+        from_mm=options.from_mm,
+        behind_mm=options.behind_mm,
+        orbit=options.orbit,
+        sweep=options.sweep,
+        near_mm=options.near_mm,
+        far_mm=options.far_mm,
+    )
+    inputs = options.inputs()
+    with long_work("refocus", options.counted, "files") as advance:
+        grey = write_refocused(inputs, options.out, request, advance)
+    say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in grey])
     say("refocus", f"pictures and arrays (.npz) written to {options.out}")
     return 0

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
-import numpy as np
 import tyro
 from pydantic import Field, ValidationError, model_validator
 
+from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import count_text, long_work, say
-from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
-from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.render_scenes.settings import (
-    SENSORS,
     RendererName,
     RenderSettings,
     SensorModel,
@@ -26,55 +22,6 @@ from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
     from mirrorcam.render_scenes.sets.dataset import Dataset
-    from mirrorcam.render_scenes.sets.render_set import Run
-    from mirrorcam.workflow.workers import Died
-
-
-class PosesFile(Value):
-    """Where the board is: rig_from_board (n, 4, 4) in mm, and how many of them a motion passes in a second."""
-
-    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
-    poses_hz: float = Field(default=1.0, gt=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not len(self.poses):
-            raise ValueError("no pose, expected one or more")
-        for number, pose in enumerate(self.poses):
-            turn = pose[:3, :3]
-            if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
-                raise ValueError(f"pose {number} turns by a matrix that is no rotation")
-            if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
-                raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
-        return self
-
-
-def tolerances_from_text(text: str) -> Tolerances:
-    """Tolerances of a text like tilt_deg=0.3,offset_mm=0.3, the others as usual; of "none", of a perfect copy."""
-    if text == "none":
-        return Tolerances.none()
-    parts = [part.partition("=") for part in text.split(",") if part]
-    names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
-    for name, _, _ in parts:
-        if name not in names:
-            raise InputError(f"--as-built {name}: no such tolerance, expected {', '.join(names)}")
-    try:
-        return Tolerances().replaced(**{name: value for name, _, value in parts})
-    except ValidationError as error:
-        found = error.errors(include_url=False)[0]
-        raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
-
-
-def sensor_from_text(text: str) -> SensorModel:
-    """A preset by its name, or a TOML file of a `SensorModel`."""
-    from mirrorcam.optics.base.files import read_model
-
-    presets = {str(name): model for name, model in SENSORS.items()}
-    if text in presets:
-        return presets[text]
-    if not text.endswith(".toml"):
-        raise InputError(f"--sensor {text!r}: expected {', '.join(presets)} or a .toml file")
-    return read_model(SensorModel, Path(text))
 
 
 def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFinish) -> RenderSettings:
@@ -162,6 +109,7 @@ def run(options: RenderOptions) -> int:
     from mirrorcam.optics.base.files import read_model
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.optics.geometry.targets import default_board, load_board
+    from mirrorcam.workflow.poses_file import PosesFile
 
     assert options.layout is not None
     layout = Layout.load(options.layout)
@@ -173,6 +121,7 @@ def run(options: RenderOptions) -> int:
     require("render")
     from mirrorcam.render_scenes.sets.dataset import MANIFEST
     from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+    from mirrorcam.workflow.rendering import in_workers, on_cluster
     from mirrorcam.workflow.workers import cores
 
     request = SetRequest(
@@ -220,45 +169,14 @@ def reach_text(dataset: Dataset) -> str:
 
 def verify(folder: Path) -> int:
     """Compare every file of a set with its checksum; 1 where one is missing or altered."""
-    from mirrorcam.render_scenes.sets.dataset import Dataset
+    from mirrorcam.workflow.set_check import check_set
 
-    dataset = Dataset.load(folder)
-    wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
-    for name in wrong:
-        say("verify", f"{folder / name} is {'altered' if (folder / name).exists() else 'missing'}")
-    missing = dataset.missing
-    if missing:
-        say("verify", f"{count_text(len(missing), 'file')} not rendered yet, {missing[0]} first")
-    if not wrong and not missing:
-        say("verify", f"{count_text(len(dataset.files), 'file')} as rendered")
-    return 1 if wrong or missing else 0
-
-
-def in_workers(workers: int) -> Run:
-    """Who renders frames: so many processes of this machine, each on one core."""
-    from mirrorcam.render_scenes.sets.frame_task import render_frame_on_one_core
-    from mirrorcam.workflow.workers import run_local
-
-    return partial(_living, partial(run_local, workers=workers, work=render_frame_on_one_core))
-
-
-def on_cluster(address: str) -> Run:
-    """Who renders frames: the workers of a Dask scheduler."""
-    from mirrorcam.render_scenes.sets.frame_task import render_frame_in_turn
-    from mirrorcam.workflow.cluster import run_cluster
-
-    return partial(_living, partial(run_cluster, address=address, work=render_frame_in_turn))
-
-
-def _living(
-    run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
-) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """The frames that are done; raises InputError for one that ended all of its workers."""
-    from mirrorcam.workflow.workers import Died
-
-    for number, got in run(tasks):
-        if isinstance(got, Died):
-            from mirrorcam.render_scenes.sets.frame_task import FrameTask
-
-            raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {got.reason}")
-        yield number, got
+    found = check_set(folder)
+    for state, names in (("altered", found.altered), ("missing", found.lost)):
+        for name in names:
+            say("verify", f"{folder / name} is {state}")
+    if found.unfinished:
+        say("verify", f"{count_text(len(found.unfinished), 'file')} not rendered yet, {found.unfinished[0]} first")
+    if found.passed:
+        say("verify", f"{count_text(found.files, 'file')} as rendered")
+    return 0 if found.passed else 1

@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.render import sensor_from_text, tolerances_from_text
+from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
     from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
-
-
-OVERVIEW = "truth/overview.jpg"
 
 
 class SceneOptions(Value):
@@ -66,14 +63,13 @@ def mesh_from_text(text: str) -> NamedMesh:
 
 def run(options: SceneOptions) -> int:
     """Render the scene."""
-    from mirrorcam.optics.base.files import write_image
     from mirrorcam.optics.geometry.layout import Layout
 
     layout = Layout.load(options.layout)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
-    from mirrorcam.figures.tabletop_figure import overview
-    from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, TabletopRequest, render_tabletop
+    from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, TabletopRequest
+    from mirrorcam.workflow.rendering import OVERVIEW, write_scene
 
     request = TabletopRequest(
         layout=layout,
@@ -86,11 +82,10 @@ def run(options: SceneOptions) -> int:
     )
     views = layout.rows * layout.cols
     with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
-        render_tabletop(request, options.out, progress=advance)
-        write_image(options.out / OVERVIEW, overview(options.out))
+        write_scene(request, options.out, advance)
     truth = options.out / "truth"
     say(
         "scene",
-        f"{options.out / MANIFEST} written; true views, depths and disparities in {truth}, in {OVERVIEW} a look",
+        f"{options.out / MANIFEST} written; true views, depths and disparities in {truth}; {OVERVIEW} shows both",
     )
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -105,7 +106,7 @@ def _runner(options: SweepOptions) -> tuple[Runner, str]:
     return partial(design_here, workers=workers), count_text(workers, "worker")
 
 
-def summary(outcomes: list[Outcome]) -> list[str]:
+def summary(outcomes: Sequence[Outcome]) -> list[str]:
     """What became of the designs, in lines: how many of each status, which constraints cannot hold, what failed."""
     statuses = Counter(outcome.status for outcome in outcomes)
     lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
@@ -127,24 +128,15 @@ def run(options: SweepOptions) -> int:
         require("parquet")
     if options.scheduler is not None:
         require("cluster")
-    from mirrorcam.figures.sweep_figure import pareto
     from mirrorcam.optics.geometry.sub_images import sensor_polygon
-    from mirrorcam.workflow.design_sweep import sweep, table_of, write_table
+    from mirrorcam.workflow.sweep_files import write_sweep
 
-    sensor_polygon(options.common.camera)
+    sensor_polygon(options.common.camera)  # refuses a lens that folds inside the sensor, before any work
     specs = options.specs()
     runner, who = _runner(options)
     with long_work("sweep", f"{count_text(len(specs), 'design')}, {who}", "designs") as advance:
-        outcomes = sweep(specs, options.out, runner, advance)
-    table, figure = options.out / f"sweep.{options.table}", options.out / "pareto.png"
-    write_table(table, table_of(outcomes))
-    written = [table]
-    if any(outcome.status == "solved" for outcome in outcomes):
-        pareto(outcomes, figure)
-        written.append(figure)
-    else:
-        figure.unlink(missing_ok=True)
-    for line in summary(outcomes):
+        swept = write_sweep(specs, options.out, runner, table=options.table, progress=advance)
+    for line in summary(swept.outcomes):
         say("sweep", line)
-    say("sweep", f"{' and '.join(str(path) for path in written)} written")
-    return 1 if any(outcome.status == "failed" for outcome in outcomes) else 0
+    say("sweep", f"{' and '.join(str(path) for path in swept.files)} written")
+    return 1 if any(outcome.status == "failed" for outcome in swept.outcomes) else 0

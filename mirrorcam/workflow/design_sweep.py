@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -23,7 +23,6 @@ from mirrorcam.workflow.workers import Died
 if TYPE_CHECKING:
     import pyarrow
 
-TableFormat = Literal["csv", "parquet", "json"]
 Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
 
 

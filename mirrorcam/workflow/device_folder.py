@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
-from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.folders import merged
@@ -37,7 +37,7 @@ def write_device(
     hardware: Hardware = HARDWARE,
     *,
     workers: int | None = None,
-    advance: Advance = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> dict[str, Metric]:
     """Build and check every part of a layout's device in a folder; returns the checks by name.
 
@@ -47,6 +47,4 @@ def write_device(
     from mirrorcam.cad.build import build_parts
 
     with merged(folder, listing=LISTING) as unfinished:
-        return build_parts(
-            layout, unfinished, hardware, previous=folder, workers=workers or cores(), advance=advance
-        )
+        return build_parts(layout, unfinished, hardware, previous=folder, workers=workers or cores(), progress=progress)

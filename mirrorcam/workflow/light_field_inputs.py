@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import is_picture, read_image
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -47,14 +47,14 @@ class LightFieldInputs:
         if twice is not None:
             raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
 
-    def each(self, advance: Advance = lambda done, total: None) -> Iterator[NamedLightField]:
-        """Open the light fields one after the other; `advance` is called after each file or folder.
+    def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
+        """Open the light fields one after the other; `progress` is called after each file or folder.
 
         Raises InputError for a file that is no light field, and for a frame without a layout.
         """
         for done, path in enumerate(self.paths, start=1):
             yield from opened(path, self.layout)
-            advance(done, len(self.paths))
+            progress(done, len(self.paths))
 
 
 def opened(path: Path, layout: Path | None) -> Iterator[NamedLightField]:

@@ -7,25 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.figures.depth_figure import draw_depth
 from mirrorcam.figures.epi_figure import draw_epi
 from mirrorcam.figures.features_figure import draw_features
 from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import save_depth
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
 from mirrorcam.optics.light_field.io.formats.pfm import write_pfm
-from mirrorcam.optics.light_field.render.epipolar_images import Axis, Epi, epi
+from mirrorcam.optics.light_field.light_field import Axis
+from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
-
-
-def ignore(done: int, total: int) -> None:
-    """Hear of progress, and do nothing."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +40,7 @@ def write_depths(
     *,
     near_mm: float | None = None,
     far_mm: float | None = None,
-    advance: Advance = ignore,
+    progress: Progress = no_progress,
 ) -> list[DepthSummary]:
     """Measure depth in light fields, between the depths given or those that their files state.
 
@@ -51,7 +48,7 @@ def write_depths(
     """
     estimator: DepthEstimator | None = None
     summaries = []
-    for each in inputs.each(advance):
+    for each in inputs.each(progress):
         if estimator is None or not estimator.fits(each.light_field):
             near, far = each.depths_to_search(near_mm, far_mm)
             estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
@@ -89,7 +86,7 @@ class FeatureSearch:
 
 
 def write_features(
-    inputs: LightFieldInputs, folder: Path, search: FeatureSearch, advance: Advance = ignore
+    inputs: LightFieldInputs, folder: Path, search: FeatureSearch, progress: Progress = no_progress
 ) -> list[FeaturesSummary]:
     """Find features in light fields, up to infinity where neither the search nor a file states a depth.
 
@@ -98,7 +95,7 @@ def write_features(
     finder: FeatureFinder | None = None
     depth_range_mm: tuple[float, float] | None = None
     summaries = []
-    for each in inputs.each(advance):
+    for each in inputs.each(progress):
         if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
             depth_range_mm = each.depth_range_mm
             near, far = each.depths_to_search(search.near_mm, search.far_mm)
@@ -128,13 +125,13 @@ def write_epipolar_images(
     axis: Axis = "s",
     line: int | None = None,
     depth_mm: float | None = None,
-    advance: Advance = ignore,
+    progress: Progress = no_progress,
 ) -> None:
     """Cut epipolar-plane images out of light fields, at a line of the central view or in its middle.
 
     What lies at `depth_mm` (the reference depth without it) stands upright. Writes NAME_epi.npz and .png into a folder.
     """
-    for each in inputs.each(advance):
+    for each in inputs.each(progress):
         light_field = each.light_field
         lines = light_field.height_px if axis == "s" else light_field.width_px
         found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)

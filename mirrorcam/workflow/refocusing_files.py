@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.optics.base.files import atomic, write_image
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
@@ -82,10 +82,10 @@ class GreyPicture:
 
 
 def write_refocused(
-    inputs: LightFieldInputs, folder: Path, request: RefocusRequest, advance: Advance = lambda done, total: None
+    inputs: LightFieldInputs, folder: Path, request: RefocusRequest, progress: Progress = no_progress
 ) -> list[GreyPicture]:
     """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey."""
-    return [grey for each in inputs.each(advance) for grey in _write(each, folder, request)]
+    return [grey for each in inputs.each(progress) for grey in _write(each, folder, request)]
 
 
 def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list[GreyPicture]:

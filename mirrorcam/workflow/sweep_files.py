@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from mirrorcam.console.progress import Advance
 from mirrorcam.figures.sweep_figure import pareto
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import Runner, sweep, table_of, write_table
@@ -30,13 +30,13 @@ def write_sweep(
     run: Runner,
     *,
     table: TableFormat = "csv",
-    advance: Advance = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> SweepFiles:
     """Design specs into a folder, which an interrupted sweep goes on with; then write sweep.csv and pareto.png.
 
     There is no figure where no spec could be solved.
     """
-    outcomes = sweep(specs, folder, run, advance)
+    outcomes = sweep(specs, folder, run, progress)
     path, figure = folder / f"sweep.{table}", folder / "pareto.png"
     write_table(path, table_of(outcomes))
     if not any(outcome.status == "solved" for outcome in outcomes):

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import RenderOptions, tolerances_from_text
+from mirrorcam.commands.option_texts import tolerances_from_text
+from mirrorcam.commands.render import RenderOptions
 from mirrorcam.console.progress import figure_text, long_work
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import InputError

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands import features
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import COLUMNS
 from mirrorcam.optics.light_field.io.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow import light_field_inputs
+from mirrorcam.workflow.light_field_inputs import NamedLightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
 
@@ -83,8 +84,8 @@ def test_scenes_are_searched_at_the_depths_that_they_state(
 ) -> None:
     light_field = load_npz(stored)
     ranges = {"near": (250.0, 420.0), "far": (420.0, 900.0), "any": None}
-    opened = [(name, light_field, known) for name, known in ranges.items()]
-    monkeypatch.setattr(features, "opened", lambda path, layout: opened)
+    opened = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
+    monkeypatch.setattr(light_field_inputs, "opened", lambda path, layout: opened)
     assert cli.main(["features", str(stored), "--detector", "ORB", "--out", str(tmp_path)]) == 0
     depths = {name: np.load(tmp_path / f"{name}_features.npz")["depth_mm"] for name in ranges}
     assert 0 < len(depths["near"]) < len(depths["any"])

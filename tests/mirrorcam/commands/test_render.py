@@ -18,14 +18,8 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import (
-    _living,
-    in_workers,
-    on_cluster,
-    reach_text,
-    sensor_from_text,
-    tolerances_from_text,
-)
+from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
+from mirrorcam.commands.render import reach_text
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
@@ -35,6 +29,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
+from mirrorcam.workflow.rendering import finished_frames, in_workers, on_cluster
 from mirrorcam.workflow.workers import run_local
 
 # Not by importing it: that would choose an LLVM.
@@ -165,7 +160,7 @@ def leaving(task_json: str) -> dict[str, bytes]:
 
 
 def test_a_frame_that_ends_all_its_workers_is_named(request_of_options: SetRequest, tmp_path: Path) -> None:
-    run = partial(_living, partial(run_local, workers=1, work=leaving))
+    run = partial(finished_frames, partial(run_local, workers=1, work=leaving))
     with pytest.raises(InputError, match=r"frame frames/0000\.jpg: 3 workers died of it, the last with exit code 3"):
         render_set(request_of_options, tmp_path / "set", run=run)
 

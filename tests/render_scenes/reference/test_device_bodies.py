@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.commands.render import in_workers
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -31,6 +30,7 @@ from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.variant import SCALAR
+from mirrorcam.workflow.rendering import in_workers
 from tests.render_scenes.devices import SETTINGS, box, scene_of, write_glb, write_stl
 
 

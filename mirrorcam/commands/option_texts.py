@@ -1,0 +1,39 @@
+"""Values of options that are written as short texts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+
+
+def tolerances_from_text(text: str) -> Tolerances:
+    """Tolerances of a text like tilt_deg=0.3,offset_mm=0.3, the others as usual; of "none", of a perfect copy."""
+    if text == "none":
+        return Tolerances.none()
+    parts = [part.partition("=") for part in text.split(",") if part]
+    names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
+    for name, _, _ in parts:
+        if name not in names:
+            raise InputError(f"--as-built {name}: no such tolerance, expected {', '.join(names)}")
+    try:
+        return Tolerances().replaced(**{name: value for name, _, value in parts})
+    except ValidationError as error:
+        found = error.errors(include_url=False)[0]
+        raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
+
+
+def sensor_from_text(text: str) -> SensorModel:
+    """A preset by its name, or a TOML file of a `SensorModel`."""
+    from mirrorcam.optics.base.files import read_model
+
+    presets = {str(name): model for name, model in SENSORS.items()}
+    if text in presets:
+        return presets[text]
+    if not text.endswith(".toml"):
+        raise InputError(f"--sensor {text!r}: expected {', '.join(presets)} or a .toml file")
+    return read_model(SensorModel, Path(text))

@@ -1,0 +1,29 @@
+"""Given poses of a board, as a JSON file holds them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+
+
+class PosesFile(Value):
+    """Poses of the board: rig_from_board (n, 4, 4) in mm, and how many of them a motion passes in a second."""
+
+    poses: Annotated[FloatArray, Shaped((None, 4, 4))]
+    poses_hz: float = Field(default=1.0, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not len(self.poses):
+            raise ValueError("no pose, expected one or more")
+        for number, pose in enumerate(self.poses):
+            turn = pose[:3, :3]
+            if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
+                raise ValueError(f"pose {number} turns by a matrix that is no rotation")
+            if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
+                raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
+        return self
