@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import load_depth
-from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, format_of, named, read_any, write_any
+from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, Format, format_of, named, read_any, write_any
 from mirrorcam.optics.light_field.io.formats.views_file import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -33,7 +33,7 @@ class Exported:
 
 def export_light_field(
     source: Path,
-    to: str,
+    to: Format,
     folder: Path,
     *,
     frame: int = 0,
