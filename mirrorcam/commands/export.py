@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.light_fields import GeometryOptions
 from mirrorcam.console.progress import say
-from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.light_field.io.formats.registry import NAMES
 
-# Those of optics.light_field.formats.doors, which is imported late.
-Format = Literal[
-    "npz",
-    "zarr",
-    "lftoolbox",
-    "hci",
-    "stanford",
-    "eslf",
-    "tiles",
-    "plenpy",
-    "plenopticam",
-    "colmap",
-    "nerfstudio",
-    "ply",
-]
+if TYPE_CHECKING:
+    FormatName = str
+else:
+    FormatName = Literal[NAMES]
 
 
-class ExportOptions(Value):
+class ExportOptions(GeometryOptions):
     """Write a light field from any known format to any other; what it is in is seen from its name and contents."""
 
     light_field: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LIGHTFIELD", help_behavior_hint="")] = (
@@ -39,7 +29,7 @@ class ExportOptions(Value):
             ),
         )
     )
-    to: Format = Field(
+    to: FormatName = Field(
         description=(
             "lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, tiles: one .png; plenpy, "
             "plenopticam: .npy; colmap: rig and masks; nerfstudio: transforms.json; ply: points in mm, in rig"
@@ -52,37 +42,14 @@ class ExportOptions(Value):
     depth: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(of HCI its own, for ply measured)")
     ] = Field(default=None, description="NAME_depth.npz of mirrorcam depth: depth for ply, truth for hci")
-    rows: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="views down, of pictures without views.json or the like"
-    )
-    cols: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="views across, likewise"
-    )
-    step_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="distance of neighbouring views where a file has none"
-    )
-    focal_px: Annotated[float | None, tyro.conf.arg(metavar="PX", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="focal length of the views where a file has none"
-    )
-    reference_depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="distance of zero disparity where a file has none"
-    )
 
 
 def run(options: ExportOptions) -> int:
     """Read, and write in the other format."""
-    from mirrorcam.optics.light_field.io.formats.views_file import Assumed
     from mirrorcam.workflow.exporting import export_light_field
 
-    assumed = Assumed(
-        rows=options.rows,
-        cols=options.cols,
-        step_mm=options.step_mm,
-        focal_px=options.focal_px,
-        reference_depth_mm=options.reference_depth_mm,
-    )
     exported = export_light_field(
-        options.light_field, options.to, options.out, frame=options.frame, depth=options.depth, assumed=assumed
+        options.light_field, options.to, options.out, frame=options.frame, depth=options.depth, assumed=options.assumed
     )
     if exported.measured is not None:
         say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")

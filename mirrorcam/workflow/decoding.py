@@ -16,9 +16,9 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.frames import Device, Frame, Video
-from mirrorcam.optics.light_field.io.npz import save_npz
-from mirrorcam.optics.light_field.io.tiles import tiles
+from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder

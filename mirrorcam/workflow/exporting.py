@@ -10,8 +10,15 @@ import numpy as np
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import load_depth
-from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, Format, format_of, named, read_any, write_any
-from mirrorcam.optics.light_field.io.formats.views_file import Assumed
+from mirrorcam.optics.light_field.io.formats.registry import (
+    format_of,
+    formats,
+    frame_of,
+    name_of,
+    open_light_fields,
+    write_light_field,
+)
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 
 SURE = 0.5
@@ -33,12 +40,12 @@ class Exported:
 
 def export_light_field(
     source: Path,
-    to: Format,
+    to: str,
     folder: Path,
     *,
     frame: int = 0,
     depth: Path | None = None,
-    assumed: Assumed,
+    assumed: Assumed = NOTHING,
 ) -> Exported:
     """Read a light field from any format and write it into a folder in another.
 
@@ -57,7 +64,8 @@ def export_light_field(
     assumed
         Geometry of the views for files that do not state it.
     """
-    light_field, depth_mm = read_any(source, assumed, frame)
+    contents = open_light_fields(source, assumed=assumed)
+    light_field, depth_mm = frame_of(contents, frame, source), contents.depth_mm
     if depth is not None:
         depth_mm = load_depth(depth, light_field)
     measured = None
@@ -67,6 +75,6 @@ def export_light_field(
         measured = float(np.isfinite(depth_mm).mean())
         if not measured:
             raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
-    path = folder / f"{named(source)}{ENDINGS[to]}"
-    write_any(path, light_field, to, depth_mm)
-    return Exported(path, str(format_of(source)), light_field, measured)
+    path = folder / f"{name_of(source)}{formats()[to].ending}"
+    write_light_field(path, light_field, to, depth_mm)
+    return Exported(path, format_of(source).name, light_field, measured)

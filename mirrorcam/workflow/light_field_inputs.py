@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.optics.base.files import is_picture, read_image
+from mirrorcam.optics.base.files import is_picture
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci
-from mirrorcam.optics.light_field.io.npz import load_npz
-from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
+from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 
 
@@ -35,11 +34,13 @@ class NamedLightField:
 class LightFieldInputs:
     """Files and folders of light fields, whose names differ because results are called by them.
 
-    `layout` is the `layout.json` of frames that are still to be decoded.
+    `layout` is the `layout.json` of frames that are still to be decoded, `assumed` the geometry for files that do not
+    state it.
     """
 
     paths: tuple[Path, ...]
     layout: Path | None = None
+    assumed: Assumed = NOTHING
 
     def __post_init__(self) -> None:
         names = [path.stem for path in self.paths]
@@ -52,23 +53,17 @@ class LightFieldInputs:
 
         Raises InputError for a file that is no light field, and for a frame without a layout.
         """
+        has_frames = any(is_picture(path) for path in self.paths)
+        decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
         for done, path in enumerate(self.paths, start=1):
-            yield from opened(path, self.layout)
+            yield from opened(path, self.assumed, decoder)
             progress(done, len(self.paths))
 
 
-def opened(path: Path, layout: Path | None) -> Iterator[NamedLightField]:
+def opened(path: Path, assumed: Assumed, decoder: Decoder | None) -> Iterator[NamedLightField]:
     """The light fields of a file or folder; a recording has one for each frame."""
-    if is_picture(path):
-        if layout is None:
-            raise InputError(f"{path}: a frame, expected --layout to decode it with, or a light field")
-        yield NamedLightField(path.stem, Decoder(Layout.load(layout)).decode(read_image(path)))
-    elif (path / PARAMETERS).exists():
-        scene = read_hci(path)
-        yield NamedLightField(path.name, scene.light_field, scene.depth_range_mm)
-    elif path.is_dir():
-        stored = StoredLightFields(path)
-        for frame in range(len(stored)):
-            yield NamedLightField(f"{path.stem}_{frame:06d}", stored[frame])
-    else:
-        yield NamedLightField(path.stem, load_npz(path))
+    contents = open_light_fields(path, assumed=assumed, decoder=decoder)
+    name = path.name if path.is_dir() and not contents.is_recording else path.stem
+    for number, light_field in enumerate(contents.frames):
+        own_name = f"{name}_{number:06d}" if contents.is_recording else name
+        yield NamedLightField(own_name, light_field, contents.depth_range_mm)

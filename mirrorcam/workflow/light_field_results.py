@@ -16,7 +16,7 @@ from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import save_depth
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
-from mirrorcam.optics.light_field.io.formats.pfm import write_pfm
+from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs

@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
 from mirrorcam.optics.light_field.io.frames import Device, Video
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import record
-from mirrorcam.optics.light_field.io.tiles import tiles
+from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -6,15 +6,14 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TextIO
-
-import numpy as np
 
 from mirrorcam.optics.base.files import read_bytes, write_json, write_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.views_file import fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SCHEMA = "mirrorcam.light_field/1"
@@ -24,9 +23,7 @@ INDEX = "frames.json"
 
 def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
     """What a recording says of itself, as JSON: its views and source, and the settings it was decoded with."""
-    geometry = {each.name: getattr(views, each.name) for each in fields(Views)}
-    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in geometry.items()}
-    return {"schema": SCHEMA, "source": source, **settings, "views": plain}
+    return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
 @dataclass

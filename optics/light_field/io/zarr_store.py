@@ -12,6 +12,7 @@ import numpy as np
 from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries
+from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
@@ -105,8 +106,6 @@ class StoredLightFields(Sequence[LightField]):
     """
 
     def __init__(self, path: Path) -> None:
-        from mirrorcam.optics.light_field.io.npz import from_arrays
-
         group = open_group(path)
         self.path = path
         journal = path / JOURNAL
@@ -121,7 +120,7 @@ class StoredLightFields(Sequence[LightField]):
         self._samples = group["samples"]
         weights = np.asarray(group["weights"][:])
         empty = np.zeros((*weights.shape, self._samples.shape[-1]), dtype=self._samples.dtype)
-        self._empty = from_arrays(self.about["views"] | {"samples": empty, "weights": weights}, str(path))
+        self._empty = light_field_of_fields(self.about["views"] | {"samples": empty, "weights": weights}, str(path))
 
     def __len__(self) -> int:
         return len(self.numbers)

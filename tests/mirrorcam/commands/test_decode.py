@@ -21,8 +21,8 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.formats.registry import read_any
-from mirrorcam.optics.light_field.io.npz import load_npz, read_light_field
+from mirrorcam.optics.light_field.io.formats.npz import load_npz
+from mirrorcam.optics.light_field.io.formats.registry import open_light_field
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
 from mirrorcam.workflow.frame_checks import layout_identity_of
 from mirrorcam.workflow.stream_recording import spans
@@ -92,8 +92,8 @@ def test_a_video_becomes_a_folder_of_pictures_per_frame(here: Path, to: str) -> 
     assert folders == ["000000", "000001", "000002", "000003", "frames.json"]
     assert cli.main(["decode", "video.mp4", "--layout", "layout.json", "--limit", "4", "--out", "out"]) == 0
     for number in range(4):
-        found = read_any(here / "out" / "video" / folders[number])[0]
-        expected = read_light_field(here / "out" / "video.zarr", number)
+        found = open_light_field(here / "out" / "video" / folders[number])
+        expected = open_light_field(here / "out" / "video.zarr", frame=number)
         assert np.array_equal(found.samples, expected.samples)
         assert np.allclose(found.positions_mm, expected.positions_mm)
 

@@ -11,9 +11,9 @@ from mirrorcam.cli import main
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
-from mirrorcam.optics.light_field.io.formats.pfm import read_pfm
+from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.io.frames import Frame
-from mirrorcam.optics.light_field.io.npz import load_npz, save_npz
+from mirrorcam.optics.light_field.io.pfm import read_pfm
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
@@ -96,10 +96,10 @@ def test_depths_that_are_looked_for_can_be_chosen(inputs: Path, tmp_path: Path) 
     ("arguments", "message"),
     [
         (["missing.npz"], "missing.npz: No such file"),
-        (["frame.png"], "frame.png: a frame, expected --layout to decode it with, or a light field"),
+        (["frame.png"], "frame.png: a picture without frame.json beside it, expected --layout of the camera"),
         (["card.npz", "elsewhere/card.npz"], "two light fields are called 'card', expected different names"),
         (["card.npz", "--near-mm", "500", "--far-mm", "400"], "depths 500 to 400 mm, expected two that grow"),
-        (["."], "not a Zarr group"),
+        (["."], "a folder of no known format"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.commands import export
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
+from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.io.formats.ply import read_ply
-from mirrorcam.optics.light_field.io.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -32,8 +30,10 @@ def off_surface_mm(points_in_rig: FloatArray, light_field: LightField) -> FloatA
     return in_view[:, 2] - SURFACE.distance_mm - in_view[:, :2] @ SURFACE.slope
 
 
-def test_the_command_offers_what_there_is() -> None:
-    assert get_args(export.Format) == registry.FORMATS
+def test_the_command_offers_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    assert f"{{{','.join(registry.NAMES)}}}" in "".join(capsys.readouterr().out.replace("│", "").split())
 
 
 def test_a_light_field_goes_through_every_format_and_comes_back(
@@ -41,11 +41,11 @@ def test_a_light_field_goes_through_every_format_and_comes_back(
 ) -> None:
     path = tmp_path / "desk.npz"
     save_npz(path, scene[0])
-    for to in registry.FORMATS:
+    for to in registry.NAMES:
         if to != "ply":
             out = tmp_path / to
             assert main(["export", str(path), "--to", to, "--out", str(out)]) == 0
-            path = out / f"desk{registry.ENDINGS[to]}"
+            path = out / f"desk{registry.formats()[to].ending}"
             assert f"{path} written ({to})" in capsys.readouterr().out
     assert main(["export", str(path), "--to", "npz", "--out", str(tmp_path / "back")]) == 0
     back = load_npz(tmp_path / "back/desk.npz")
@@ -53,6 +53,31 @@ def test_a_light_field_goes_through_every_format_and_comes_back(
     assert np.array_equal(back.weights, scene[0].weights)
     assert np.array_equal(back.positions_mm, scene[0].positions_mm)
     assert back.layout_identity == scene[0].layout_identity
+
+
+def test_the_depth_command_reads_other_tools_files(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    paths = []
+    for to in ("lftoolbox", "hci", "stanford"):
+        paths.append(tmp_path / f"{to}{'.mat' if to == 'lftoolbox' else ''}")
+        registry.write_light_field(paths[-1], scene[0], to)
+    assert main(["depth", *map(str, paths), "--out", str(tmp_path / "out")]) == 0
+    for to in ("lftoolbox", "hci", "stanford"):
+        with np.load(tmp_path / f"out/{to}_depth.npz") as arrays:
+            assert np.nanmedian(np.abs(arrays["depth_mm"] - scene[1])) < 2.0
+
+
+def test_geometry_that_a_file_lacks_is_given_with_the_command(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    registry.write_light_field(tmp_path / "views_tiles.png", scene[0], "tiles")
+    (tmp_path / "views_tiles.json").unlink()
+    arguments = ["epi", str(tmp_path / "views_tiles.png"), "--out", str(tmp_path)]
+    assert main(arguments) == 2
+    assert "expected --layout of the camera whose frame it is, or --rows and --cols" in capsys.readouterr().err
+    geometry = ["--rows", "3", "--cols", "3", "--step-mm", "20", "--focal-px", "400", "--reference-depth-mm", "500"]
+    assert main([*arguments, *geometry]) == 0
+    with np.load(tmp_path / "views_tiles_epi.npz") as found:
+        assert found["plane_depth_mm"] == 500.0
 
 
 def test_a_point_cloud_has_the_depth_measured_here(

@@ -12,7 +12,7 @@ from mirrorcam import cli
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import COLUMNS
-from mirrorcam.optics.light_field.io.npz import load_npz, save_npz
+from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow import light_field_inputs
 from mirrorcam.workflow.light_field_inputs import NamedLightField
@@ -85,7 +85,7 @@ def test_scenes_are_searched_at_the_depths_that_they_state(
     light_field = load_npz(stored)
     ranges = {"near": (250.0, 420.0), "far": (420.0, 900.0), "any": None}
     opened = [NamedLightField(name, light_field, known) for name, known in ranges.items()]
-    monkeypatch.setattr(light_field_inputs, "opened", lambda path, layout: opened)
+    monkeypatch.setattr(light_field_inputs, "opened", lambda path, assumed, decoder: opened)
     assert cli.main(["features", str(stored), "--detector", "ORB", "--out", str(tmp_path)]) == 0
     depths = {name: np.load(tmp_path / f"{name}_features.npz")["depth_mm"] for name in ranges}
     assert 0 < len(depths["near"]) < len(depths["any"])
@@ -108,7 +108,7 @@ def test_a_light_field_without_features_is_said_to_have_none(
     ("arguments", "complaint"),
     [
         ("gone.npz", "gone.npz"),
-        ("frame.png", "frame.png: a frame, expected --layout to decode it with, or a light field"),
+        ("frame.png", "frame.png: no such file"),
         ("STORED STORED", "two light fields are called 'board'"),
         ("STORED --detector SURF", "--detector"),
         ("STORED --min-views 9", "features in 9 views beside the reference view, expected 1 to 8"),

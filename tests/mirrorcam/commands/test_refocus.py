@@ -12,8 +12,8 @@ from mirrorcam.cli import main
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.frames import Frame, Video
-from mirrorcam.optics.light_field.io.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
@@ -174,10 +174,13 @@ def test_epipolar_plane_images_are_drawn_and_written(inputs: Path, tmp_path: Pat
         (["refocus", "card.npz", "--scale", "9"], "--scale 9: Input should be less than or equal to 8"),
         (["refocus", "card.npz", "--orbit", "avi"], "invalid choice 'avi'"),
         (["refocus", "card.npz", "--all-in-focus", "--near-mm", "600", "--far-mm", "400"], "depths 600 to 400 mm"),
-        (["refocus", "frame.png"], "frame.png: a frame, expected --layout to decode it with, or a light field"),
+        (
+            ["refocus", "frame.png"],
+            "frame.png: a picture without frame.json beside it, expected --layout of the camera",
+        ),
         (["epi", "card.npz", "--line", "90"], "line 90 along s, expected 0 to 89"),
         (["epi", "card.npz", "card.npz"], "two light fields are called 'card'"),
-        (["epi", "frame.png"], "frame.png: a frame, expected --layout"),
+        (["epi", "frame.png"], "frame.png: a picture without frame.json beside it, expected --layout of the camera"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

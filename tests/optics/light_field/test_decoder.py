@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field import decoder
-from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.decoder import OUTLINE_MARGIN_PX, Decoder, Field, check_belongs
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from tests.optics.light_field.photographs import letter, photographed, seen_by_pinholes, waves
@@ -160,11 +159,11 @@ def test_views_moved_to_a_regular_grid_are_exact_at_the_depth_named(crooked_layo
 
 
 def test_frames_of_another_layout_are_refused(crooked_layout: Layout) -> None:
-    decoder.check_belongs(crooked_layout, crooked_layout.identity, "video.mp4")
+    check_belongs(crooked_layout, crooked_layout.identity, "video.mp4")
     calibrated = crooked_layout.replaced(kind="calibrated", provenance={"nominal": "feedfeedfeedfeed"})
-    decoder.check_belongs(calibrated, "feedfeedfeedfeed", "video.mp4")
+    check_belongs(calibrated, "feedfeedfeedfeed", "video.mp4")
     with pytest.raises(InputError, match=r"^video.mp4 was taken with layout 0123, expected [0-9a-f]{16} of the layout"):
-        decoder.check_belongs(crooked_layout, "0123", "video.mp4")
+        check_belongs(crooked_layout, "0123", "video.mp4")
 
 
 def test_eight_bit_frames_decode_alike(crooked: Decoder, crooked_layout: Layout) -> None:
@@ -231,9 +230,7 @@ def test_disparity_is_zero_at_the_reference_depth_and_positive_nearer(
 
 @pytest.mark.parametrize("field", ["common", "union"])
 @pytest.mark.parametrize("which", ["parabola_layout", "crooked_layout"])
-def test_a_valid_pixel_comes_from_inside_its_mirror(
-    which: str, field: decoder.Field, request: pytest.FixtureRequest
-) -> None:
+def test_a_valid_pixel_comes_from_inside_its_mirror(which: str, field: Field, request: pytest.FixtureRequest) -> None:
     layout: Layout = request.getfixturevalue(which)
     decoder = Decoder(layout, field=field)
     camera = layout.camera
@@ -248,14 +245,14 @@ def test_a_valid_pixel_comes_from_inside_its_mirror(
         outline = shapely.Polygon(layout.mirrors[index].outline_normalized)
         distance = shapely.distance(outline.exterior, shapely.points(seen))
         assert shapely.contains_xy(outline, seen[:, 0], seen[:, 1]).all()
-        assert distance.min() * camera.fx_px > 0.9 * decoder.OUTLINE_MARGIN_PX
+        assert distance.min() * camera.fx_px > 0.9 * OUTLINE_MARGIN_PX
         # No more is given away than the margin: what lies 1 px further inside is kept.
         kept = layout.project(plane[weights == 0], index)
         kept = kept[((kept >= 0) & (kept <= inner)).all(axis=1)]
         seen = camera.normalized_from_pixels(kept)
         inside = shapely.contains_xy(outline, seen[:, 0], seen[:, 1])
         distance = shapely.distance(outline.exterior, shapely.points(seen[inside]))
-        assert distance.max(initial=0.0) * camera.fx_px < decoder.OUTLINE_MARGIN_PX + 1.0
+        assert distance.max(initial=0.0) * camera.fx_px < OUTLINE_MARGIN_PX + 1.0
 
 
 def test_nothing_is_sampled_where_nothing_is_valid(crooked: Decoder) -> None:
@@ -307,7 +304,7 @@ def test_a_table_longer_than_the_lookup_allows_is_cut(
 ) -> None:
     frame = photographed(crooked_layout, 500.0, waves)
     whole = crooked.decode(frame)
-    monkeypatch.setattr(decoder, "LONGEST_TABLE_SIDE", crooked.views.height_px * 2 + 5)
+    monkeypatch.setattr("mirrorcam.optics.light_field.decoder.LONGEST_TABLE_SIDE", crooked.views.height_px * 2 + 5)
     cut = Decoder(crooked_layout)
     assert len(cut.tables) == 3
     assert np.array_equal(cut.decode(frame).samples, whole.samples)

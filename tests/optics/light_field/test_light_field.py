@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
-from mirrorcam.optics.light_field.io.tiles import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 ROWS, COLS, HEIGHT, WIDTH = 2, 3, 40, 60

@@ -1,1 +1,1 @@
-"""Light fields in the files of other tools; `formats.doors` has all of them by name."""
+"""File formats of light fields: each module here but `registry` is one, under its own name, and has it as `FORMAT`."""

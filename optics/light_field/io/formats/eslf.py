@@ -1,65 +1,26 @@
-"""One picture for all views: ESLF, as of the Stanford Lytro archives, and tiles.
+"""ESLF, as of the Stanford Lytro archives: a little picture of the aperture in place of every pixel of a view.
 
-ESLF has a little picture of T x S px of the aperture in place of every pixel of a view: row T v + t and column S u + s
-hold sample [t, s, v, u]. Tiles have the views beside each other without a gap: row V t + v and column U s + u. Both are
-PNG with the weights as opacity where there are any; the views stand in NAME.json beside NAME.png.
+Row T v + t and column S u + s of the picture hold sample [t, s, v, u] of T x S views. The name ends in `eslf`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
-import numpy as np
-
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.view_images import light_field_of, read_rgba, rgb, weight_bytes, write_rgba
-from mirrorcam.optics.light_field.io.formats.views_file import NOTHING, Assumed, even_views, read_views, write_views
-from mirrorcam.optics.light_field.light_field import LightField
-
-Order = Literal["eslf", "tiles"]
-# Axes t, s, v, u in the order in which a picture has them, from the slowest: rows, then columns.
-_AXES: dict[str, tuple[int, int, int, int]] = {"eslf": (2, 0, 3, 1), "tiles": (0, 2, 1, 3)}
+from mirrorcam.optics.base.files import is_picture
+from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 
 
-def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
-    """Write all views as one PNG."""
-    rows, cols, height, width = light_field.weights.shape
-    axes, size = _AXES[order], (rows * height, cols * width)
-    colours = rgb(light_field.samples).transpose(*axes, 4).reshape(*size, 3)
-    opacity = weight_bytes(light_field.weights).transpose(axes).reshape(size)
-    write_rgba(path, colours, None if light_field.weights.min() == 1.0 else opacity)
-    channels = light_field.samples.shape[-1]
-    write_views(path.with_suffix(".json"), light_field, order=order, channels=channels)
+def is_eslf(path: Path) -> bool:
+    """Whether a path is named like such a picture."""
+    return is_picture(path) and path.stem.lower().endswith("eslf")
 
 
-def read_mosaic(path: Path, order: Order | None = None, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of such a picture; what NAME.json says of it goes before `order` and `assumed`.
-
-    Without NAME.json, `order` is that of the file's name: NAME_eslf.png, as in the Lytro archives, or tiles.
-
-    Raises InputError in one line where the geometry is not known, or the picture does not divide into the views.
-    """
-    colours, opacity = read_rgba(path)
-    said = read_views(path.with_suffix(".json"))
-    if said is not None:
-        grid, order = (said[0].rows, said[0].cols), said[1].get("order")
-    else:
-        grid = (assumed.need("rows", path), assumed.need("cols", path))
-        order = order or ("eslf" if path.stem.lower().endswith("eslf") else "tiles")
-    if order not in _AXES:
-        raise InputError(f"{path.with_suffix('.json')}: order is {order!r}, expected 'eslf' or 'tiles'")
-    height, width = (side // count for side, count in zip(opacity.shape, grid, strict=True))
-    shape = (*grid, height, width)
-    if (grid[0] * height, grid[1] * width) != opacity.shape or not height * width:
-        raise InputError(
-            f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px do not divide into {grid[1]}x{grid[0]} views"
-        )
-    axes = _AXES[order]
-    parts, back = [shape[axis] for axis in axes], np.argsort(axes)
-    views = even_views(path, assumed, grid, (width, height)) if said is None else said[0]
-    if (views.width_px, views.height_px) != (width, height):
-        raise InputError(f"{path}: views of {width}x{height} px, expected {views.width_px}x{views.height_px}")
-    samples = colours.reshape(*parts, 3).transpose(*back, 4)
-    channels = 3 if said is None else said[1]["channels"]
-    return light_field_of(views, np.ascontiguousarray(samples), opacity.reshape(parts).transpose(back), channels)
+FORMAT = Format(
+    name="eslf",
+    ending="_eslf.png",
+    detect=is_eslf,
+    read=single(lambda path, assumed: read_mosaic(path, "eslf", assumed)),
+    write=without_depth(lambda path, light_field: write_mosaic(path, light_field, "eslf")),
+)

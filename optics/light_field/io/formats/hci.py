@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.pfm import read_pfm, write_pfm
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
+from mirrorcam.optics.light_field.io.pfm import read_pfm, write_pfm
+from mirrorcam.optics.light_field.io.views_file import views_of_fields
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -52,6 +54,14 @@ class HciScene:
     light_field: LightField
     disparity_px: Float32 | None
     disparity_range_px: tuple[float, float] | None
+
+    @property
+    def depth_mm(self) -> Float32 | None:
+        """True depth (v, u) of the central view from the pupil, or None."""
+        if self.disparity_px is None:
+            return None
+        axis: Axis = "s" if self.light_field.cols > 1 else "t"
+        return self.light_field.depth_mm_from_disparity(self.disparity_px.astype(np.float64), axis).astype(np.float32)
 
     @property
     def depth_range_mm(self) -> tuple[float, float] | None:
@@ -218,20 +228,24 @@ def _even_views(numbers: dict[str, float]) -> Views:
 def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views:
     """The views that `write_hci` wrote."""
 
-    def array(key: str) -> FloatArray:
-        return np.array(json.loads(parser.get(OURS, key)), dtype=np.float64)
-
+    ours = parser[OURS]
+    arrays = ("positions_mm", "centre_px", "reference_view_in_rig_mm", "view_from_rig")
     try:
-        return Views(
-            positions_mm=array("positions_mm"),
-            focal_px=parser.getfloat(OURS, "focal_px"),
-            centre_px=array("centre_px"),
-            width_px=size[0],
-            height_px=size[1],
-            reference_depth_mm=parser.getfloat(OURS, "reference_depth_mm"),
-            reference_view_in_rig_mm=array("reference_view_in_rig_mm"),
-            view_from_rig=array("view_from_rig"),
-            layout_identity=parser.get(OURS, "layout_identity"),
-        )
-    except (Error, ValueError, TypeError) as error:
-        raise InputError(f"{path}: section {OURS!r} does not describe views: {' '.join(str(error).split())}") from None
+        given: dict[str, Any] = {**ours, **{name: json.loads(ours[name]) for name in arrays if name in ours}}
+    except ValueError as error:
+        raise InputError(f"{path}: section {OURS!r}: does not describe views: {error}") from None
+    return views_of_fields({**given, "width_px": size[0], "height_px": size[1]}, f"{path}: section {OURS!r}")
+
+
+def _contents(folder: Path) -> Contents:
+    scene = read_hci(folder)
+    return Contents((scene.light_field,), scene.depth_mm, scene.depth_range_mm)
+
+
+FORMAT = Format(
+    name="hci",
+    ending="_hci",
+    detect=lambda path: (path / PARAMETERS).exists(),
+    read=lambda path, assumed: _contents(path),
+    write=write_hci,
+)

@@ -17,8 +17,9 @@ import numpy as np
 
 from mirrorcam.optics.base.files import atomic, read_bytes
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.view_images import weight_bytes
-from mirrorcam.optics.light_field.io.formats.views_file import NOTHING, Assumed, even_views, parallel_views
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.view_images import weight_bytes
+from mirrorcam.optics.light_field.io.views_file import even_views, parallel_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 OURS = "MirrorCam"
@@ -172,18 +173,14 @@ def _field(struct: Any, name: str) -> Any:
 
 
 def _our_views(ours: Any, path: Path) -> Views:
-    given = {name: np.asarray(_field(ours, name)) for name in Views.__dataclass_fields__}
-    try:
-        return Views(
-            positions_mm=given["positions_mm"].astype(np.float64),
-            focal_px=float(given["focal_px"].item()),
-            centre_px=given["centre_px"].astype(np.float64).ravel(),
-            width_px=int(given["width_px"].item()),
-            height_px=int(given["height_px"].item()),
-            reference_depth_mm=float(given["reference_depth_mm"].item()),
-            reference_view_in_rig_mm=given["reference_view_in_rig_mm"].astype(np.float64).ravel(),
-            view_from_rig=given["view_from_rig"].astype(np.float64),
-            layout_identity="".join(given["layout_identity"].ravel().tolist()),
-        )
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{path}: its {OURS} does not describe views: {' '.join(str(error).split())}") from None
+    given = {name: _field(ours, name) for name in Views.__dataclass_fields__}
+    return views_of_fields({name: value for name, value in given.items() if value is not None}, f"{path}: its {OURS}")
+
+
+FORMAT = Format(
+    name="lftoolbox",
+    ending=".mat",
+    detect=lambda path: path.suffix.lower() == ".mat" and not path.is_dir(),
+    read=single(read_lftoolbox),
+    write=without_depth(write_lftoolbox),
+)

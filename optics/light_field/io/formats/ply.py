@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.view_images import rgb
+from mirrorcam.optics.light_field.io.light_field_format import Depth, Format
+from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.light_field import LightField
 
 _POINT = np.dtype([("place", "<f4", 3), ("colour", "u1", 3)])
@@ -58,3 +59,18 @@ def read_ply(path: Path) -> tuple[FloatArray, NDArray[np.uint8]]:
         raise InputError(f"{path}: {len(body)} bytes of points, expected {int(count) * _POINT.itemsize}")
     cloud = np.frombuffer(body, _POINT)
     return cloud["place"].astype(np.float64), cloud["colour"].copy()
+
+
+def _write(path: Path, light_field: LightField, depth_mm: Depth | None) -> None:
+    if depth_mm is None:
+        raise InputError(f"{path}: a point cloud needs the depth of the central view")
+    write_ply(path, *point_cloud(light_field, depth_mm))
+
+
+FORMAT = Format(
+    name="ply",
+    ending=".ply",
+    detect=lambda path: path.suffix.lower() == ".ply" and not path.is_dir(),
+    read=None,
+    write=_write,
+)

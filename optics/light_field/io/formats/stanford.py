@@ -14,11 +14,10 @@ import numpy as np
 
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.formats.views_file import (
-    NOTHING,
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.views_file import (
     VIEWS,
-    Assumed,
     parallel_views,
     read_views,
     write_views,
@@ -106,3 +105,12 @@ def _mean_step(folder: Path, places: FloatArray) -> float:
     if step == 0.0:
         raise InputError(f"{folder}: the names give all views one place, expected different ones")
     return step
+
+
+FORMAT = Format(
+    name="stanford",
+    ending="_stanford",
+    detect=is_stanford,
+    read=single(read_stanford),
+    write=without_depth(write_stanford),
+)

@@ -18,8 +18,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
+from mirrorcam.optics.light_field.io.formats.registry import open_light_field
 from mirrorcam.optics.light_field.io.frames import Frame, Lost, Video
-from mirrorcam.optics.light_field.io.npz import read_light_field, save_npz
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import record
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
@@ -104,9 +105,9 @@ def test_a_recording_gives_back_every_light_field(tmp_path: Path, decoder: Decod
     assert all(np.array_equal(found.samples, stored[2 + i].samples) for i, found in enumerate(stored[2:5]))
     with pytest.raises(IndexError, match="frame 19, expected one of 19"):
         stored[COUNT - 1]
-    assert np.array_equal(read_light_field(tmp_path / "a.zarr", 3).samples, stored[3].samples)
+    assert np.array_equal(open_light_field(tmp_path / "a.zarr", frame=3).samples, stored[3].samples)
     with pytest.raises(InputError, match=r"a.zarr: has 19 frames, expected no frame 19"):
-        read_light_field(tmp_path / "a.zarr", 19)
+        open_light_field(tmp_path / "a.zarr", frame=19)
 
 
 def test_other_programs_find_the_arrays_by_name(tmp_path: Path, decoder: Decoder, video: Video) -> None:
@@ -246,7 +247,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video
         StoredLightFields(tmp_path / "nowhere.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="w")
     with pytest.raises(InputError, match=r"other.zarr: not a recording of light fields"):
-        read_light_field(tmp_path / "other.zarr")
+        open_light_field(tmp_path / "other.zarr")
 
 
 def test_a_frame_that_was_spoilt_on_disk_is_refused_not_made_up(tmp_path: Path, decoder: Decoder, video: Video) -> None:

@@ -15,8 +15,8 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, read_any, write_any
-from mirrorcam.optics.light_field.io.formats.views_file import Assumed
+from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_field, write_light_field
+from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, read_map, render_tabletop
@@ -71,11 +71,11 @@ def test_the_desks_true_depth_fits_what_other_tools_read(default_layout: Layout,
     distance_mm = truth - light_field.reference_depth_mm + light_field.reference_distance_mm
     opposite_mm = 1.0 / (2.0 / light_field.reference_distance_mm - 1.0 / distance_mm)
     for to in THEIRS:
-        path = tmp_path / f"desk{ENDINGS[to]}"
-        write_any(path, light_field, to)  # type: ignore[arg-type]
+        path = tmp_path / f"desk{formats()[to].ending}"
+        write_light_field(path, light_field, to)
         forget(path)
         given = Assumed(focal_px=light_field.focal_px, reference_depth_mm=light_field.reference_distance_mm)
-        found = read_any(path, given)[0]
+        found = open_light_field(path, assumed=given)
         # parameters.cfg has one step, which is that across.
         row_only = to == "hci"
         exact, opposite = (unlike(light_field, each, row_only=row_only) for each in (distance_mm, opposite_mm))

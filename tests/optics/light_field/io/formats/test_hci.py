@@ -15,7 +15,7 @@ from benchmarks.light_field_depth import best_stereo, our_disparity, render_hci,
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
-from mirrorcam.optics.light_field.io.formats.pfm import read_pfm
+from mirrorcam.optics.light_field.io.pfm import read_pfm
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -184,8 +184,8 @@ def changed(folder: Path, tmp_path: Path, **changes: Any) -> Path:
         ({"focal_length_mm": "long"}, "not the parameters of a light field"),
         ({"num_cams_x": "7"}, "9x9 positions of 7x9 views"),
         ({"image_resolution_x_px": "64"}, "input_Cam000.png: 128x128 px, expected 64x128"),
-        ({"positions_mm": "[1, 2]"}, "section 'mirrorcam' does not describe views"),
-        ({"reference_depth_mm": "nan"}, "section 'mirrorcam' does not describe views"),
+        ({"positions_mm": "[1, 2]"}, "section 'mirrorcam': does not describe views"),
+        ({"reference_depth_mm": "nan"}, "section 'mirrorcam': does not describe views"),
     ],
 )
 def test_what_is_no_scene_is_refused(

@@ -127,7 +127,7 @@ def test_files_that_are_not_of_the_toolbox_are_refused(written: tuple[Path, Any]
     for said, message in (
         ({"other": 1}, "no array LF"),
         ({"LF": np.zeros((3, 3))}, "no array LF"),
-        ({"LF": lf}, "does not say its step_mm"),
+        ({"LF": lf}, "does not state its step_mm"),
         ({"LF": lf.astype(np.int32), "RectOptions": {"RectCamIntrinsicsH": h}}, "int32, expected"),
         ({"LF": np.concatenate([lf, lf], axis=-1)}, "8 channels"),
         ({"LF": lf, "RectOptions": {"RectCamIntrinsicsH": h}}, "no common plane"),

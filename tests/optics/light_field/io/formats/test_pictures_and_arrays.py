@@ -10,11 +10,12 @@ import pytest
 
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.arrays import read_arrays, write_arrays
-from mirrorcam.optics.light_field.io.formats.eslf import read_mosaic, write_mosaic
+from mirrorcam.optics.light_field.io.formats.plenopticam import read_plenopticam, write_plenopticam
+from mirrorcam.optics.light_field.io.formats.registry import write_light_field
 from mirrorcam.optics.light_field.io.formats.stanford import NAME, read_stanford, write_stanford
-from mirrorcam.optics.light_field.io.formats.view_images import write_rgba
-from mirrorcam.optics.light_field.io.formats.views_file import Assumed
+from mirrorcam.optics.light_field.io.light_field_format import Assumed
+from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
+from mirrorcam.optics.light_field.io.view_images import write_rgba
 from tests.optics.light_field.io.formats.planes import plane, shift_that_agrees
 
 
@@ -89,7 +90,7 @@ def test_colours_of_pixels_without_weight_are_dropped(tmp_path: Path) -> None:
     opacity = np.full((180, 360), 255, np.uint8)
     opacity[:90, :120] = 0
     write_rgba(tmp_path / "a.png", read_image(tmp_path / "a.png"), opacity)
-    found = read_mosaic(tmp_path / "a.png")
+    found = read_mosaic(tmp_path / "a.png", "tiles")
     assert not found.samples[0, 0].any()
     assert not found.weights[0, 0].any()
     assert np.array_equal(found.samples[1], light_field.samples[1])
@@ -100,14 +101,14 @@ def test_mosaics_must_divide_into_views(tmp_path: Path) -> None:
     (tmp_path / "a.json").unlink()
     with pytest.raises(InputError, match="do not divide into 7x2 views"):
         read_mosaic(
-            tmp_path / "a.png", None, Assumed(rows=2, cols=7, step_mm=1.0, focal_px=1.0, reference_depth_mm=9.0)
+            tmp_path / "a.png", "tiles", Assumed(rows=2, cols=7, step_mm=1.0, focal_px=1.0, reference_depth_mm=9.0)
         )
 
 
 def test_plenpys_disparity_is_that_of_its_planes(tmp_path: Path) -> None:
     """Its fit of planes reads view n at + linspace(-0.5, 0.5, N) N slope, and calls -slope the disparity."""
     light_field = plane(3, 4, 1.5)
-    write_arrays(tmp_path, light_field, "plenpy")
+    write_light_field(tmp_path, light_field, "plenpy")
     array = np.load(tmp_path / "light_field.npy")
     assert array.shape == (3, 4, 90, 120, 3)
     assert 0.0 <= array.min() < array.max() <= 1.0
@@ -122,7 +123,7 @@ def test_plenpys_disparity_is_that_of_its_planes(tmp_path: Path) -> None:
 def test_plenopticams_parameter_is_our_disparity(tmp_path: Path) -> None:
     """It pads picture i by a i on the left: what is at u comes to u + a i."""
     light_field = plane(3, 3, 2.0)
-    write_arrays(tmp_path, light_field, "plenopticam")
+    write_plenopticam(tmp_path, light_field)
     array = np.load(tmp_path / "vp_img_arr.npy")
     assert 255 < array.max() <= 65535
     sharp = {}
@@ -139,17 +140,17 @@ def test_plenopticams_parameter_is_our_disparity(tmp_path: Path) -> None:
 
 def test_plenopticams_viewpoints_are_enough(tmp_path: Path) -> None:
     light_field = plane(3, 3, 1.0)
-    write_arrays(tmp_path, light_field, "plenopticam")
+    write_plenopticam(tmp_path, light_field)
     assert sorted(file.name for file in (tmp_path / "viewpoints_3px").iterdir())[3] == "01_00.png"
     for name in ("vp_img_arr.npy", "weights.npy", "views.json"):
         (tmp_path / name).unlink()
-    found = read_arrays(tmp_path, "plenopticam", Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
+    found = read_plenopticam(tmp_path, Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
     assert np.array_equal(found.samples, light_field.samples)
     (tmp_path / "viewpoints_3px" / "01_00.png").unlink()
     with pytest.raises(InputError, match=r"8 views ROW_COLUMN\.png, expected 9"):
-        read_arrays(tmp_path, "plenopticam", Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
+        read_plenopticam(tmp_path, Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
 
 
 def test_plenopticam_knows_square_grids_only(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="as many down as across"):
-        write_arrays(tmp_path, plane(2, 3, 1.0), "plenopticam")
+        write_plenopticam(tmp_path, plane(2, 3, 1.0))

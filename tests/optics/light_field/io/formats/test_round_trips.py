@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.registry import ENDINGS, FORMATS, format_of, named, read_any, write_any
-from mirrorcam.optics.light_field.io.formats.views_file import Assumed
+from mirrorcam.optics.light_field.io.formats.registry import (
+    NAMES,
+    format_of,
+    formats,
+    name_of,
+    open_light_field,
+    write_light_field,
+)
+from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
 from tests.optics.light_field.io.formats.planes import plane, with_gaps
 
-READABLE = [name for name in FORMATS if name != "ply"]
+READABLE = [name for name in NAMES if name != "ply"]
 EXACT = ["npz", "zarr", "lftoolbox", "plenpy", "plenopticam"]
 
 
@@ -47,27 +54,27 @@ def test_what_was_written_comes_back(tmp_path: Path, to: Any, size: tuple[int, i
     if to in ("hci", "colmap"):
         # Their masks know only samples and none.
         expected = LightField.of(expected, expected.samples, (expected.weights > 0).astype(np.float32))
-    path = tmp_path / f"a{ENDINGS[to]}"
-    write_any(path, expected, to)
-    assert format_of(path) == to
-    assert named(path) == "a"
-    assert_same(read_any(path)[0], expected)
+    path = tmp_path / f"a{formats()[to].ending}"
+    write_light_field(path, expected, to)
+    assert format_of(path).name == to
+    assert name_of(path) == "a"
+    assert_same(open_light_field(path), expected)
 
 
 @pytest.mark.parametrize("to", [name for name in READABLE if name != "plenopticam"])
 def test_grids_of_one_row_come_back(tmp_path: Path, to: Any) -> None:
     expected = with_gaps(plane(1, 3, 1.0))
-    path = tmp_path / f"a{ENDINGS[to]}"
-    write_any(path, expected, to)
-    assert_same(read_any(path)[0], expected)
+    path = tmp_path / f"a{formats()[to].ending}"
+    write_light_field(path, expected, to)
+    assert_same(open_light_field(path), expected)
 
 
 @pytest.mark.parametrize("to", EXACT)
 def test_float_samples_come_back(tmp_path: Path, to: Any) -> None:
     expected = noise(3, 3, kind=np.float32)
-    path = tmp_path / f"a{ENDINGS[to]}"
-    write_any(path, expected, to)
-    found = read_any(path)[0]
+    path = tmp_path / f"a{formats()[to].ending}"
+    write_light_field(path, expected, to)
+    found = open_light_field(path)
     assert found.samples.dtype == np.float32
     # PlenoptiCam's range is that of 16 bits.
     assert np.abs(found.samples.astype(float) - expected.samples).max() < (1e-7 if to == "plenopticam" else 1e-30)
@@ -78,18 +85,18 @@ def test_float_samples_come_back(tmp_path: Path, to: Any) -> None:
 def test_the_same_light_field_gives_the_same_bytes(tmp_path: Path, to: Any) -> None:
     light_field = noise(2, 2)
     for name in ("a", "b"):
-        write_any(tmp_path / name / f"x{ENDINGS[to]}", light_field, to)
+        write_light_field(tmp_path / name / f"x{formats()[to].ending}", light_field, to)
     files = sorted(file for file in (tmp_path / "a").rglob("*") if file.is_file())
     assert files
     for file in files:
         assert file.read_bytes() == (tmp_path / "b" / file.relative_to(tmp_path / "a")).read_bytes(), file.name
 
 
-@pytest.mark.parametrize("to", [name for name in FORMATS if "." not in ENDINGS[name]])
+@pytest.mark.parametrize("to", [name for name in NAMES if "." not in formats()[name].ending])
 def test_folders_with_something_in_them_are_left_alone(tmp_path: Path, to: Any) -> None:
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="expected a new or empty folder"):
-        write_any(tmp_path, noise(2, 2), to)
+        write_light_field(tmp_path, noise(2, 2), to)
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -105,22 +112,26 @@ def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
         (tmp_path / "a.txt", "no light field by its name"),
     ):
         with pytest.raises(InputError, match=message) as refused:
-            read_any(path)
+            open_light_field(path)
         assert "\n" not in str(refused.value)
-    with pytest.raises(InputError, match="has one frame"):
-        read_any(tmp_path / "a.mat", frame=2)
+    write_light_field(tmp_path / "b.mat", noise(2, 2), "lftoolbox")
+    with pytest.raises(InputError, match="has one frame, expected no frame 2"):
+        open_light_field(tmp_path / "b.mat", frame=2)
+    (tmp_path / "a.ply").write_bytes(b"ply")
+    with pytest.raises(InputError, match="ply is only written"):
+        open_light_field(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("to", ["eslf", "tiles", "stanford", "plenpy", "plenopticam"])
 def test_without_our_file_the_geometry_must_be_given(tmp_path: Path, to: Any) -> None:
     light_field = plane(3, 3, 1.0)
-    path = tmp_path / f"a{ENDINGS[to]}"
-    write_any(path, light_field, to)
+    path = tmp_path / f"a{formats()[to].ending}"
+    write_light_field(path, light_field, to)
     (path.with_suffix(".json") if path.is_file() else path / "views.json").unlink()
-    with pytest.raises(InputError, match=r"does not say its (rows|step_mm|focal_px), .* expected --"):
-        read_any(path)
+    with pytest.raises(InputError, match=r"(without a_\w+\.json|does not state its (step_mm|focal_px)).* expected --"):
+        open_light_field(path)
     given = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0)
-    found = read_any(path, given)[0]
+    found = open_light_field(path, assumed=given)
     assert np.allclose(found.positions_mm, light_field.positions_mm)
     assert found.reference_distance_mm == pytest.approx(light_field.reference_distance_mm)
     if to == "plenpy" or (to == "plenopticam" and found.samples.dtype == np.float32):
@@ -130,7 +141,7 @@ def test_without_our_file_the_geometry_must_be_given(tmp_path: Path, to: Any) ->
 
 
 def test_views_files_of_something_else_are_refused(tmp_path: Path) -> None:
-    write_any(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
+    write_light_field(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
     for text, message in (
         ("{}", "expected the schema"),
         ("[1, 2]", "expected the schema"),
@@ -140,7 +151,7 @@ def test_views_files_of_something_else_are_refused(tmp_path: Path) -> None:
     ):
         (tmp_path / "a_tiles.json").write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=message):
-            read_any(tmp_path / "a_tiles.png")
+            open_light_field(tmp_path / "a_tiles.png")
 
 
 def test_pictures_that_are_missing_or_of_another_size_are_refused(tmp_path: Path) -> None:
@@ -151,7 +162,7 @@ def test_pictures_that_are_missing_or_of_another_size_are_refused(tmp_path: Path
         ("colmap", "images/view_00_00/0000.png"),
     ):
         folder = tmp_path / to
-        write_any(folder, light_field, to)  # type: ignore[arg-type]
+        write_light_field(folder, light_field, to)
         file = next(folder.glob(picture))
         other = next(each for each in folder.glob("**/*.png") if each != file and "masks" not in each.parts)
         good = other.read_bytes()
@@ -159,18 +170,18 @@ def test_pictures_that_are_missing_or_of_another_size_are_refused(tmp_path: Path
 
         write_image(other, np.zeros((5, 6, 3), np.uint8))
         with pytest.raises(InputError, match="6x5 px, expected"):
-            read_any(folder)
+            open_light_field(folder)
         other.write_bytes(good)
         file.unlink()
         with pytest.raises(InputError, match=r"lacks view|no such file"):
-            read_any(folder)
+            open_light_field(folder)
 
 
 def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     for to, array in (("plenpy", "light_field.npy"), ("plenopticam", "vp_img_arr.npy")):
-        write_any(tmp_path / to, noise(2, 2), to)  # type: ignore[arg-type]
+        write_light_field(tmp_path / to, noise(2, 2), to)
         values = np.load(tmp_path / to / array)
         values[0, 0, 0, 0, 0] = np.nan
         np.save(tmp_path / to / array, values)
         with pytest.raises(InputError, match="NaN or infinite"):
-            read_any(tmp_path / to)
+            open_light_field(tmp_path / to)

@@ -13,8 +13,8 @@ import trimesh
 
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.colmap_scene import margins, read_colmap, write_colmap
-from mirrorcam.optics.light_field.io.formats.nerfstudio_scene import read_nerfstudio, write_nerfstudio
+from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
+from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud, read_ply, write_ply
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph

@@ -1,26 +1,18 @@
-"""Light fields as files: one as NumPy's .npz, which any program with NumPy reads."""
+"""One light field as NumPy's .npz, which any program with NumPy reads: the fields of `LightField` under their names."""
 
 from __future__ import annotations
 
 import zipfile
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
-
-# What an .npz holds of these as arrays without dimensions.
-_SCALARS: dict[str, type] = {
-    "focal_px": float,
-    "width_px": int,
-    "height_px": int,
-    "reference_depth_mm": float,
-    "layout_identity": str,
-}
 
 
 def save_npz(path: Path, light_field: LightField) -> None:
@@ -49,30 +41,13 @@ def load_npz(path: Path) -> LightField:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except (zipfile.BadZipFile, EOFError, ValueError) as error:
         raise InputError(f"{path}: not an .npz file that can be read: {error}") from None
-    return from_arrays(arrays, str(path))
+    return light_field_of_fields(arrays, str(path))
 
 
-def from_arrays(arrays: dict[str, Any], where: str) -> LightField:
-    """The light field of its fields by name, or InputError in one line that begins with `where`."""
-    try:
-        scalars = {name: kind(np.asarray(arrays[name]).item()) for name, kind in _SCALARS.items()}
-        return LightField(**(arrays | scalars))
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{where}: not a light field: {error}") from None
-
-
-def read_light_field(path: Path, frame: int = 0) -> LightField:
-    """The light field of an .npz file, or that of a frame (counted from 0) of a recording in Zarr.
-
-    Raises InputError in one line for anything else, and for a frame that the recording does not have.
-    """
-    if not path.is_dir():
-        if frame != 0:
-            raise InputError(f"{path}: has one frame, expected no frame {frame}")
-        return load_npz(path)
-    from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
-
-    stored = StoredLightFields(path)
-    if not 0 <= frame < len(stored):
-        raise InputError(f"{path}: has {len(stored)} frames, expected no frame {frame}")
-    return stored[frame]
+FORMAT = Format(
+    name="npz",
+    ending=".npz",
+    detect=lambda path: path.suffix.lower() == ".npz" and not path.is_dir(),
+    read=single(lambda path, assumed: load_npz(path)),
+    write=without_depth(save_npz),
+)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.pfm import read_pfm, write_pfm
+from mirrorcam.optics.light_field.io.pfm import read_pfm, write_pfm
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4) - 5.5
 

@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
-from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.formats.views_file import VIEWS, read_views, write_views
+from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
@@ -169,3 +170,12 @@ def _lines(path: Path) -> list[list[str]]:
     """The words of the lines that are neither empty nor comments."""
     lines = read_bytes(path).decode("utf-8").splitlines()
     return [line.split() for line in lines if line.strip() and not line.startswith("#")]
+
+
+FORMAT = Format(
+    name="colmap",
+    ending="_colmap",
+    detect=is_colmap,
+    read=single(lambda path, assumed: read_colmap(path)),
+    write=without_depth(write_colmap),
+)

@@ -15,9 +15,10 @@ import numpy as np
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_json
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.io.formats.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
-from mirrorcam.optics.light_field.io.formats.view_images import check_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.formats.views_file import VIEWS, read_views, write_views
+from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
 
 TRANSFORMS = "transforms.json"
@@ -104,3 +105,12 @@ def _index(file: str) -> tuple[int, int]:
     """Row and column of a view by the name of its picture."""
     row, col = Path(file).stem.split("_")[-2:]
     return int(row), int(col)
+
+
+FORMAT = Format(
+    name="nerfstudio",
+    ending="_nerfstudio",
+    detect=lambda path: (path / TRANSFORMS).exists(),
+    read=single(lambda path, assumed: read_nerfstudio(path)),
+    write=without_depth(write_nerfstudio),
+)

@@ -1,0 +1,38 @@
+"""Recordings in Zarr, which `mirrorcam decode` makes of videos: read frame by frame, written with one frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, without_depth
+from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
+from mirrorcam.optics.light_field.light_field import LightField
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path is a folder of Zarr, or of a recording that was cut off."""
+    return path.is_dir() and ((path / "zarr.json").exists() or path.name.endswith((".zarr", ".zarr.partial")))
+
+
+def write_recording(path: Path, light_field: LightField) -> None:
+    """Write one light field as a recording of one frame."""
+    from mirrorcam.optics.light_field.io.frames import Frame
+    from mirrorcam.optics.light_field.io.recording import Recording, about
+
+    recording = Recording(path, about(light_field, {"file": path.stem}), ZarrSink())
+    if recording.complete:
+        raise InputError(f"{path}: exists, expected a new name")
+    recording.add(Frame(0, 0.0, np.empty((0, 0, 3), np.uint8)), light_field)
+    recording.finish()
+
+
+FORMAT = Format(
+    name="zarr",
+    ending=".zarr",
+    detect=is_recording,
+    read=lambda path, assumed: Contents(StoredLightFields(path), is_recording=True),
+    write=without_depth(write_recording),
+)

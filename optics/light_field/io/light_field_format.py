@@ -1,0 +1,95 @@
+"""What a file format of light fields is: `formats.registry` collects those there are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.light_field import LightField
+
+Depth = NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assumed:
+    """Geometry for files that do not state their own; what a file states takes precedence.
+
+    Attributes:
+        rows, cols: number of views down and across.
+        step_mm: distance of neighbouring views.
+        focal_px: focal length of the views.
+        reference_depth_mm: distance of the plane of zero disparity from the views.
+    """
+
+    rows: int | None = None
+    cols: int | None = None
+    step_mm: float | None = None
+    focal_px: float | None = None
+    reference_depth_mm: float | None = None
+
+    def need(self, name: str, path: Path) -> Any:
+        """The value of a name, or InputError where it is not given."""
+        value = getattr(self, name)
+        if value is None:
+            flag = "--" + name.replace("_", "-")
+            raise InputError(f"{path}: does not state its {name}, and has no views.json beside it: expected {flag}")
+        return value
+
+
+NOTHING = Assumed()
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What a file or folder of light fields holds.
+
+    Attributes:
+        frames: the light fields; of a recording, each is read when it is asked for.
+        depth_mm: (v, u) true depth of the central view of a single light field, from the pupil; None without one.
+        depth_range_mm: nearest and farthest depth that the file states of its scene; None without them.
+        is_recording: whether the frames are numbered ones of a stream, even where there is only one.
+    """
+
+    frames: Sequence[LightField]
+    depth_mm: Depth | None = None
+    depth_range_mm: tuple[float, float] | None = None
+    is_recording: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A file format.
+
+    Attributes:
+        name: the name of the format and of its module.
+        ending: what names of its files, or of its folders where there is no point in it, end in.
+        detect: whether a file or folder is in this format, by its name and by what a folder holds.
+        write: writes a light field and, in formats that have it, the depth (v, u) of the central view.
+        read: reads with what is assumed of its geometry; None for a format that is only written.
+    """
+
+    name: str
+    ending: str
+    detect: Callable[[Path], bool]
+    write: Callable[[Path, LightField, Depth | None], None]
+    read: Callable[[Path, Assumed], Contents] | None
+
+    @property
+    def is_folder(self) -> bool:
+        return "." not in self.ending
+
+
+def single(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path, Assumed], Contents]:
+    """The reader of a format whose files hold one light field and no depth."""
+    return lambda path, assumed: Contents((read(path, assumed),))
+
+
+def without_depth(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
+    """The writer of a format that has no place for a depth."""
+    return lambda path, light_field, depth_mm: write(path, light_field)

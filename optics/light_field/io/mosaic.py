@@ -1,0 +1,64 @@
+"""One picture for all views, as the formats `eslf` and `tiles` have it; weights are opacity, the views in NAME.json."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.optics.light_field.io.view_images import light_field_of, read_rgba, rgb, weight_bytes, write_rgba
+from mirrorcam.optics.light_field.io.views_file import even_views, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField
+
+Order = Literal["eslf", "tiles"]
+# Axes t, s, v, u in the order in which a picture has them, from the slowest: rows, then columns.
+_AXES: dict[str, tuple[int, int, int, int]] = {"eslf": (2, 0, 3, 1), "tiles": (0, 2, 1, 3)}
+
+
+def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
+    """Write all views as one PNG."""
+    rows, cols, height, width = light_field.weights.shape
+    axes, size = _AXES[order], (rows * height, cols * width)
+    colours = rgb(light_field.samples).transpose(*axes, 4).reshape(*size, 3)
+    opacity = weight_bytes(light_field.weights).transpose(axes).reshape(size)
+    write_rgba(path, colours, None if light_field.weights.min() == 1.0 else opacity)
+    channels = light_field.samples.shape[-1]
+    write_views(path.with_suffix(".json"), light_field, order=order, channels=channels)
+
+
+def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightField:
+    """The light field of such a picture; what NAME.json says of it goes before `order` and `assumed`.
+
+    Raises InputError in one line where the geometry is not known, or the picture does not divide into the views.
+    """
+    colours, opacity = read_rgba(path)
+    stated = read_views(path.with_suffix(".json"))
+    said_order: object = order
+    if stated is not None:
+        grid, said_order = (stated[0].rows, stated[0].cols), stated[1].get("order")
+    elif assumed.rows is None or assumed.cols is None:
+        raise InputError(
+            f"{path}: a picture without {path.stem}.json beside it, expected --layout of the camera whose frame it is, "
+            "or --rows and --cols of the views in it"
+        )
+    else:
+        grid = (assumed.rows, assumed.cols)
+    if said_order not in _AXES:
+        raise InputError(f"{path.with_suffix('.json')}: order is {said_order!r}, expected 'eslf' or 'tiles'")
+    height, width = (side // count for side, count in zip(opacity.shape, grid, strict=True))
+    shape = (*grid, height, width)
+    if (grid[0] * height, grid[1] * width) != opacity.shape or not height * width:
+        raise InputError(
+            f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px do not divide into {grid[1]}x{grid[0]} views"
+        )
+    axes = _AXES[str(said_order)]
+    parts, back = [shape[axis] for axis in axes], np.argsort(axes)
+    views = even_views(path, assumed, grid, (width, height)) if stated is None else stated[0]
+    if (views.width_px, views.height_px) != (width, height):
+        raise InputError(f"{path}: views of {width}x{height} px, expected {views.width_px}x{views.height_px}")
+    samples = colours.reshape(*parts, 3).transpose(*back, 4)
+    channels = 3 if stated is None else stated[1]["channels"]
+    return light_field_of(views, np.ascontiguousarray(samples), opacity.reshape(parts).transpose(back), channels)

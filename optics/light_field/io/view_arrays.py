@@ -1,0 +1,66 @@
+"""Folders with the views as one NumPy array, as the formats `plenpy` and `plenopticam` have them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import Assumed
+from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField
+
+WEIGHTS = "weights.npy"
+
+
+def write_arrays(path: Path, light_field: LightField, largest: float) -> None:
+    """Write the samples as float32 from 0 to `largest`, and the weights and the views beside them."""
+    samples: Any = light_field.samples.astype(np.float32)
+    if light_field.samples.dtype == np.uint8:
+        samples /= np.float32(255.0)
+    _save(path, samples * np.float32(largest))
+    _save(path.with_name(WEIGHTS), light_field.weights)
+    write_views(path.with_name(VIEWS), light_field, dtype=str(light_field.samples.dtype))
+
+
+def _save(path: Path, array: np.ndarray) -> None:
+    with atomic(path) as temporary:
+        np.save(temporary, array, allow_pickle=False)
+
+
+def _load(path: Path, dimensions: int) -> Any:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path}: not an .npy file that can be read: {' '.join(str(error).split())}") from None
+    if not isinstance(array, np.ndarray) or array.ndim != dimensions or array.dtype.kind not in "fu":
+        raise InputError(f"{path}: expected an array of {dimensions} dimensions of numbers")
+    return array
+
+
+def read_arrays(path: Path, largest: float, assumed: Assumed) -> LightField:
+    """The light field of an array [t, s, v, u, c] of floats to `largest`, or of integers up to their largest value.
+
+    Without `views.json`, samples are float32 on an even grid, and the geometry is as assumed. Raises InputError in one
+    line for arrays of other shapes, or values that are not finite.
+    """
+    array, stated = _load(path, 5), read_views(path.with_name(VIEWS))
+    largest = float(np.iinfo(array.dtype).max) if array.dtype.kind == "u" else largest
+    samples = array.astype(np.float32) / np.float32(largest)
+    rows, cols, height, width = samples.shape[:4]
+    if path.with_name(WEIGHTS).exists():
+        weights = _load(path.with_name(WEIGHTS), 4).astype(np.float32)
+    else:
+        weights = np.ones(samples.shape[:4], np.float32)
+    if stated is not None and stated[1].get("dtype") == "uint8":
+        if not np.isfinite(samples).all():
+            raise InputError(f"{path}: holds a value that is NaN or infinite, expected finite numbers")
+        samples = np.rint(np.clip(samples, 0.0, 1.0) * 255.0).astype(np.uint8)
+    views = even_views(path, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
+    try:
+        return LightField.of(views, samples, weights)
+    except InputError as error:
+        raise InputError(f"{path.parent}: {error}") from None
