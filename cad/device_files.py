@@ -14,7 +14,7 @@ from mirrorcam.cad.documents.device_page import write_page
 from mirrorcam.cad.documents.device_pictures import pictures_of, write_picture
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
-from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet, plan_sheets, sheet_metrics
+from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.process_pool import Task, results
@@ -65,7 +65,7 @@ def write_device(
     return checks
 
 
-def write_sheets(folder: Path, layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
+def write_sheets(folder: Path, layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     """Nest the mirrors on sheets and write each as DXF and SVG."""
     sheets = plan_sheets(layout, cutting)
     for sheet in sheets:

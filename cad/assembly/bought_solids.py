@@ -1,4 +1,4 @@
-"""What is bought, as plain solids: camera and fasteners, for pictures, the assembly and clearances; never printed."""
+"""Bought items as plain solids: camera and fasteners, for pictures, the assembly and clearances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The printed parts of a device: name, number, how each is made, how it lies on the bed; and all that is bought."""
+"""The catalogue of a device: printed parts with their names, numbers and places on the bed, and bought items."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole device as plain numbers: a plan for every part of a layout, refused here where it cannot be made."""
+"""The plan of a whole device: plans of all its parts, and the joints between them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """The plans of all printed parts of a layout; one equals only itself."""
+    """The plans of all printed parts of a layout, in rig, mm.
+
+    Made by `plan_device`; compared by identity, so that it can be a key of caches.
+    """
 
     layout: Layout
     hardware: Hardware
@@ -35,7 +38,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Connection:
-    """Where one part is joined to another: the same frame, once from the plan of each; both (4, 4) in rig.
+    """A joint of two parts: the same frame, once from the plan of each; both (4, 4) in rig.
 
     z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
     """
@@ -49,7 +52,26 @@ class Connection:
 
 
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
-    """Plan every part; raises InputError with the measure that breaks where the device cannot be made."""
+    """Plan every part of a device.
+
+    Parameters
+    ----------
+    layout : Layout
+        Camera and mirrors.
+    hardware : Hardware
+        All dimensions that do not come from the layout.
+
+    Returns
+    -------
+    Device
+        The plans of all parts; no solid is made yet.
+
+    Raises
+    ------
+    InputError
+        With the measure that breaks, where the device cannot be made: light that a part would stop, a part that the
+        printer cannot print, a mirror that cannot be cut.
+    """
     require_cuttable(layout, hardware.cutting)
     clip = plan_clip(hardware)
     adapter = plan_adapter(clip, hardware)
@@ -63,7 +85,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         "robot's wrist": (wrist_box(adapter, hardware),),
     }.items():
         require_dark(name, solids, layout, light)
-    # Last what takes longest: of large layouts a minute.
+    # Last, because it takes longest: a minute for large layouts.
     holder = plan_holder(layout, hardware)
     return Device(
         layout=layout,
@@ -101,7 +123,7 @@ def wrist_box(adapter: AdapterPlan, hardware: Hardware) -> Frustum:
 
 
 def connections(device: Device) -> tuple[Connection, ...]:
-    """How the parts hang together, from the holder on."""
+    """The joints between the parts, from the holder on."""
     mount, clip, adapter = device.mount, device.clip, device.adapter
     out_of_back = device.holder.rig_from_mount
     downwards = np.diag([1.0, -1.0, -1.0])

@@ -16,7 +16,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
-from mirrorcam.cad.plan.seats import Frustum, sheet
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
@@ -44,10 +44,10 @@ ANGLE_RAD = 0.35
 
 @dataclass(frozen=True)
 class Piece:
-    """One thing in its place: `mesh` in rig, mm; `explode_mm` (3,) in rig is where it goes in an exploded view.
+    """A piece of the assembled device: `mesh` in rig, mm; `explode_mm` (3,) is its shift, in rig, in an exploded view.
 
-    `name` is unique: of a part the stem of its files, of a mirror "mirror_ROW-COLUMN". `number` is a part's or a
-    mirror's, "" of what is bought; `item` is the fastener that a piece shows.
+    `name` is unique: the stem of a part's files, "mirror_ROW-COLUMN", or a fastener's. `number` is that of a part or a
+    mirror, "" for what is bought; `item` is the fastener that a piece shows.
     """
 
     name: str
@@ -84,7 +84,7 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
     """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
     pieces = []
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
-        mesh = mesh_of(sheet(mirror))
+        mesh = mesh_of(mirror_prism(mirror))
         nearest = holder_under(mirror, printed)
         pieces.append(
             Piece(
@@ -189,7 +189,7 @@ def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
         volume_mm3=mesh.volume,
         mass_g=mesh.volume * density_g_per_mm3,
         centre_in_rig_mm=mesh.center_mass,
-        # trimesh takes a mesh of another density to be of density 1 until told.
+        # trimesh assumes a density of 1 unless it is set.
         inertia_g_mm2=mesh.moment_inertia / mesh.density * density_g_per_mm3,
     )
 

@@ -35,7 +35,7 @@ ARROW_DEG = 0.1
 
 
 @dataclass(frozen=True)
-class Cut:
+class MirrorCut:
     """A mirror in its file: the laser's path (n, 2), and the engraved strokes (m, 2), the arrow's shaft first."""
 
     sheet: int
@@ -49,7 +49,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Fit:
+class OutlineFit:
     """A shape moved and turned onto another: its corners (n, 2) in the other's order, the turn (2, 2), the error."""
 
     corners: FloatArray
@@ -57,7 +57,7 @@ class Fit:
     error_mm: float
 
 
-def fits(polygon: FloatArray, expected: FloatArray) -> list[Fit]:
+def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
     """Best moves and turns of a polygon's corners (n, 2) onto others (n, 2), for every start and either way round.
 
     None where the counts differ. Going the other way round the same corners is the same shape; a mirror image is not.
@@ -76,16 +76,16 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[Fit]:
             angle = np.arctan2(across, (moved * centred).sum())
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             turned = moved @ turn.T
-            found.append(Fit(turned + middle, turn, float(np.linalg.norm(turned - centred, axis=1).max())))
+            found.append(OutlineFit(turned + middle, turn, float(np.linalg.norm(turned - centred, axis=1).max())))
     return found
 
 
-def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, Cut], dict[str, int]]:
+def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, int]]:
     """The mirrors of all sheets by row and column, and what of the files is none.
 
     Counted are lines on CUT that are no closed outline of a named mirror, names that come twice, and files not in mm.
     """
-    cuts: dict[str, Cut] = {}
+    cuts: dict[str, MirrorCut] = {}
     wrong = {"stray_cuts": 0, "names_twice": 0, "files_not_in_mm": 0}
     for sheet, path in enumerate(paths):
         drawing = readfile(path)
@@ -102,11 +102,11 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, Cut], dict[str, int]]:
             wrong["stray_cuts"] -= 1
             wrong["names_twice"] += name in cuts
             strokes = tuple(np.array(line.get_points("xy")) for line in lines if line.dxf.layer == "ENGRAVE")
-            cuts[name] = Cut(sheet, np.array(closed[0].get_points("xy")), strokes)
+            cuts[name] = MirrorCut(sheet, np.array(closed[0].get_points("xy")), strokes)
     return cuts, wrong
 
 
-def mirror_fits(cuts: Mapping[str, Cut], layout: Layout, cutting: Cutting) -> dict[str, Fit]:
+def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting) -> dict[str, OutlineFit]:
     """Where the files have a mirror, its finished outline laid onto the layout's, both seen from the back."""
     laid = {}
     for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
@@ -161,7 +161,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     }
 
 
-def sheets_as_cut(laid: Mapping[str, Fit], layout: Layout) -> dict[str, manifold3d.Manifold]:
+def mirrors_as_cut(laid: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
     """The finished mirrors in their places in rig: right prisms between back and front, by row and column."""
     solids = {}
     for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
@@ -178,7 +178,7 @@ def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) ->
     return manifold3d.Manifold.hull_points(transform(mirror.rig_from_plane, np.concatenate(ends)))
 
 
-def _arrow_error_deg(cut: Cut, fit: Fit) -> float:
+def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
     """How far the engraved arrow is turned from up, once the mirror lies as in the device; 180 where there is none."""
     if not cut.strokes or len(cut.strokes[0]) != 2:
         return 180.0

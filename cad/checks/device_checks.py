@@ -16,7 +16,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import ACRYLIC, BRASS, COUPON, STEEL, composed, mass_of
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
-from mirrorcam.cad.checks.cut_outlines import Fit, check_cuts, mirror_fits, prism, read_cuts, sheets_as_cut
+from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
@@ -54,12 +54,12 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     laid = mirror_fits(read_cuts(sheets)[0], layout, hardware.cutting)
     assembly = read_glb(folder / ASSEMBLY)
     solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
-    solids |= {f"mirror_{name}": solid for name, solid in sheets_as_cut(laid, layout).items()}
+    solids |= {f"mirror_{name}": solid for name, solid in mirrors_as_cut(laid, layout).items()}
     solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
     sound = {name: solid for name, solid in solids.items() if is_manifold(solid)}
     sound_parts = {part.name: sound[part.name] for part in printed if part.name in sound}
     wrist = {WRIST: wrist_shell(device)}
-    sheets_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
+    mirrors_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
     of_mirrors = {
         **check_cuts(sheets, layout, hardware.cutting),
         **check_seats(
@@ -80,12 +80,12 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         "mount.tilt_deg": Metric(value=round(device.mount.tilt_deg, 4), unit="deg", limit=hardware.mount.tilt_deg),
         "mount.shift_um": Metric(value=round(device.mount.shift_um, 1), unit="um"),
         **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
-        **check_light(layout, hardware, sound_parts | wrist, sheets_in_place, sound.get(CAMERA)),
+        **check_light(layout, hardware, sound_parts | wrist, mirrors_in_place, sound.get(CAMERA)),
         "device.stray_light": Metric(
             value=stray_light(
                 layout,
                 manifold3d.Manifold.compose(list(sound_parts.values())),
-                [sheet for sheet in sheets_in_place if sheet is not None],
+                [sheet for sheet in mirrors_in_place if sheet is not None],
             ),
             unit="of the pixels",
             limit=STRAY_LIGHT,
@@ -153,7 +153,7 @@ def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
 
 
 def check_drop(
-    laid: Mapping[str, Fit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
+    laid: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
 ) -> dict[str, Metric]:
     """Whether the mirrors, as cut, go down to their seats along the normal, and have the stated room around them.
 

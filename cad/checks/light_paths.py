@@ -36,7 +36,7 @@ PUPIL_STEP_MM = 2.0
 
 
 @dataclass(frozen=True)
-class Light:
+class MirrorLight:
     """The light of one mirror: segments (2, n, 2, 3) from the mirror to the pupil and from it to the working distance.
 
     The first `inner` of them go through a grid on the mirror, the others through its edge.
@@ -51,15 +51,15 @@ class Light:
         return tuple(manifold3d.Manifold.hull_points(leg[self.inner :].reshape(-1, 3)) for leg in self.rays)
 
 
-def light_of(layout: Layout, index: int, hardware: Hardware) -> Light:
+def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
     """Exact light from the middle of the pupil by way of all of a mirror that shows the scene, if anything does."""
     mirror = layout.mirrors[index]
     flat, inner = _grid(mirror, RAY_STEP_MM)
     if len(flat) == 0:
-        return Light(np.zeros((2, 0, 2, 3)), 0)
+        return MirrorLight(np.zeros((2, 0, 2, 3)), 0)
     points = _on_apparent(mirror, flat)
     met, leaving, directions = traced(mirror, points[:, :2] / points[:, 2:])
-    return Light(_segments(layout, hardware, met, np.zeros_like(met), leaving, directions), inner)
+    return MirrorLight(_segments(layout, hardware, met, np.zeros_like(met), leaving, directions), inner)
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
@@ -142,7 +142,7 @@ def check_light(
             value=max((hits(together, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0),
             unit="",
         ),
-        "device.shade_of_sheets": Metric(value=shade_of_sheets(lights, sheets), unit="of the light", limit=SLIVER),
+        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, sheets), unit="of the light", limit=SLIVER),
         **{
             f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
             for name, gap in gaps.items()
@@ -150,7 +150,7 @@ def check_light(
     }
 
 
-def shade_of_sheets(lights: Sequence[Light], sheets: Sequence[manifold3d.Manifold | None]) -> float:
+def shade_of_mirrors(lights: Sequence[MirrorLight], sheets: Sequence[manifold3d.Manifold | None]) -> float:
     """Share of the worst mirror's grid whose light the other mirrors' sheets stand in: what thick sheets cost."""
     worst = 0.0
     for index, light in enumerate(lights):

@@ -10,14 +10,14 @@ from itertools import pairwise
 import numpy as np
 from shapely import MultiLineString, Polygon
 
-from mirrorcam.cad.documents.drawing_sheet import ARROW_MM, INK, Sheet, text_width_mm
-from mirrorcam.cad.documents.part_views import Placed
+from mirrorcam.cad.documents.drawing_sheet import ARROW_MM, INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.part_views import PlacedView
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.optics.base.values import FloatArray
 
 LINE_MM = 0.18
 TEXT_MM = 2.5
-FIRST_LANE_MM, LANE_PITCH_MM, LANES_MM = 7.5, 6.5, 27.0
+FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
 # Leaders lean by this much per mm upwards, so that they are told from edges of the part.
 LEAN = 0.27
@@ -27,7 +27,7 @@ CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearDimension:
     """A dimension line: coordinates (2,) along it and across it, mm on paper, of what it measures, and its words."""
 
     along: FloatArray
@@ -49,7 +49,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedDimension:
     """A dimension line beside what it measures, which lies askew: both ends (2, 2) on paper, and its words."""
 
     ends: FloatArray
@@ -60,9 +60,9 @@ class Aligned:
 class Annotations:
     """What is to be written at one view."""
 
-    below: list[Linear]
-    left: list[Linear]
-    askew: list[Aligned]
+    below: list[LinearDimension]
+    left: list[LinearDimension]
+    askew: list[AlignedDimension]
     notes: list[Note]
 
 
@@ -71,7 +71,7 @@ def number(value_mm: float) -> str:
     return f"{value_mm:.2f}".rstrip("0").rstrip(".")
 
 
-def annotate(sheet: Sheet, placed: Sequence[Placed], dimensions: Iterable[Length | Hole]) -> None:
+def annotate(sheet: DrawingSheet, placed: Sequence[PlacedView], dimensions: Iterable[Length | Hole]) -> None:
     """Draw overall dimensions and those of the plan, each in the view that shows it best."""
     jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
@@ -87,23 +87,23 @@ def annotate(sheet: Sheet, placed: Sequence[Placed], dimensions: Iterable[Length
     for (index, words), group in holes.items():
         _holes(sheet, placed[index], jobs[index], words, group)
     for view, job in zip(placed, jobs, strict=True):
-        _draw_lanes(sheet, view.box, job.below, upright=False)
-        _draw_lanes(sheet, view.box, job.left, upright=True)
+        _draw_tiers(sheet, view.box, job.below, upright=False)
+        _draw_tiers(sheet, view.box, job.left, upright=True)
         for aligned in job.askew:
             _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
 
 
-def _overall(placed: Sequence[Placed], jobs: Sequence[Annotations]) -> None:
+def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
     _, front, right = placed
     for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
         box = view.box
         words = number(float(np.ptp(view.view.box[:, coordinate])))
         across = np.full(2, box[0, 1 - coordinate])
-        (jobs[index].below, jobs[index].left)[coordinate].append(Linear(box[:, coordinate], across, words))
+        (jobs[index].below, jobs[index].left)[coordinate].append(LinearDimension(box[:, coordinate], across, words))
 
 
-def _length(placed: Sequence[Placed], jobs: Sequence[Annotations], dimension: Length) -> None:
+def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
     """In the first view that sees it in full; one that lies askew there gets its line beside it."""
     span = dimension.span_in_rig
     real = float(np.linalg.norm(span))
@@ -114,24 +114,24 @@ def _length(placed: Sequence[Placed], jobs: Sequence[Annotations], dimension: Le
     points = view.paper(dimension.points_in_rig)
     across = np.abs(view.view.axes_in_rig[:2] @ span)
     if across[1] <= PARALLEL * real:
-        _add(job.below, Linear(points[:, 0], points[:, 1], words))
+        _add(job.below, LinearDimension(points[:, 0], points[:, 1], words))
     elif across[0] <= PARALLEL * real:
-        _add(job.left, Linear(points[:, 1], points[:, 0], words))
+        _add(job.left, LinearDimension(points[:, 1], points[:, 0], words))
     else:
         start = dimension.points_in_rig[0]
-        job.askew.append(Aligned(view.paper(np.array([start, start + span])), words))
+        job.askew.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
 
 
-def _add(lane: list[Linear], new: Linear) -> None:
+def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
     """A length that is there already is not said twice; the one that says what it is of stays."""
-    for place, old in enumerate(lane):
+    for place, old in enumerate(tier):
         if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
-            lane[place] = max(old, new, key=lambda linear: len(linear.words))
+            tier[place] = max(old, new, key=lambda linear: len(linear.words))
             return
-    lane.append(new)
+    tier.append(new)
 
 
-def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Sequence[Hole]) -> None:
+def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
     """Centre marks, one leader for all equal holes, and where they are: from the part's edge and from each other."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
@@ -143,7 +143,7 @@ def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Se
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
     low = placed.box[0]
-    for coordinate, lane in ((0, job.below), (1, job.left)):
+    for coordinate, tier in ((0, job.below), (1, job.left)):
         if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
             # Seen askew, distances are foreshortened.
             continue
@@ -157,39 +157,39 @@ def _holes(sheet: Sheet, placed: Placed, job: Annotations, words: str, group: Se
             if there - here < 1e-3:
                 continue
             ends = np.array([here, there])
-            _add(lane, Linear(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
+            _add(tier, LinearDimension(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
 
 
-def _draw_lanes(sheet: Sheet, box: FloatArray, linears: Sequence[Linear], *, upright: bool) -> None:
+def _draw_tiers(sheet: DrawingSheet, box: FloatArray, linears: Sequence[LinearDimension], *, upright: bool) -> None:
     """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line."""
-    lanes: list[list[tuple[float, float]]] = []
+    tiers: list[list[tuple[float, float]]] = []
     chosen = []
     for linear in sorted(linears, key=lambda item: (item.span, item.along.min(), item.words)):
         width = text_width_mm(linear.words, TEXT_MM)
         low, high = _covers(linear, width)
-        busy = [k for k, lane in enumerate(lanes) if any(low < b + 1.0 and high > a - 1.0 for a, b in lane)]
+        busy = [k for k, tier in enumerate(tiers) if any(low < b + 1.0 and high > a - 1.0 for a, b in tier)]
         level = max(busy) + 1 if busy else 0
-        if level == len(lanes):
-            lanes.append([])
-        lanes[level].append((low, high))
+        if level == len(tiers):
+            tiers.append([])
+        tiers[level].append((low, high))
         chosen.append((level, linear, width))
-    pitch = min(LANE_PITCH_MM, (LANES_MM - FIRST_LANE_MM - BESIDE_MM) / max(len(lanes) - 1, 1))
+    pitch = min(TIER_PITCH_MM, (TIERS_MM - FIRST_TIER_MM - BESIDE_MM) / max(len(tiers) - 1, 1))
     edge = float(box[0, 0 if upright else 1])
     for level, linear, width in chosen:
-        _draw_linear(sheet, linear, edge - FIRST_LANE_MM - level * pitch, width, upright=upright)
+        _draw_linear(sheet, linear, edge - FIRST_TIER_MM - level * pitch, width, upright=upright)
 
 
-def _fits(linear: Linear, width: float) -> bool:
+def _fits(linear: LinearDimension, width: float) -> bool:
     return linear.span >= width + 2.0 * ARROW_MM[0] + 1.0
 
 
-def _covers(linear: Linear, width: float) -> tuple[float, float]:
+def _covers(linear: LinearDimension, width: float) -> tuple[float, float]:
     """What a dimension line and its words take of a lane."""
     low, high = float(linear.along.min()), float(linear.along.max())
     return (low, high) if _fits(linear, width) else (low - ARROW_MM[0] - 1.5, high + ARROW_MM[0] + width + 2.0)
 
 
-def _draw_linear(sheet: Sheet, linear: Linear, lane: float, width: float, *, upright: bool) -> None:
+def _draw_linear(sheet: DrawingSheet, linear: LinearDimension, tier: float, width: float, *, upright: bool) -> None:
     def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
         array = np.array(points)
         return array[:, ::-1] if upright else array
@@ -197,24 +197,24 @@ def _draw_linear(sheet: Sheet, linear: Linear, lane: float, width: float, *, upr
     order = np.argsort(linear.along)
     (low, high), starts = linear.along[order], linear.across[order]
     lines = [
-        on_sheet([(at, start - BESIDE_MM), (at, lane - 1.5)]) for at, start in zip((low, high), starts, strict=True)
+        on_sheet([(at, start - BESIDE_MM), (at, tier - 1.5)]) for at, start in zip((low, high), starts, strict=True)
     ]
     inside = _fits(linear, width)
     reach = 0.0 if inside else ARROW_MM[0] + 1.5
     end = high + reach + (0.0 if inside else width)
-    lines.append(on_sheet([(low - reach, lane), (end, lane)]))
+    lines.append(on_sheet([(low - reach, tier), (end, tier)]))
     sheet.lines(lines, LINE_MM)
     sign = -1.0 if inside else 1.0
     for tip, direction in ((low, sign), (high, -sign)):
-        sheet.arrow_head(on_sheet([(tip, lane)])[0], on_sheet([(direction, 0.0)])[0])
+        sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
     middle = (low + high) / 2.0 if inside else high + reach + width / 2.0
     if upright:
-        sheet.text((lane - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
+        sheet.text((tier - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
     else:
-        sheet.text((middle, lane + 0.9), linear.words, TEXT_MM, align="center")
+        sheet.text((middle, tier + 0.9), linear.words, TEXT_MM, align="center")
 
 
-def _draw_aligned(sheet: Sheet, placed: Placed, aligned: Aligned) -> None:
+def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
     """On the side where less of the part is in the way."""
     start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
     along = (end - start) / np.linalg.norm(end - start)
@@ -222,13 +222,13 @@ def _draw_aligned(sheet: Sheet, placed: Placed, aligned: Aligned) -> None:
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
 
     def in_the_way(side: float) -> float:
-        band = [side * (FIRST_LANE_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
+        band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
         return float(
             Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
         )
 
     side = min((1.0, -1.0), key=in_the_way)
-    out, beside = side * FIRST_LANE_MM * normal, side * BESIDE_MM * normal
+    out, beside = side * FIRST_TIER_MM * normal, side * BESIDE_MM * normal
     ends = np.array([start + out, end + out])
     over = side * 1.5 * normal
     sheet.lines([ends, *(np.array([at + beside, at + out + over]) for at in (start, end))], LINE_MM)
@@ -238,7 +238,7 @@ def _draw_aligned(sheet: Sheet, placed: Placed, aligned: Aligned) -> None:
     sheet.text(ends.mean(axis=0) + 0.9 * normal, aligned.words, TEXT_MM, align="center", turn_deg=angle)
 
 
-def _draw_notes(sheet: Sheet, box: FloatArray, notes: Sequence[Note]) -> None:
+def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
     """Words above the view, the rightmost lowest: then no leader crosses words or another leader."""
     pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM) / max(len(notes) - 1, 1))
     ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))

@@ -13,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.documents.device_pictures import Picture, middle_ray
+from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.values import Metric
@@ -47,7 +47,11 @@ class _Row:
 
 
 def write_page(
-    folder: Path, device: Device, parts: Sequence[BuiltPart], pictures: Sequence[Picture], checks: Mapping[str, Metric]
+    folder: Path,
+    device: Device,
+    parts: Sequence[BuiltPart],
+    pictures: Sequence[DevicePicture],
+    checks: Mapping[str, Metric],
 ) -> None:
     """Write index.html into `folder`, which holds assembly.glb, bom.md, guide.md and all that the page links to.
 

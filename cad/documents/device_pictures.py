@@ -14,7 +14,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.documents.assembly_steps import CLIP, Stages, home_of, joins_of
 from mirrorcam.cad.documents.labels import Label, annotate
-from mirrorcam.cad.documents.shading import Body, Rgb, Screen, render
+from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.base.values import FloatArray
@@ -44,13 +44,13 @@ INSERT_OUT_MM = 12.0
 class Item:
     """A body of a picture where it is drawn, in rig, its name there ("" for none), and a line to where it belongs."""
 
-    body: Body
+    body: ShadedBody
     label: str
     line: FloatArray | None = None
 
 
 @dataclass(frozen=True)
-class Picture:
+class DevicePicture:
     """A picture before it is drawn: file stem, what it shows, the viewer's axes (3, 3) in rig, bodies, rays."""
 
     name: str
@@ -65,7 +65,7 @@ class Picture:
         return f"pictures/{self.name}.png"
 
 
-def write_picture(folder: Path, picture: Picture) -> None:
+def write_picture(folder: Path, picture: DevicePicture) -> None:
     """Draw a picture and write it below a device's folder."""
     bodies = [item.body for item in picture.items]
     labelled = [Label(index, item.label) for index, item in enumerate(picture.items) if item.label]
@@ -78,7 +78,7 @@ def write_picture(folder: Path, picture: Picture) -> None:
     write_image(folder / picture.path, annotate(render(bodies, screen, lines), labelled))
 
 
-def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[Picture, ...]:
+def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
     """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
     layout = device.layout
     front, above, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, ABOVE, BELOW, BEHIND))
@@ -88,17 +88,17 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     apart = _placed([(piece, piece.explode_mm) for piece in pieces])
     stages = Stages(pieces)
     return (
-        Picture("assembled", "The device, assembled", front, whole),
-        Picture("exploded", "Exploded view", front, apart),
-        Picture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
-        Picture("behind", "The device from behind", behind, bare),
-        Picture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
-        Picture("inserts", "Where the inserts go", behind, _threads(stages)),
-        Picture("mirrors", "Which mirror goes where", below, _seating(stages)),
-        Picture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
-        Picture("camera", "Camera and clip", above, _camera_in_clip(stages)),
-        Picture("clip", "Clip and mount", front, _clip_on_mount(stages)),
-        Picture("adapter", "The clamp", front, _adapter_on_mount(stages)),
+        DevicePicture("assembled", "The device, assembled", front, whole),
+        DevicePicture("exploded", "Exploded view", front, apart),
+        DevicePicture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
+        DevicePicture("behind", "The device from behind", behind, bare),
+        DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
+        DevicePicture("inserts", "Where the inserts go", behind, _threads(stages)),
+        DevicePicture("mirrors", "Which mirror goes where", below, _seating(stages)),
+        DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
+        DevicePicture("camera", "Camera and clip", above, _camera_in_clip(stages)),
+        DevicePicture("clip", "Clip and mount", front, _clip_on_mount(stages)),
+        DevicePicture("adapter", "The clamp", front, _adapter_on_mount(stages)),
     )
 
 
@@ -216,7 +216,7 @@ def _item(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
     if pale and piece.kind != "mirror":
         red, green, blue = (PALE * 0.93 + (1.0 - PALE) * channel for channel in rgb)
         rgb = (red, green, blue)
-    return Item(Body(_triangles(piece), rgb, shine=piece.kind == "mirror"), label)
+    return Item(ShadedBody(_triangles(piece), rgb, shine=piece.kind == "mirror"), label)
 
 
 def _moved(
@@ -226,7 +226,7 @@ def _moved(
     here = _item(piece, label, pale=pale)
     centre = np.asarray(piece.mesh.bounds).mean(axis=0)
     path = None if seat is None else np.array([centre + seat, centre + away])
-    return Item(Body(here.body.triangles + away, here.body.rgb, here.body.shine), label, path)
+    return Item(ShadedBody(here.body.triangles + away, here.body.rgb, here.body.shine), label, path)
 
 
 def _triangles(piece: Piece) -> FloatArray:
@@ -250,6 +250,6 @@ def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
         if x > 0.0 and x + size[0] > row_end:
             x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
         shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)
-        items.append(Item(Body(triangles + shift, part.rgb), f"{part.number} {part.title}"))
+        items.append(Item(ShadedBody(triangles + shift, part.rgb), f"{part.number} {part.title}"))
         x, deepest = x + size[0] + BED_GAP_MM, max(deepest, float(size[1]))
     return tuple(items)

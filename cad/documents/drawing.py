@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from build123d import Part
 
-from mirrorcam.cad.documents.annotation import LANES_MM, WORDS_MM, annotate
-from mirrorcam.cad.documents.drawing_sheet import SOFT, Sheet, text_width_mm
+from mirrorcam.cad.documents.annotation import TIERS_MM, WORDS_MM, annotate
+from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, text_width_mm
 from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
-from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, Placed, View, on_paper, project
+from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
 from mirrorcam.cad.holder.holder_plan import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
@@ -36,14 +36,14 @@ def write_drawing(folder: Path, solid: Part, part: PartPlan, printer: Printer) -
     return draw(solid, part, printer).write(folder / part.name, f"{part.number} {part.title}")
 
 
-def draw(solid: Part, part: PartPlan, printer: Printer) -> Sheet:
+def draw(solid: Part, part: PartPlan, printer: Printer) -> DrawingSheet:
     """The sheet of a part."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
-    sheet = Sheet(*A3_MM)
+    sheet = DrawingSheet(*A3_MM)
     table_left = _draw_tables(sheet, tables)
     placed, scale = _arrange(top, front, right, table_left)
     corner = _isometric(isometric, placed, table_left)
@@ -82,37 +82,39 @@ def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
     return tuple(dimension for dimension in dimensions if inside(dimension))
 
 
-def _arrange(top: View, front: View, right: View, right_end: float) -> tuple[tuple[Placed, Placed, Placed], float]:
+def _arrange(
+    top: PartView, front: PartView, right: PartView, right_end: float
+) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float]:
     """Place the views at the largest scale of the standard that leaves room for their dimensions."""
     bottom = BORDER_MM + BLOCK_MM
     room = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
     wide, deep = np.ptp(top.box, axis=0)
     high = float(np.ptp(front.box, axis=0)[1])
-    spare = room - (2 * LANES_MM + 12.0, 2 * LANES_MM + 2 * WORDS_MM)
+    spare = room - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
     # What is left over goes around the views in equal shares.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
-    left = BORDER_MM + LANES_MM + min(loose[0], 30.0)
-    low = bottom + LANES_MM + min(loose[1], 20.0)
-    upper = low + scale * high + WORDS_MM + LANES_MM + min(loose[1], 20.0)
-    beside = left + scale * wide + LANES_MM + 4.0 + min(loose[0], 30.0)
+    left = BORDER_MM + TIERS_MM + min(loose[0], 30.0)
+    low = bottom + TIERS_MM + min(loose[1], 20.0)
+    upper = low + scale * high + WORDS_MM + TIERS_MM + min(loose[1], 20.0)
+    beside = left + scale * wide + TIERS_MM + 4.0 + min(loose[0], 30.0)
 
-    def at(view: View, x: float, y: float) -> Placed:
-        return Placed(view, scale, np.array([x, y]) - view.box[0] * scale)
+    def at(view: PartView, x: float, y: float) -> PlacedView:
+        return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
 
     return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale
 
 
-def _isometric(view: View, placed: Sequence[Placed], right_end: float) -> Placed:
+def _isometric(view: PartView, placed: Sequence[PlacedView], right_end: float) -> PlacedView:
     """The isometric fills what is free above the view from the right."""
     top, _, right = placed
     low = np.array([top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0])
     high = np.array([right_end - 6.0, A3_MM[1] - BORDER_MM - 8.0])
     scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * top.scale)
-    return Placed(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
+    return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
 
 
-def _draw_tables(sheet: Sheet, tables: Sequence[Table]) -> float:
+def _draw_tables(sheet: DrawingSheet, tables: Sequence[Table]) -> float:
     """Draw tables in the upper right corner, below each other; returns where the room left of them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
@@ -144,7 +146,7 @@ def _draw_tables(sheet: Sheet, tables: Sequence[Table]) -> float:
     return left
 
 
-def _title_block(sheet: Sheet, part: PartPlan, printer: Printer, scale: float) -> None:
+def _title_block(sheet: DrawingSheet, part: PartPlan, printer: Printer, scale: float) -> None:
     """The frame of the sheet, and below the views what the drawing is of and how it is to be read."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     sheet.rectangle((BORDER_MM, BORDER_MM), (right, top), FRAME_MM)
@@ -171,7 +173,7 @@ def _title_block(sheet: Sheet, part: PartPlan, printer: Printer, scale: float) -
     _third_angle(sheet, np.array([(x + right) / 2.0, BORDER_MM + 10.0]))
 
 
-def _third_angle(sheet: Sheet, middle: FloatArray) -> None:
+def _third_angle(sheet: DrawingSheet, middle: FloatArray) -> None:
     """The symbol of third-angle projection: the circles of a cone on the left, its side on the right."""
     turn = np.linspace(0.0, 2.0 * np.pi, 65)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])

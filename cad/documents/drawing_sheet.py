@@ -50,7 +50,7 @@ def _width_of_size_1(text: str, bold: bool) -> float:
     return float(np.ptp(corners[:, 0])) / 100.0
 
 
-class Sheet:
+class DrawingSheet:
     """A drawing sheet of `width_mm` x `height_mm`, and what is on it: words, and lines with their width."""
 
     def __init__(self, width_mm: float, height_mm: float) -> None:

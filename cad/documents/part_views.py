@@ -37,7 +37,7 @@ ISOMETRIC = np.array(
 
 
 @dataclass(frozen=True)
-class View:
+class PartView:
     """Polylines (n, 2), mm, of a view: right and up along the first rows of `axes_in_rig` (3, 3)."""
 
     axes_in_rig: FloatArray
@@ -52,10 +52,10 @@ class View:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedView:
     """A view on the sheet: paper = scale * view + shift."""
 
-    view: View
+    view: PartView
     scale: float
     shift: FloatArray
 
@@ -69,11 +69,11 @@ class Placed:
         return points_in_rig @ self.view.axes_in_rig[:2].T * self.scale + self.shift
 
 
-def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> View:
+def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> PartView:
     """See a solid from far away, from the third row of `axes_in_rig`, by the kernel's hidden-line algorithm."""
     _, up, towards = axes_in_rig
     visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
-    return View(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden) if hidden_too else ()))
+    return PartView(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden) if hidden_too else ()))
 
 
 def _polylines(edges: Iterable[Edge]) -> list[FloatArray]:
@@ -87,7 +87,7 @@ def _polylines(edges: Iterable[Edge]) -> list[FloatArray]:
     return lines
 
 
-def on_paper(view: View, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
+def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
     """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without what is too small to be read.
 
     Hidden lines are left out where they are so many that nothing could be read of them.

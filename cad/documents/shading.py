@@ -32,7 +32,7 @@ CORNER_DARKNESS = 0.55
 
 
 @dataclass(frozen=True)
-class Body:
+class ShadedBody:
     """Triangles (n, 3, 3) in rig, mm, counter-clockwise from outside, of one colour (0 to 1); `shine` for mirrors."""
 
     triangles: FloatArray
@@ -77,7 +77,7 @@ class Shot:
     screen: Screen
 
 
-def render(bodies: Sequence[Body], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
+def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
     """Draw bodies, and polylines (points (n, 3) in rig, colour, width in px) where nothing is nearer, on white."""
     fine = Screen(
         screen.axes,
@@ -163,7 +163,7 @@ def _fragments(
 
 
 def _shade(
-    bodies: Sequence[Body],
+    bodies: Sequence[ShadedBody],
     owners: NDArray[np.int64],
     normals_seen: FloatArray,
     index: NDArray[np.int32],

@@ -1,4 +1,4 @@
-"""The flat back of the mirror holder: which way it faces, and where the mount is screwed to it."""
+"""The flat back of the mirror holder: its direction, its cuts, and the holes for the mount's screws."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 
-# Fillers that recede into the slab end this far in it.
+# Fillers that recede into the slab end this far inside it.
 IN_SLAB_MM = 0.5
-# What is cut is thicker than its pins need by so much: room to place them.
+# A part that is cut is thicker than its pins need by this much: room to place them.
 PIN_SLACK_MM = 0.5
 # A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
 OFF_MIDDLE = 0.1
-# A cut rather passes through so much more of the mirrors than leave a square millimetre of a wall that does not print.
+# A square millimetre of wall too thin to print costs as much as this length of cut through mirrors.
 THIN_MM_PER_MM2 = 1000.0
 
 
@@ -55,7 +55,7 @@ def mount_axes(layout: Layout) -> FloatArray:
 
 
 def clip(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
-    """The part of a flat convex loop (n, 3) that lies at most so far along a direction: a loop (m, 3), maybe empty."""
+    """Clip a flat convex loop (n, 3) to a half-space, x @ direction <= most: a loop (m, 3), maybe empty."""
     kept = []
     for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
         over_start, over_end = float(start @ direction) - most, float(end @ direction) - most

@@ -1,4 +1,4 @@
-"""Where the glue goes: grooves in every seat, and how much of each mirror the seat still bears."""
+"""Glue grooves in every seat, and the share of each mirror's back that the seat still bears."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BESIDE_OF_FIT = 0.8
 class Groove:
     """A groove of one mirror's seat: `at_mm` is its middle along x of the mirror's plane; it runs along y.
 
-    `shape` (n, 2) is what it takes of the seat, in the plane's axes.
+    `shape` (n, 2) is its outline on the seat, in the plane's axes.
     """
 
     at_mm: float
@@ -93,7 +93,7 @@ def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> boo
 
 
 def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
-    """What a groove cuts, from its floor to above the seat."""
+    """The solid that a groove cuts, from its floor to above the seat."""
     seat = mirror.back_mm
     levels = (seat - hardware.holder.groove_depth_mm, seat + 0.5 * mirror.thickness_mm)
     base, top = (
@@ -124,7 +124,7 @@ def runs_along_cut(
 def planned_cover(
     mirrors: tuple[Mirror, ...], grooves: list[tuple[Groove, ...]], keep_outs: list[list[Frustum]]
 ) -> tuple[float, ...]:
-    """Share of each mirror's back that its seat bears: the outline less grooves and what gives way to other mirrors."""
+    """Share of each mirror's back that its seat bears: its outline less grooves and other mirrors' keep-outs."""
     shares = []
     for index, (mirror, own) in enumerate(zip(mirrors, grooves, strict=True)):
         outline = Polygon(mirror.outline_in_plane_mm)
@@ -135,7 +135,7 @@ def planned_cover(
 
 
 def _section(mirror: Mirror, outline: Polygon, volume: Frustum) -> Polygon:
-    """What a convex solid takes of a mirror's seat, in the plane's axes; empty where it takes nothing."""
+    """The section of a convex solid with a mirror's seat, in the plane's axes; empty where they do not meet."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + mirror.back_mm * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]

@@ -13,7 +13,7 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
-from mirrorcam.cad.plan.seats import Frustum, sheet
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -26,17 +26,17 @@ def solid_of(frustum: Frustum) -> Solid:
 
 
 def check_gaps(layout: Layout, hardware: Hardware) -> None:
-    """Raise InputError where two sheets come so near that the pocket of one would cut the seat of the other."""
-    sheets = [sheet(mirror) for mirror in layout.mirrors]
-    corners = [np.vstack([volume.base, volume.top]) for volume in sheets]
+    """Raise InputError where two mirrors are so close that the pocket of one would cut the seat of the other."""
+    solids = [mirror_prism(mirror) for mirror in layout.mirrors]
+    corners = [np.vstack([solid.base, solid.top]) for solid in solids]
     needed = hardware.fit.free_mm
-    for i, j in combinations(range(len(sheets)), 2):
+    for i, j in combinations(range(len(solids)), 2):
         apart = np.maximum(
             corners[i].min(axis=0) - corners[j].max(axis=0), corners[j].min(axis=0) - corners[i].max(axis=0)
         )
         if apart.max() >= needed:
             continue
-        gap = solid_of(sheets[i]).distance_to(solid_of(sheets[j]))
+        gap = solid_of(solids[i]).distance_to(solid_of(solids[j]))
         if gap < needed:
             raise InputError(
                 f"mirrors {i} and {j} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm"
@@ -45,7 +45,7 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
 
 @recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
-    """Cut and join the holder's solids; the light and the pockets are removed by construction."""
+    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
     whole = one_piece(body_of(csg, plan), plan.wall_mm)
     body = one_piece(csg.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)

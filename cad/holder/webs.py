@@ -183,7 +183,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
 
 
 def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> list[tuple[float, FloatArray]]:
-    """Height over the back, and x and y (2,), of all corners of what is not plastic over a convex area."""
+    """Height over the back, and x and y (2,), of all corners of the air over a convex area."""
     if area.area < 1e-9:
         return []
     points = np.asarray((_column(get_coordinates(area), levels) - body).to_mesh64().vert_properties)
@@ -191,5 +191,5 @@ def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> lis
 
 
 def _column(flat: FloatArray, levels: tuple[float, float]) -> Manifold:
-    """What stands between two levels on the hull of points (n, 2)."""
+    """The prism between two levels on the convex hull of points (n, 2)."""
     return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))

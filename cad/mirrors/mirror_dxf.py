@@ -10,7 +10,7 @@ from ezdxf import options  # type: ignore[attr-defined]  # public, but ezdxf doe
 from ezdxf.document import Drawing
 from ezdxf.filemanagement import new
 
-from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet
+from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.optics.base.files import atomic
 
 DXF_MM = 4
@@ -18,13 +18,13 @@ LAYERS = (("CUT", 1), ("ENGRAVE", 5), ("NOTES", 8))
 NOTE_MM = 3.0
 
 
-def write_dxf(path: Path, sheet: MirrorSheet) -> None:
+def write_dxf(path: Path, sheet: StockSheet) -> None:
     """Write a sheet as DXF atomically."""
     with atomic(path) as temporary, _fixed_metadata():
         draw_sheet(sheet).saveas(temporary)
 
 
-def draw_sheet(sheet: MirrorSheet) -> Drawing:
+def draw_sheet(sheet: StockSheet) -> Drawing:
     """The DXF drawing of a sheet: its lower left corner at the origin, the notes below it.
 
     Every mirror is a group `mirror_ROW-COLUMN` of its closed line on CUT and its strokes on ENGRAVE.

@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet
+from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import FloatArray
 
@@ -16,7 +16,7 @@ HAIRLINE_MM = 0.025
 NOTE_MM = 3.0
 
 
-def write_svg(path: Path, sheet: MirrorSheet) -> None:
+def write_svg(path: Path, sheet: StockSheet) -> None:
     """Write a sheet as SVG: the sheet's upper left corner at the origin, the notes below it.
 
     Engraving comes before the cuts, as it has to be done.

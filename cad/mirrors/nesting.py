@@ -23,7 +23,7 @@ ROUNDING_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class Placed:
+class NestedOutline:
     """Where a piece lies: on which sheet, turned by `turn` (2, 2), then moved by `shift_mm` (2,)."""
 
     sheet: int
@@ -45,7 +45,7 @@ class _Turned:
     size: FloatArray
 
 
-def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[Placed]:
+def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[NestedOutline]:
     """A place for every convex piece (n, 2), at least a gap from each other and from the sheet's edge.
 
     They are laid down in several orders, to the left and to the bottom, until their area could need no fewer sheets;
@@ -59,7 +59,7 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
     lengths = [max(way.size.max() for way in turned) for turned in ways]
     widths = [min(way.size.min() for way in turned) for turned in ways]
     fewest = np.ceil(sum(areas) / room.prod())
-    best: tuple[tuple[int, float], list[Placed]] | None = None
+    best: tuple[tuple[int, float], list[NestedOutline]] | None = None
     for sizes, along in product((areas, lengths, widths), (0, 1)):
         order = sorted(range(len(pieces)), key=lambda index: (-round(sizes[index], 6), index))
         cost, placed = _lay_down(ways, order, room, gap_mm, along)
@@ -95,9 +95,9 @@ def _ways_to_lie(piece: FloatArray) -> list[_Turned]:
 
 def _lay_down(
     ways: list[list[_Turned]], order: list[int], room: FloatArray, gap_mm: float, along: int
-) -> tuple[tuple[int, float], list[Placed]]:
+) -> tuple[tuple[int, float], list[NestedOutline]]:
     """Sheets needed and the share used of the last one along an axis, and the places, in the order of the pieces."""
-    placed: list[Placed | None] = [None] * len(ways)
+    placed: list[NestedOutline | None] = [None] * len(ways)
     sheets: list[list[FloatArray]] = []
     used: list[float] = []
     for index in order:
@@ -109,7 +109,7 @@ def _lay_down(
             if found is None:
                 continue
             way, corner = found
-            placed[index] = Placed(number, way.turn, way.offset + corner + gap_mm)
+            placed[index] = NestedOutline(number, way.turn, way.offset + corner + gap_mm)
             grown = Polygon(way.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
             sheets[number].append(shapely.get_coordinates(grown)[:-1])
             used[number] = max(used[number], float((corner + way.size)[along] / room[along]))

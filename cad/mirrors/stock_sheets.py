@@ -33,7 +33,7 @@ class CutMirror:
 
 
 @dataclass(frozen=True)
-class MirrorSheet:
+class StockSheet:
     """One sheet, the `number`th of `count`, of mirrors of one kind; `stem` is what its files are called."""
 
     number: int
@@ -113,7 +113,7 @@ def require_cuttable(layout: Layout, cutting: Cutting) -> None:
             )
 
 
-def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
+def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     """All mirrors nested on sheets, a set of sheets for every kind of mirror; raises as `require_cuttable` does."""
     require_cuttable(layout, cutting)
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
@@ -126,7 +126,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[MirrorSheet, ...]:
         ]
         planned += [(surface, thickness_mm, cuts) for cuts in _nested(chosen, cutting)]
     return tuple(
-        MirrorSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
+        StockSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
         for number, (surface, thickness_mm, cuts) in enumerate(planned, start=1)
     )
 
@@ -158,7 +158,7 @@ def _width_mm(outline: FloatArray) -> float:
     return float(heights.max(axis=1).min())
 
 
-def sheet_metrics(sheets: tuple[MirrorSheet, ...]) -> dict[str, Metric]:
+def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
     """What a laser needs of the sheets, and how well they are used: features, and gaps between separate lines."""
     features = [
         _width_mm(offset_outline(cut.outline, -sheet.cutting.kerf_mm / 2.0)) / sheet.thickness_mm
@@ -175,7 +175,7 @@ def sheet_metrics(sheets: tuple[MirrorSheet, ...]) -> dict[str, Metric]:
     }
 
 
-def line_gap_mm(sheet: MirrorSheet) -> float:
+def line_gap_mm(sheet: StockSheet) -> float:
     """Smallest distance between lines that do not touch: cuts, arrows and signs."""
     closed = [LineString([*cut.outline, cut.outline[0]]) for cut in sheet.cuts]
     strokes = [LineString(stroke) for cut in sheet.cuts for stroke in cut.strokes]

@@ -1,4 +1,4 @@
-"""How far a bent beam of two skins and a truss of webs turns and moves under a weight at its end: closed forms."""
+"""Deflection of a bent sandwich beam (two skins and a truss of webs) under a weight at its end, in closed form."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Section:
 
     @property
     def plastic_mm2(self) -> float:
-        """Volume per length: skins, and webs that are longer than what they span."""
+        """Volume of plastic per length: both skins, and the webs, which are 1 / cos of their angle longer."""
         return float(self.width_mm * (2.0 * self.skin_mm + self.web_mm / np.cos(np.deg2rad(self.web_deg))))
 
     @property

@@ -1,4 +1,4 @@
-"""Dimensions that a part's plan offers to its drawing, in rig; plain numbers, no CAD kernel."""
+"""Dimensions that a part's plan offers to its drawing, in rig."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mirrorcam.optics.base.values import FloatArray
 class Length:
     """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number.
 
-    With `way_in_rig` (3,), a unit vector, only what the points are apart along that.
+    With `way_in_rig` (3,), a unit vector, only the distance along that direction.
     """
 
     points_in_rig: FloatArray
@@ -23,7 +23,7 @@ class Length:
 
     @property
     def span_in_rig(self) -> FloatArray:
-        """From the first point to the second, or as far along the way as that lies."""
+        """The vector (3,) from the first point to the second, projected on `way_in_rig` where that is given."""
         first, second = self.points_in_rig
         way = self.way_in_rig
         return np.asarray(second - first if way is None else way * ((second - first) @ way))
@@ -44,7 +44,7 @@ class Hole:
 
 @dataclass(frozen=True)
 class Table:
-    """Figures of a part that a table says better than dimensions; `notes` (short lines) stand below it."""
+    """A table of a drawing; `notes` (short lines) are written below it."""
 
     title: str
     head: tuple[str, ...]
@@ -54,7 +54,7 @@ class Table:
 
 @runtime_checkable
 class Dimensioned(Protocol):
-    """A plan that says which dimensions its drawing has, beside the overall ones."""
+    """A plan that states the dimensions of its drawing, beside the overall ones."""
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]: ...

@@ -1,4 +1,4 @@
-"""Screws and what they are driven into, as plain numbers: lengths, walls, and the holes that parts get for them."""
+"""Screws, inserts and nuts as plain numbers: lengths, walls, and the holes for them in parts."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def stack_into(
 def thread(
     mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """What a wall, at least as thick as its stack says, gets for a screw that enters it at a mouth (3,) along an axis.
+    """The cuts in a wall, at least as thick as its stack says, for a screw that enters at a mouth (3,) along an axis.
 
     In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
     """

@@ -1,4 +1,4 @@
-"""Bought hardware, fits and the printer, by name: the one table of dimensions that parts are drawn from.
+"""Bought hardware, fits and the printer: the one table of dimensions that parts are drawn from.
 
 The table is data: a TOML file may replace any of it, and a camera's body is a TOML file of its own (`cad/cameras/` has
 some). Lengths in mm.
@@ -128,7 +128,7 @@ class ClipDimensions(Value):
 
 
 class Cutting(Value):
-    """The laser cutter and the sheet that the mirrors are cut from."""
+    """The laser cutter and the stock sheet that the mirrors are cut from."""
 
     sheet_mm: tuple[float, float] = Field(default=(300.0, 200.0), description="width and height of a sheet")
     kerf_mm: float = Field(default=0.2, ge=0, description="full width that the laser burns away")
@@ -198,7 +198,7 @@ class Wrist(Value):
 
 
 def read_camera(name: str) -> CameraBody:
-    """A camera's body: one of `cad/cameras/` by its name, or a TOML file by its path."""
+    """Read a camera's body: one of `cad/cameras/` by its name, or a TOML file by its path."""
     path = CAMERAS / f"{name}.toml"
     if not path.exists():
         path = Path(name)
@@ -213,7 +213,11 @@ def _named(camera: object) -> object:
 
 
 class Hardware(Value):
-    """Dimensions that no layout changes; read from a file by `optics.files.read_model`."""
+    """All dimensions that do not come from a layout, in mm; every part of a device is drawn from these and the layout.
+
+    Read from a TOML file by `read_model(Hardware, path)`, which may give any part of it; a camera is given by its name
+    in `cad/cameras/`, the path of a TOML file, or its own table.
+    """
 
     fit: Fits = Fits()
     printer: Printer = Printer()

@@ -1,4 +1,4 @@
-"""What the drawings of the parts say beside overall sizes: their holes, and distances that other parts depend on."""
+"""Dimensions of parts beside their overall sizes: holes, and distances that other parts depend on."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
 from mirrorcam.optics.base.values import FloatArray
 
-# A wider hole on the axis of a narrow one is a way for the driver, not a fit.
+# A wider hole on the axis of a narrow one is an access hole for the driver, not a fit.
 WIDER = 1.5
 
 
 def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
-    """Every round hole among what is cut, at its mouth, but the drivers' ways; a slot says how long its way is."""
+    """Every round hole among the cuts of a part, at its mouth, without access holes; a slot with its travel."""
     bores = [cut for cut in cuts if isinstance(cut, Bore)]
     return tuple(
         Hole(bore.mouth + OUTSIDE_MM * bore.axis, bore.axis, round(2.0 * bore.radius_mm, 3), slot_text(bore))
@@ -26,12 +26,12 @@ def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
 
 
 def slot_text(bore: Bore) -> str:
-    """What is said of a slot beside its width."""
+    """The text of a slot beside its width."""
     return f"slot, {bore.travel_mm:g} travel" if bore.travel_mm else ""
 
 
 def length(start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None) -> Length:
-    """The distance between two points (3,) in rig, or what they are apart along a way (3,)."""
+    """The distance between two points (3,) in rig, or its part along a direction (3,)."""
     return Length(np.array([start, end]), text, way)
 
 

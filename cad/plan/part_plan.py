@@ -146,7 +146,7 @@ class BuiltPart(Value):
 
     @classmethod
     def of(cls, plan: PartPlan, folder: Path, mass: MassProperties, checks: dict[str, Metric]) -> Self:
-        """A part as it was made of its plan."""
+        """The built part of a plan."""
         return cls(
             name=plan.name,
             title=plan.title,

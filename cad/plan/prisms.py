@@ -1,4 +1,4 @@
-"""Convex prisms, what the parts are made of: plain numbers that the light can be held against, no CAD kernel."""
+"""Convex prisms, of which parts are made, as plain numbers, and whether they overlap with light."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[flo
 
 
 def moved(solid: Frustum, by_mm: FloatArray) -> Frustum:
-    """The same solid, shifted by (3,)."""
+    """A solid shifted by a vector (3,)."""
     return Frustum(solid.base + by_mm, solid.top + by_mm)
 
 
@@ -49,7 +49,7 @@ def corners_of(solids: Iterable[Frustum]) -> FloatArray:
 
 
 def volume_mm3(solid: Frustum) -> float:
-    """By the divergence theorem: a pyramid from the origin to each face."""
+    """Volume of a solid by the divergence theorem: a pyramid from the origin to each face."""
     return sum(
         float(np.cross(face[i] - face[0], face[i + 1] - face[0]) @ face[0]) / 6.0
         for face in solid.faces
@@ -58,7 +58,7 @@ def volume_mm3(solid: Frustum) -> float:
 
 
 def overlap_mm(a: Frustum, b: Frustum) -> float:
-    """How far one convex solid must move to be clear of the other; 0 or less where they are apart.
+    """Penetration depth of two convex solids, the least shift that parts them; 0 or less where they are apart.
 
     By separating axes: two convex polyhedra are apart exactly if a face normal of one of them, or the cross product of
     an edge of each, parts them (Gottschalk 1996).
@@ -78,16 +78,16 @@ def _edges(solid: Frustum) -> FloatArray:
     directions = np.vstack(edges)
     directions = directions[np.linalg.norm(directions, axis=1) > 1e-9]
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # The same line once, whichever way it runs.
+    # Opposite directions are the same line.
     signs = np.sign(directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)])
     unique: FloatArray = np.unique((directions * signs[:, None]).round(12), axis=0)
     return unique
 
 
 def require_dark(name: str, solids: Iterable[Frustum], layout: Layout, light: list[list[Frustum]]) -> None:
-    """Raise InputError where light of a mirror enters a solid: which mirror, what it meets, by how many mm.
+    """Raise InputError where light of a mirror enters a solid, with the mirror, the solid's name and the depth in mm.
 
-    `light` is `cad.seats.keep_outs` of the layout; a mirror's pocket counts as its light.
+    `light` is `plan.seats.keep_outs` of the layout; a mirror's pocket counts as its light.
     """
     worst = (1e-6, 0)
     for solid in solids:

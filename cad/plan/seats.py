@@ -1,4 +1,4 @@
-"""Where material must be and where light must pass: seats, pockets and light, derived from a layout in the rig frame.
+"""Seats, pockets and light of a layout, in the rig frame: where material must be, and where light must pass.
 
 Pure geometry with no CAD kernel: every volume here is a `Frustum`, a convex solid between two polygons.
 """
@@ -61,7 +61,7 @@ class Frustum:
         return inside
 
     def comes_near(self, point: FloatArray, radius_mm: float) -> bool:
-        """Whether a ball about a point (3,) may touch the solid; False is certain."""
+        """Whether a ball about a point (3,) may touch the solid; conservative: False is certain."""
         normals, offsets = self.half_spaces
         return bool((normals @ point - offsets).max() < radius_mm)
 
@@ -82,7 +82,7 @@ def newell_normal(loop: FloatArray) -> FloatArray:
 def seat_distance_mm(mirror: Mirror) -> float:
     """Distance of the seat plane from the pupil, along the mirror's normal (which the seat shares).
 
-    The back of the sheet rests on the seat. A second-surface mirror is coated on its back, so its seat *is* the
+    The back of the mirror rests on the seat. A second-surface mirror is coated on its back, so its seat *is* the
     layout's (reflecting) plane; a first-surface mirror is coated on its front, so its seat lies one thickness
     further from the pupil: n.x = -seat_distance_mm.
     """
@@ -92,7 +92,7 @@ def seat_distance_mm(mirror: Mirror) -> float:
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
     """The outline grown by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
 
-    Sheets are cut at right angles to their faces, so the outline moves along the normal. Counter-clockwise as seen
+    Mirrors are cut at right angles to their faces, so the outline moves along the normal. Counter-clockwise as seen
     from the pupil. Corners sharper than 60 deg, or all when `bevelled`, are cut off when grown, hence m >= n.
     """
     polygon = Polygon(mirror.outline_in_plane_mm)
@@ -103,14 +103,14 @@ def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, beve
     return transform(mirror.rig_from_plane, local)
 
 
-def sheet(mirror: Mirror) -> Frustum:
+def mirror_prism(mirror: Mirror) -> Frustum:
     """The mirror as cut: a right prism between its back and its front."""
     back = mirror.back_mm
     return Frustum(outline_at(mirror, back), outline_at(mirror, back + mirror.thickness_mm))
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """The room the sheet needs: grown by the fit all round, from the seat plane to a fit in front of the sheet."""
+    """The room that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it."""
     back, fit = mirror.back_mm, hardware.fit.free_mm
     front = back + mirror.thickness_mm + fit
     return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))
@@ -122,10 +122,10 @@ def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
 
 
 def light_starts_mm(mirror: Mirror) -> float:
-    """Height over the reflecting plane from which on light may be beside the sheet.
+    """Height over the reflecting plane above which light may lie beside the mirror.
 
-    That of a second-surface mirror comes and goes through its front, which is cut like its back: up to there it is
-    inside the sheet.
+    Light enters and leaves a second-surface mirror through its front, which is cut like its back: up to there it is
+    inside the glass.
     """
     return mirror.front_mm if mirror.is_second_surface else LIGHT_STARTS_MM
 
@@ -158,7 +158,7 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
 
 
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
-    """Per mirror what no part may enter: its pocket, its camera cone and its reflected beam."""
+    """What no part may enter, per mirror: its pocket, its camera cone and its reflected beam, in rig, mm."""
     return [
         [pocket(mirror, hardware), camera_cone(mirror, hardware), reflected_beam(layout, index, hardware)]
         for index, mirror in enumerate(layout.mirrors)

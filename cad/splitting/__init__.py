@@ -1,1 +1,1 @@
-"""Parts larger than the printer's bed, cut into pieces that pins and glue join again."""
+"""Splitting of parts larger than the printer's bed, into pieces that pins and glue join again."""

@@ -14,7 +14,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title
-from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet
+from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.values import Value
@@ -80,7 +80,7 @@ class Bom(Value):
     bought: tuple[BoughtLine, ...]
 
 
-def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[MirrorSheet]) -> Bom:
+def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSheet]) -> Bom:
     """What a device is made of: its parts as they were built, its mirrors as they are cut."""
     printed = tuple(_printed(part) for part in parts)
     grams = [line.print_g for line in printed]
@@ -109,8 +109,8 @@ def _printed(part: BuiltPart) -> PrintedLine:
     )
 
 
-def _mirrors(device: Device, sheets: Sequence[MirrorSheet]) -> tuple[MirrorLine, ...]:
-    kinds: dict[str, list[MirrorSheet]] = {}
+def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, ...]:
+    kinds: dict[str, list[StockSheet]] = {}
     for sheet in sheets:
         kinds.setdefault(sheet.kind, []).append(sheet)
     areas = {

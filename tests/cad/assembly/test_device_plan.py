@@ -14,11 +14,6 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 
-@pytest.fixture(scope="module")
-def device(default_layout: Layout) -> Device:
-    return plan_device(default_layout, HARDWARE)
-
-
 def test_parts_are_joined_where_they_already_stand(device: Device) -> None:
     """Each frame comes from the plans of both parts; joined by build123d, nothing moves."""
     joined = connections(device)

@@ -12,11 +12,11 @@ from ezdxf.entities.lwpolyline import LWPolyline
 from shapely import Polygon
 from shapely.ops import nearest_points
 
-from mirrorcam.cad.checks.cut_outlines import check_cuts, fits, mirror_fits, read_cuts, sheets_as_cut
+from mirrorcam.cad.checks.cut_outlines import check_cuts, fits, mirror_fits, mirrors_as_cut, read_cuts
 from mirrorcam.cad.mirrors.mirror_dxf import draw_sheet
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import sheet
+from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -64,12 +64,12 @@ def test_sheets_as_written_pass(default_layout: Layout, tmp_path: Path) -> None:
 
 def test_mirrors_as_cut_fill_the_layouts_sheets(default_layout: Layout, tmp_path: Path) -> None:
     laid = mirror_fits(read_cuts(written(default_layout, tmp_path))[0], default_layout, CUTTING)
-    solids = sheets_as_cut(laid, default_layout)
+    solids = mirrors_as_cut(laid, default_layout)
     assert list(solids) == [f"{t}-{s}" for t in range(3) for s in range(3)]
     for solid, mirror in zip(solids.values(), default_layout.mirrors, strict=True):
         area = Polygon(mirror.outline_in_plane_mm).area
         assert solid.volume() == pytest.approx(area * mirror.thickness_mm, rel=1e-9)
-        corners = np.vstack([sheet(mirror).base, sheet(mirror).top])
+        corners = np.vstack([mirror_prism(mirror).base, mirror_prism(mirror).top])
         box = np.array(solid.bounding_box()).reshape(2, 3)
         np.testing.assert_allclose(box, [corners.min(axis=0), corners.max(axis=0)], atol=1e-9)
 

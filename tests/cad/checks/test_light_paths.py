@@ -16,10 +16,10 @@ from mirrorcam.cad.checks.light_paths import (
     check_light,
     light_of,
     light_of_rim,
-    shade_of_sheets,
+    shade_of_mirrors,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import sheet
+from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -35,7 +35,10 @@ def block(centre: FloatArray, size: float) -> Manifold:
 
 
 def sheets_of(layout: Layout) -> list[Manifold | None]:
-    return [Manifold.hull_points(np.vstack([sheet(mirror).base, sheet(mirror).top])) for mirror in layout.mirrors]
+    return [
+        Manifold.hull_points(np.vstack([mirror_prism(mirror).base, mirror_prism(mirror).top]))
+        for mirror in layout.mirrors
+    ]
 
 
 def checked(layout: Layout, part: Manifold = FAR, camera: Manifold | None = None) -> dict[str, Metric]:
@@ -137,7 +140,7 @@ def test_the_camera_may_hold_the_pupil_but_not_stand_in_the_view(default_layout:
 def test_sheets_shade_each_other_only_where_one_stands_before_another(default_layout: Layout) -> None:
     def shade(layout: Layout) -> float:
         lights = [light_of(layout, index, HARDWARE) for index in range(len(layout.mirrors))]
-        return shade_of_sheets(lights, sheets_of(layout))
+        return shade_of_mirrors(lights, sheets_of(layout))
 
     assert shade(default_layout) == 0.0
     thick = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in default_layout.mirrors)

@@ -23,7 +23,7 @@ from mirrorcam.cad.assembly.pieces import Piece, item_pieces, mass_of, pieces_of
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.assembly_steps import Stages, home_of
 from mirrorcam.cad.documents.device_page import WEB, figure_text, write_page
-from mirrorcam.cad.documents.device_pictures import Picture, pictures_of, write_picture
+from mirrorcam.cad.documents.device_pictures import DevicePicture, pictures_of, write_picture
 from mirrorcam.cad.documents.shading import Screen, render
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
@@ -43,7 +43,7 @@ class Made:
     device: Device
     parts: tuple[BuiltPart, ...]
     pieces: tuple[Piece, ...]
-    pictures: tuple[Picture, ...]
+    pictures: tuple[DevicePicture, ...]
 
 
 CHECKS = {

@@ -19,7 +19,7 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.documents.annotation import number
 from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
-from mirrorcam.cad.documents.drawing_sheet import Sheet
+from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore
@@ -39,19 +39,19 @@ class Dimensions:
     dimensions: tuple[Length | Hole, ...]
 
 
-def overlaps(sheet: Sheet) -> list[tuple[str, str]]:
+def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
     """Pairs of words that cover each other."""
     boxes = [(words.text, Polygon(words.corners).buffer(-0.05)) for words in sheet.words]
     return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
 
 
-def outside(sheet: Sheet) -> list[str]:
+def outside(sheet: DrawingSheet) -> list[str]:
     width, height = sheet.size_mm
     low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
     return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
 
 
-def crossed(sheet: Sheet) -> list[str]:
+def crossed(sheet: DrawingSheet) -> list[str]:
     """Words that an edge of the part runs through."""
     edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
     return [

@@ -7,7 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mirrorcam.cad.documents.part_views import ALONG_VISIBLE_MM, FRONT, ISOMETRIC, RIGHT, TOP, View, on_paper, project
+from mirrorcam.cad.documents.part_views import (
+    ALONG_VISIBLE_MM,
+    FRONT,
+    ISOMETRIC,
+    RIGHT,
+    TOP,
+    PartView,
+    on_paper,
+    project,
+)
 from mirrorcam.cad.plan.part_plan import PartPlan
 
 
@@ -42,15 +51,15 @@ def test_hidden_lines_that_no_one_could_read_are_left_out() -> None:
     edge = np.array([[0.0, 0.0], [10.0, 0.0]])
     few = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(2))
     many = tuple(edge + np.array([0.0, 1.0 + row]) for row in range(3))
-    assert len(on_paper(View(np.eye(3), (edge,), few), 1.0)[1]) == 2
-    assert on_paper(View(np.eye(3), (edge,), many), 1.0)[1] == []
+    assert len(on_paper(PartView(np.eye(3), (edge,), few), 1.0)[1]) == 2
+    assert on_paper(PartView(np.eye(3), (edge,), many), 1.0)[1] == []
 
 
 def test_hidden_lines_along_visible_ones_and_specks_are_left_out() -> None:
     edge = np.array([[0.0, 0.0], [10.0, 0.0]])
     speck = np.array([[3.0, 3.0], [3.5, 3.0]])
     halves = (np.array([[0.0, 5.0], [5.0, 5.0]]), np.array([[5.0, 5.0], [10.0, 5.0]]))
-    view = View(np.eye(3), (edge, edge + np.array([0.0, 9.0])), (edge + np.array([0.0, 0.05]), speck, *halves))
+    view = PartView(np.eye(3), (edge, edge + np.array([0.0, 9.0])), (edge + np.array([0.0, 0.05]), speck, *halves))
     _, hidden = on_paper(view, 1.0)
     # The two halves are one line, so that its dashes do not begin anew.
     assert len(hidden) == 1

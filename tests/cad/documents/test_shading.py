@@ -12,15 +12,17 @@ from hypothesis import strategies as st
 from shapely import LineString
 
 from mirrorcam.cad.documents.labels import Label, anchor, annotate, uncrossed
-from mirrorcam.cad.documents.shading import Body, Screen, render
+from mirrorcam.cad.documents.shading import Screen, ShadedBody, render
 from mirrorcam.optics.base.values import FloatArray
 
 FROM_ABOVE = np.eye(3)
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.1, 0.8)
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float], rgb: tuple[float, float, float]) -> Body:
-    return Body(np.asarray(trimesh.creation.box(bounds=[low, high]).triangles), rgb)
+def box(
+    low: tuple[float, float, float], high: tuple[float, float, float], rgb: tuple[float, float, float]
+) -> ShadedBody:
+    return ShadedBody(np.asarray(trimesh.creation.box(bounds=[low, high]).triangles), rgb)
 
 
 def screen(size_px: tuple[int, int] = (200, 160)) -> Screen:
@@ -37,7 +39,7 @@ def test_a_box_covers_its_pixels_at_its_height() -> None:
 
 def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=15.0)
-    shot = render([Body(np.asarray(ball.triangles), RED)], screen())
+    shot = render([ShadedBody(np.asarray(ball.triangles), RED)], screen())
     seen = shot.bodies == 0
     assert seen.sum() == pytest.approx(np.pi * (15.0 * 4.0) ** 2, rel=0.01)
     rows, columns = np.nonzero(seen)
@@ -63,7 +65,7 @@ def test_random_triangles_agree_with_a_ray_by_ray_answer(seed: int) -> None:
     triangles = generator.uniform((-9, -9, -5), (9, 9, 5), (6, 3, 3))
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     triangles[normals[:, 2] < 0.0] = triangles[normals[:, 2] < 0.0][:, ::-1]
-    shot = render([Body(triangle[None], RED) for triangle in triangles], screen((80, 80)))
+    shot = render([ShadedBody(triangle[None], RED) for triangle in triangles], screen((80, 80)))
     rows, columns = np.mgrid[0:80, 0:80]
     points = np.stack([(columns + 0.25 - 40.0) / 4.0, (40.0 - rows - 0.25) / 4.0], axis=-1)
     heights = np.full((6, 80, 80), -np.inf)

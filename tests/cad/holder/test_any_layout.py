@@ -12,6 +12,7 @@ from build123d import GeomType, Part
 from manifold3d import Error, Manifold, Mesh64
 from shapely import LineString, Polygon, build_area, multilinestrings, set_precision
 
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -91,9 +92,9 @@ def test_many_random_layouts(make_parabola: Callable[..., Layout], tmp_path: Pat
     check(layout, plan, make_holder(plan), tmp_path)
 
 
-def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout: Layout) -> None:
+def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout: Layout, device: Device) -> None:
     """No point of a mirror's back is further from a land than half a groove, and no rim stands over a groove."""
-    plan = plan_holder(default_layout, HARDWARE)
+    plan = device.holder
     assert len(plan.grooves) > 2 * len(default_layout.mirrors)
     rims = [Manifold.hull_points(np.vstack([rim.base, rim.top])) for rim in plan.rims[::2]]
     for groove in plan.grooves:

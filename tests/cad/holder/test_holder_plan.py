@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import FrontSurface, mount_axes
 from mirrorcam.cad.holder.glue import groove_volume, grooves_of, runs_along_cut
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.holder.screw_holes import tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import keep_outs, seat_distance_mm, sheet
+from mirrorcam.cad.plan.seats import keep_outs, mirror_prism, seat_distance_mm
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -60,8 +61,8 @@ def test_rims_stand_at_the_fit_on_two_sides_of_every_mirror(make_parabola: Calla
         assert near >= 2
 
 
-def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Layout) -> None:
-    body = plan_holder(default_layout, HARDWARE)
+def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Layout, device: Device) -> None:
+    body = device.holder
     for rim in body.rims[::2]:
         owner = min(
             default_layout.mirrors,
@@ -71,8 +72,8 @@ def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Lay
         np.testing.assert_allclose(heights, -0.4, atol=1e-9)
 
 
-def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layout: Layout) -> None:
-    body = plan_holder(default_layout, HARDWARE)
+def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layout: Layout, device: Device) -> None:
+    body = device.holder
     turn, origin = body.rig_from_mount[:3, :3], body.rig_from_mount[:3, 3]
     np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
@@ -82,8 +83,8 @@ def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layo
         assert (solid.top @ turn[:, 2] < origin @ turn[:, 2]).all()
 
 
-def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout) -> None:
-    body = plan_holder(default_layout, HARDWARE)
+def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout, device: Device) -> None:
+    body = device.holder
     turn, origin = body.rig_from_mount[:3, :3], body.rig_from_mount[:3, 3]
     angle = np.linspace(0.0, 2.0 * np.pi, 36)
     ring = HARDWARE.screw.insert_hole_mm / 2.0 * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -102,7 +103,7 @@ def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout) -> None:
 def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> None:
     axes = mount_axes(default_layout)
     front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm)
-    seats = [Polygon(sheet(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
+    seats = [Polygon(mirror_prism(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
     for index, filler in enumerate(front.fillers):
         shadow = Polygon(filler @ axes[:2].T)
         for other, (mirror, seat) in enumerate(zip(default_layout.mirrors, seats, strict=True)):
@@ -194,9 +195,9 @@ def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layou
         plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)
 
 
-def test_the_slab_bears_the_grounds_of_all_rims(default_layout: Layout) -> None:
+def test_the_slab_bears_the_grounds_of_all_rims(device: Device) -> None:
     """What stuck out of it would begin in the air, over a nut's slot in its side."""
-    plan = plan_holder(default_layout, HARDWARE)
+    plan = device.holder
     to_back = plan.rig_from_mount[:3, :2]
     slab = Polygon(plan.slab.base @ to_back).buffer(1e-6)
     assert len(plan.rims) > 20

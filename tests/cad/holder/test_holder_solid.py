@@ -14,6 +14,7 @@ from build123d import GeomType
 from manifold3d import Manifold
 from shapely import Polygon, get_coordinates, union_all
 
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece, plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
@@ -125,9 +126,9 @@ def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
     np.testing.assert_allclose(np.abs(ways @ sides.T).min(axis=1), 0.0, atol=1e-9)
 
 
-def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
+def test_hollows_keep_the_floor_and_webs(device: Device) -> None:
     """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
-    plan = plan_holder(default_layout, HARDWARE)
+    plan = device.holder
     solid = one_piece(body_of(PlanarCsg(), plan), HARDWARE.printer.wall_mm)
     assert len(plan.hollows) > 4
     away = plan.rig_from_mount[:3, 2]
@@ -144,8 +145,8 @@ def test_hollows_keep_the_floor_and_webs(default_layout: Layout) -> None:
         assert first.min_gap(second, 5.0) >= HARDWARE.holder.web_mm - 1e-6
 
 
-def test_a_roof_prints_without_support(default_layout: Layout) -> None:
-    plan = plan_holder(default_layout, HARDWARE)
+def test_a_roof_prints_without_support(device: Device) -> None:
+    plan = device.holder
     for hollow in plan.hollows:
         normals, _ = hollow.half_spaces
         # Outward of a hollow's roof is up on the bed, against the mount's z: at 45 deg at most from upright.
@@ -157,8 +158,8 @@ def test_a_roof_prints_without_support(default_layout: Layout) -> None:
         assert spans.min() <= HARDWARE.printer.bridge_mm
 
 
-def test_the_back_is_one_flat_face(default_layout: Layout) -> None:
-    plan = plan_holder(default_layout, HARDWARE)
+def test_the_back_is_one_flat_face(device: Device) -> None:
+    plan = device.holder
     part = make_holder(plan)
     away = plan.rig_from_mount[:3, 2]
     flat = part.faces().filter_by(GeomType.PLANE)

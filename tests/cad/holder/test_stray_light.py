@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import STRAY_LIGHT
 from mirrorcam.cad.checks.overhangs import polygons
 from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.seats import keep_outs, sheet
+from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.conftest import parabola
 
@@ -26,12 +27,12 @@ def without_walls(plan: HolderPlan) -> HolderPlan:
 
 
 @pytest.fixture(scope="module")
-def plan(default_layout: Layout) -> HolderPlan:
-    return plan_holder(default_layout, HARDWARE)
+def plan(device: Device) -> HolderPlan:
+    return device.holder
 
 
 def sheets(layout: Layout) -> list[Manifold]:
-    return [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in map(sheet, layout.mirrors)]
+    return [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in map(mirror_prism, layout.mirrors)]
 
 
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
@@ -57,7 +58,7 @@ def test_walls_stand_in_no_light_and_where_no_mirror_passes(default_layout: Layo
         for volume in group:
             hull = np.vstack([volume.base, volume.top])
             assert (wall ^ Manifold.hull_points(hull)).is_empty()
-        blank = sheet(mirror)
+        blank = mirror_prism(mirror)
         way = np.vstack([blank.base, blank.top + 20.0 * mirror.normal_in_rig])
         assert (wall ^ Manifold.hull_points(way)).is_empty()
 

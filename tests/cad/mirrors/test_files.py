@@ -17,7 +17,7 @@ from ezdxf.entities.lwpolyline import LWPolyline
 from mirrorcam.cad.checks.cut_outlines import read_cuts
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
-from mirrorcam.cad.mirrors.stock_sheets import MirrorSheet, plan_sheets
+from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -25,12 +25,12 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def sheet(default_layout: Layout) -> MirrorSheet:
+def sheet(default_layout: Layout) -> StockSheet:
     (sheet,) = plan_sheets(default_layout, HARDWARE.cutting)
     return sheet
 
 
-def test_the_dxf_gives_every_mirror_back(sheet: MirrorSheet, tmp_path: Path) -> None:
+def test_the_dxf_gives_every_mirror_back(sheet: StockSheet, tmp_path: Path) -> None:
     write_dxf(tmp_path / "mirrors.dxf", sheet)
     found, wrong = read_cuts([tmp_path / "mirrors.dxf"])
     assert sorted(found) == sorted(cut.name for cut in sheet.cuts)
@@ -42,7 +42,7 @@ def test_the_dxf_gives_every_mirror_back(sheet: MirrorSheet, tmp_path: Path) -> 
 
 
 def test_the_dxf_says_its_unit_side_kerf_sheet_and_layout(
-    sheet: MirrorSheet, default_layout: Layout, tmp_path: Path
+    sheet: StockSheet, default_layout: Layout, tmp_path: Path
 ) -> None:
     write_dxf(tmp_path / "mirrors.dxf", sheet)
     drawing = ezdxf.filemanagement.readfile(tmp_path / "mirrors.dxf")
@@ -65,7 +65,7 @@ def test_the_dxf_says_its_unit_side_kerf_sheet_and_layout(
     assert not drawing.audit().errors
 
 
-def test_the_svg_draws_what_the_dxf_does(sheet: MirrorSheet, tmp_path: Path) -> None:
+def test_the_svg_draws_what_the_dxf_does(sheet: StockSheet, tmp_path: Path) -> None:
     write_svg(tmp_path / "mirrors.svg", sheet)
     root = ElementTree.parse(tmp_path / "mirrors.svg").getroot()
     width, height, total = (float(root.get("viewBox", "").split()[i]) for i in (2, 3, 3))

@@ -15,7 +15,7 @@ from shapely import LineString, Polygon
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.mirrors.stock_sheets import (
-    MirrorSheet,
+    StockSheet,
     line_gap_mm,
     mirror_names,
     offset_outline,
@@ -116,7 +116,7 @@ def test_what_a_laser_needs_is_measured(make_parabola: Callable[..., Layout]) ->
 def test_broken_sheets_fail_their_metrics(make_parabola: Callable[..., Layout]) -> None:
     (sheet,) = plan_sheets(make_parabola(2, 2), CUTTING)
 
-    def moved(sheet: MirrorSheet, by: tuple[float, float]) -> MirrorSheet:
+    def moved(sheet: StockSheet, by: tuple[float, float]) -> StockSheet:
         first, *others = sheet.cuts
         return replace(sheet, cuts=(replace(first, strokes=tuple(s + by for s in first.strokes)), *others))
 

@@ -11,6 +11,7 @@ from build123d import GeomType
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
@@ -29,8 +30,8 @@ Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
 
 
 @pytest.fixture(scope="module")
-def planned(default_layout: Layout) -> Planned:
-    holder, clip = plan_holder(default_layout, HARDWARE), plan_clip(HARDWARE)
+def planned(default_layout: Layout, device: Device) -> Planned:
+    holder, clip = device.holder, plan_clip(HARDWARE)
     return default_layout, holder, clip, plan_mount(default_layout, holder, clip, HARDWARE)
 
 
@@ -220,8 +221,10 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
     assert 0.8 * longest_mm < longest <= longest_mm
 
 
-def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(default_layout: Layout) -> None:
-    holder, clip = plan_holder(default_layout, HARDWARE), plan_clip(HARDWARE)
+def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(
+    default_layout: Layout, device: Device
+) -> None:
+    holder, clip = device.holder, plan_clip(HARDWARE)
     small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(90.0, 90.0, 250.0)))
     with pytest.raises(InputError, match=r"mount is \d+ x \d+ mm in profile .* bed of 90 x 90 mm in two pieces"):
         plan_mount(default_layout, holder, clip, small)

@@ -14,11 +14,11 @@ from mirrorcam.cad.plan.seats import (
     camera_cone,
     keep_outs,
     light_starts_mm,
+    mirror_prism,
     outline_at,
     pocket,
     reflected_beam,
     seat_distance_mm,
-    sheet,
     working_distance_mm,
 )
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -65,11 +65,11 @@ def test_the_seat_is_the_reflecting_plane_or_one_thickness_behind_it(default_lay
         assert seat_distance_mm(second) == mirror.distance_mm
         assert seat_distance_mm(mirror) == mirror.distance_mm + mirror.thickness_mm
         for kind in (mirror, second):
-            back = sheet(kind).base
+            back = mirror_prism(kind).base
             np.testing.assert_allclose(back @ kind.normal_in_rig, -seat_distance_mm(kind), atol=1e-9)
-            assert volume(sheet(kind)) > 0.0
-        np.testing.assert_allclose(sheet(mirror).top @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
-        np.testing.assert_allclose(sheet(second).top @ mirror.normal_in_rig, 3.0 - mirror.distance_mm, atol=1e-9)
+            assert volume(mirror_prism(kind)) > 0.0
+        np.testing.assert_allclose(mirror_prism(mirror).top @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
+        np.testing.assert_allclose(mirror_prism(second).top @ mirror.normal_in_rig, 3.0 - mirror.distance_mm, atol=1e-9)
 
 
 def test_a_grown_outline_keeps_its_distance_to_every_edge(make_flat_pair: Callable[..., Layout]) -> None:
@@ -110,7 +110,7 @@ def test_nothing_of_a_mirrors_room_is_behind_its_seat(default_layout: Layout) ->
         for solid in volumes:
             corners = np.vstack([solid.base, solid.top])
             assert (corners @ mirror.normal_in_rig + seat_distance_mm(mirror) > -1e-9).all()
-        assert pocket(mirror, HARDWARE).contains(sheet(mirror).top * 0.99999).all()
+        assert pocket(mirror, HARDWARE).contains(mirror_prism(mirror).top * 0.99999).all()
 
 
 def test_without_a_spec_the_working_distance_is_the_tables(make_flat_pair: Callable[..., Layout]) -> None:

@@ -14,7 +14,7 @@ import trimesh
 
 from mirrorcam.cad.assembly.pieces import Piece, mesh_of
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.plan.seats import sheet
+from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.cad.write.gltf import GLTF_FROM_RIG, linear, write_glb
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -29,7 +29,7 @@ def pieces(default_layout: Layout, built_block: BuiltPart) -> tuple[Piece, ...]:
             title=f"Mirror 0-{index}",
             rgb=(0.8, 0.9, 1.0),
             explode_mm=30.0 * mirror.normal_in_rig,
-            mesh=mesh_of(sheet(mirror)),
+            mesh=mesh_of(mirror_prism(mirror)),
             mass=built_block.mass,
         )
         for index, mirror in enumerate(default_layout.mirrors[:2])
