@@ -43,7 +43,7 @@ def parts_of(device: Device) -> tuple[PartPlan, ...]:
 
 @lru_cache(maxsize=2)
 def _on_bed(device: Device) -> Pieces:
-    """What is printed, and the pins between pieces; cutting a part makes it, so this is done once per device."""
+    """Printed parts, and the pins between pieces; cached per device, since splitting a part makes its solid."""
     corners = {
         "mirror_holder": device.holder.corners_in_rig,
         "mount": corners_of(device.mount.pieces),
@@ -172,7 +172,7 @@ def _screws(
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
-    """What holds the camera in its clip: set screws behind a body, or a board's own screws."""
+    """The fasteners of the camera in its clip: set screws behind a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     screw, above = hardware.screw, np.array([0.0, 0.0, 1.0])
     apart = np.array(EXPLODE["camera_clip"])

@@ -156,7 +156,7 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 
 def item_title(item: BoughtItem) -> str:
-    """What to buy: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
+    """The title of a bought item: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
     if item.kind == "nut":
         return f"{item.size} nut"
     thread, _, form = item.size.partition(" ")

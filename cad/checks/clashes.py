@@ -1,4 +1,4 @@
-"""Whether solids of the device stand in each other, which touch, and how near the others come. All in rig, mm."""
+"""Clashes, contacts and clearances between the solids of a device, in rig, mm."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROUNDING_MM = 1e-4
 # Round shapes of one diameter are meshes with different corners: they sink into each other, or leave as much between.
 PRESSED_MM = 0.1
 TOUCH_MM = 0.08
-# A pin is glued into holes a little wider than itself, one in each of two parts: it holds where so much is between.
+# A pin is glued into holes a little wider than itself, one in each of two parts: it holds across a gap of this width.
 PINNED_MM = 0.2
 # How far apart solids further from each other than this are is not looked for.
 NEAR_MM = 10.0

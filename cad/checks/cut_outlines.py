@@ -1,7 +1,7 @@
 """Mirrors as cut, read back from the files that a laser cuts them by and measured against the layout.
 
 All that is known here of a file is its layers CUT and ENGRAVE and its groups `mirror_ROW-COLUMN`. Mirrors are drawn
-from the back, half the kerf larger than they become, anywhere on the sheet and turned, but never turned over.
+from the back, half the kerf larger than they become, anywhere on the stock sheet and turned, but never turned over.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mirrorcam.optics.geometry.transforms import transform
 LINE_GAP_MM = 0.5
 GAP_SEARCH_MM = 10.0
 MITRE_LIMIT = 100.0
-# Ways to turn a shape onto another that differ by less fit equally well: rectangles fit two ways.
+# Fits whose errors differ by less are equally good: a rectangle fits in two ways.
 SAME_FIT_MM = 1e-3
 ARROW_DEG = 0.1
 
@@ -50,7 +50,7 @@ class MirrorCut:
 
 @dataclass(frozen=True)
 class OutlineFit:
-    """A shape moved and turned onto another: its corners (n, 2) in the other's order, the turn (2, 2), the error."""
+    """A polygon fitted rigidly onto another: its corners (n, 2) in the other's order, the turn (2, 2), the error."""
 
     corners: FloatArray
     turn: FloatArray
@@ -58,9 +58,9 @@ class OutlineFit:
 
 
 def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
-    """Best moves and turns of a polygon's corners (n, 2) onto others (n, 2), for every start and either way round.
+    """Best rigid fits of a polygon's corners (n, 2) onto others (n, 2), for every first corner and both orders.
 
-    None where the counts differ. Going the other way round the same corners is the same shape; a mirror image is not.
+    Empty where the counts differ. The same corners in reverse order are the same shape; a mirror image is not.
     """
     if len(polygon) != len(expected):
         return []
@@ -81,7 +81,7 @@ def fits(polygon: FloatArray, expected: FloatArray) -> list[OutlineFit]:
 
 
 def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, int]]:
-    """The mirrors of all sheets by row and column, and what of the files is none.
+    """Read the mirrors of all stock sheets, by row and column, and count what does not belong in the files.
 
     Counted are lines on CUT that are no closed outline of a named mirror, names that come twice, and files not in mm.
     """
@@ -107,7 +107,7 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, in
 
 
 def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting) -> dict[str, OutlineFit]:
-    """Where the files have a mirror, its finished outline laid onto the layout's, both seen from the back."""
+    """The finished outlines in the files, each fitted onto its mirror in the layout, both seen from the back."""
     laid = {}
     for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
         if name not in cuts:
@@ -121,7 +121,7 @@ def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting)
 
 
 def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[str, Metric]:
-    """Every mirror is there once, in its shape, on its sheet, apart from the others, its mark inside and upright."""
+    """Check that every mirror is there once, in its shape, on its stock sheet, apart from others, its mark upright."""
     cuts, wrong = read_cuts(paths)
     laid = mirror_fits(cuts, layout, cutting)
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
@@ -179,7 +179,7 @@ def prism(mirror: Mirror, outline: FloatArray, low_mm: float, high_mm: float) ->
 
 
 def _arrow_error_deg(cut: MirrorCut, fit: OutlineFit) -> float:
-    """How far the engraved arrow is turned from up, once the mirror lies as in the device; 180 where there is none."""
+    """Angle of the engraved arrow from up, once the mirror lies as in the device; 180 where there is none."""
     if not cut.strokes or len(cut.strokes[0]) != 2:
         return 180.0
     x, y = fit.turn @ (cut.strokes[0][1] - cut.strokes[0][0])

@@ -1,4 +1,4 @@
-"""Checks of the whole device: mirrors in their seats, the light, and what stands in what; of the files as written."""
+"""Checks of the whole device, on the files as written: mirrors in their seats, light, clashes and mass."""
 
 from __future__ import annotations
 
@@ -31,22 +31,33 @@ ASSEMBLY = "assembly.glb"
 CAMERA = "camera"
 # Its corners lie on the shell; the flats between them are this little below it, as those of the clamp's mesh are.
 WRIST_SAGITTA_MM = 0.02
-# The room, where the camera sees it past all parts, veils the sub-images: by one of 255 grey levels at most, if it is
-# five times as bright as the scene and the lens scatters 3 % of what it takes in over all of the picture (its veiling
-# glare, ISO 9358).
+# Surroundings that the camera sees past all parts veil the sub-images: by one of 255 grey levels at most, if they are
+# five times as bright as the scene and the lens scatters 3 % of the light over all of the picture (its veiling glare,
+# ISO 9358).
 STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
-# How far off its seat a mirror is let down from, in thicknesses of its sheet.
-DROP_OF_SHEET = 4.0
+# From how far off its seat a mirror is let down, in its thicknesses.
+DROP_OF_THICKNESS = 4.0
 # The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
 ROUNDING_MM = 1e-3
 
 
 def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
-    """All checks of the device in the folder of a build: `mirrors/*.dxf`, `assembly.glb`, STEP and STL of its parts.
+    """Check the device in the folder of a build.
 
-    Parts are taken as printed, mirrors as cut, camera and fasteners as they are in the assembly; the robot's wrist, on
-    no list of parts, as the hardware says. Names of checks begin with what they are of: `device`, `mirrors`, or a
-    piece's name.
+    Parameters
+    ----------
+    device : Device
+        The plans of its parts.
+    parts : sequence of BuiltPart
+        Its printed parts, with their STEP and STL files.
+    folder : Path
+        Holds `mirrors/*.dxf` and `assembly.glb`.
+
+    Returns
+    -------
+    dict of str to Metric
+        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or that of a piece. Parts are taken as printed,
+        mirrors as cut, camera and fasteners as in the assembly, the robot's wrist as the hardware table has it.
     """
     layout, hardware = device.layout, device.hardware
     printed = [part for part in parts if part.name != COUPON]
@@ -85,7 +96,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
             value=stray_light(
                 layout,
                 manifold3d.Manifold.compose(list(sound_parts.values())),
-                [sheet for sheet in mirrors_in_place if sheet is not None],
+                [solid for solid in mirrors_in_place if solid is not None],
             ),
             unit="of the pixels",
             limit=STRAY_LIGHT,
@@ -104,7 +115,7 @@ def wrist_shell(device: Device) -> manifold3d.Manifold:
 
 
 def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
-    """What the pieces of the assembly are to be called."""
+    """The names that the pieces of the assembly must have."""
     counted: Counter[str] = Counter()
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in mirror_names(device.layout)), CAMERA}
     for item in bought_items(device):
@@ -115,7 +126,7 @@ def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
 
 
 def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> dict[str, Metric]:
-    """Mass and centre in rig of all that is in the assembly, plastic solid and without the camera's cable."""
+    """Mass and centre in rig of the assembly, plastic taken as solid, without the camera's cable."""
     weighed = []
     density: float
     for name, mesh in assembly.items():
@@ -157,7 +168,7 @@ def check_drop(
 ) -> dict[str, Metric]:
     """Whether the mirrors, as cut, go down to their seats along the normal, and have the stated room around them.
 
-    Both are volumes of a part in the way: of the sheet's path, and of the sheet grown by the room to its sides.
+    Both are volumes common with a part: of the mirror's path, and of the mirror grown to its sides by the room.
     """
     together = manifold3d.Manifold.compose(list(parts))
     in_path = in_room = 0.0
@@ -167,7 +178,7 @@ def check_drop(
         corners, thickness = laid[name].corners, mirror.thickness_mm
         low = mirror.back_mm + ROUNDING_MM
         grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
-        in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_SHEET * thickness))
+        in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_THICKNESS * thickness))
         in_room += common_mm3(together, prism(mirror, grown, low, low + thickness))
     return {
         "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),

@@ -1,4 +1,4 @@
-"""Meshes of exported files, read back by code that knows nothing of how the part was made."""
+"""Meshes of exported files, read back independently of how the part was made."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_stl(path: Path) -> trimesh.Trimesh:
 
 
 def read_3mf(path: Path) -> trimesh.Trimesh:
-    """All that a 3MF file puts on the bed, in mm, as one mesh: the objects of its build items in their places.
+    """Read a 3MF file, mm, as one mesh: the objects of its build items in their places on the bed.
 
     Raises ValueError for what our files never hold: another unit, or an object made of others.
     """
@@ -47,7 +47,7 @@ def read_3mf(path: Path) -> trimesh.Trimesh:
 
 
 def solid_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """A mesh as manifold3d takes it; whether it is a solid, `is_manifold` tells."""
+    """A mesh as a solid of manifold3d; it may be invalid, see `is_manifold`."""
     return manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint64)))
 
 
@@ -57,7 +57,7 @@ def is_manifold(solid: manifold3d.Manifold) -> bool:
 
 
 def check_mesh(mesh: trimesh.Trimesh, solid: manifold3d.Manifold) -> dict[str, Metric]:
-    """Watertight (trimesh), manifold (manifold3d), in one piece."""
+    """Check that a mesh is watertight (trimesh), manifold (manifold3d) and in one piece."""
     manifold = is_manifold(solid)
     return {
         "mesh_watertight": Metric(value=bool(mesh.is_volume), unit="", limit=1, lower_is_better=False),
@@ -68,5 +68,5 @@ def check_mesh(mesh: trimesh.Trimesh, solid: manifold3d.Manifold) -> dict[str, M
 
 
 def hits(solid: manifold3d.Manifold, segments: FloatArray) -> int:
-    """How many of the segments (n, 2, 3) meet the surface of a solid."""
+    """Number of segments (n, 2, 3) that meet the surface of a solid."""
     return sum(bool(solid.ray_cast(*segment)) for segment in segments)

@@ -1,6 +1,6 @@
-"""The layout's light, cast at meshes: an independent proof that nothing stands in its way.
+"""The layout's light, ray-cast against meshes: an independent proof that nothing stands in its way.
 
-Light is traced from the pupil by way of the mirrors, through the glass of those coated behind, by the code that designs
+Light is traced from the pupil over the mirrors, through the glass of second-surface ones, by the code that judges
 layouts; the cones and beams that parts are cut with are not used. All in rig, mm.
 """
 
@@ -27,7 +27,7 @@ SURFACE_MM = 1e-3
 # Rays go through a grid of this step, or a finer one that has this many points on a small mirror.
 RAY_STEP_MM = 1.0
 RAYS_OF_MIRROR = 200
-# How far a part further from the light than this is from it is not looked for.
+# Clearances larger than this are not measured.
 NEAR_MM = 10.0
 # The entrance pupil of a webcam: 3.7 mm of focal length at f/2. Light through its rim is tried from this many points.
 PUPIL_RADIUS_MM = 0.9
@@ -52,7 +52,7 @@ class MirrorLight:
 
 
 def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
-    """Exact light from the middle of the pupil by way of all of a mirror that shows the scene, if anything does."""
+    """Exact light from the middle of the pupil over the usable part of a mirror, if it has any."""
     mirror = layout.mirrors[index]
     flat, inner = _grid(mirror, RAY_STEP_MM)
     if len(flat) == 0:
@@ -63,7 +63,7 @@ def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) as of `light_of`, through the rim of the pupil; of the apparent mirror."""
+    """Segments (2, n, 2, 3) as in `light_of`, but through the rim of the pupil, for the apparent mirror."""
     mirror = layout.mirrors[index]
     flat, inner = _grid(mirror, PUPIL_STEP_MM)
     turns = np.arange(PUPIL_POINTS) * 2.0 * np.pi / PUPIL_POINTS
@@ -112,15 +112,29 @@ def check_light(
     layout: Layout,
     hardware: Hardware,
     parts: Mapping[str, manifold3d.Manifold],
-    sheets: Sequence[manifold3d.Manifold | None],
+    mirrors: Sequence[manifold3d.Manifold | None],
     camera: manifold3d.Manifold | None,
 ) -> dict[str, Metric]:
-    """Rays that a part or the camera's body stops, how near each part comes, and what the mirrors' sheets hide.
+    """Check that nothing stops the light.
 
-    Parts are all that must not stand in the light, the robot's wrist among them. `sheets` are the mirrors' in the
-    layout's order, None where one is missing. The camera holds the pupil, so that only the light on its way out is cast
-    at it. A part keeps as far from the light as it is cut, but for the tolerance of its mesh. Sheets may hide what a
-    layout allows a built device to hide of a sub-image.
+    Parameters
+    ----------
+    layout : Layout
+        Camera and mirrors.
+    hardware : Hardware
+        The gap between parts and light, and the working distance of a layout without a spec.
+    parts : mapping of str to Manifold
+        Solids that must not stand in the light, by name: the printed parts and the robot's wrist.
+    mirrors : sequence of Manifold or None
+        Solids of the mirrors in the layout's order, None where one is missing.
+    camera : Manifold or None
+        The camera's body. It holds the pupil, so only the light on its way out is cast against it.
+
+    Returns
+    -------
+    dict of str to Metric
+        Rays that are blocked, the gap between each part and the light (as wide as parts are cut, less the tolerance of
+        their meshes), and the light that mirrors hide from each other (limited as in a layout as built).
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
     rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
@@ -142,7 +156,7 @@ def check_light(
             value=max((hits(together, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0),
             unit="",
         ),
-        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, sheets), unit="of the light", limit=SLIVER),
+        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=SLIVER),
         **{
             f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
             for name, gap in gaps.items()
@@ -150,11 +164,11 @@ def check_light(
     }
 
 
-def shade_of_mirrors(lights: Sequence[MirrorLight], sheets: Sequence[manifold3d.Manifold | None]) -> float:
-    """Share of the worst mirror's grid whose light the other mirrors' sheets stand in: what thick sheets cost."""
+def shade_of_mirrors(lights: Sequence[MirrorLight], mirrors: Sequence[manifold3d.Manifold | None]) -> float:
+    """Share of the light of the worst mirror that the other mirrors' solids stop: the cost of thick mirrors."""
     worst = 0.0
     for index, light in enumerate(lights):
-        others = manifold3d.Manifold.compose([sheet for place, sheet in enumerate(sheets) if sheet and place != index])
+        others = manifold3d.Manifold.compose([solid for place, solid in enumerate(mirrors) if solid and place != index])
         legs = light.rays[:, : light.inner]
         shaded = [bool(others.ray_cast(*a)) or bool(others.ray_cast(*b)) for a, b in zip(*legs, strict=True)]
         worst = max(worst, float(np.mean(shaded)) if shaded else 0.0)

@@ -1,4 +1,4 @@
-"""What prints without support: faces that hang, flat ceilings that bridge, and material that starts in the air.
+"""Overhangs that need support, flat ceilings that bridge, and layers that begin in the air.
 
 Meshes (mm) lie here as they print: z up, the bed under their lowest point.
 """

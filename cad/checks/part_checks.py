@@ -1,4 +1,4 @@
-"""Checks of one printed part, whichever it is: its STEP, STL and 3MF, against each other and against the printer."""
+"""Checks of a printed part: its STEP, STL and 3MF files, against each other and against the printer."""
 
 from __future__ import annotations
 
@@ -23,10 +23,23 @@ SAME_VOLUME = 1e-6
 
 
 def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metric]:
-    """All checks of NAME.step, NAME.stl and NAME.3mf in a folder.
+    """Check the files of a part.
 
-    Where a mesh is not manifold, nothing measured on it proves anything: its wall counts as nothing, and all of its
-    surface as in need of support. Where there is no slicer, nothing is said about slicing.
+    Parameters
+    ----------
+    part : PartPlan
+        The plan that the part was made of.
+    folder : Path
+        Holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed).
+    printer : Printer
+        What the printer can print.
+
+    Returns
+    -------
+    dict of str to Metric
+        Checks (with a limit) and figures by name. A mesh that is not manifold counts as having no wall and as needing
+        support everywhere, since nothing measured on it proves anything. Without a slicer there are no checks of
+        slicing.
     """
     shape = import_step(folder / f"{part.name}.step")
     solids = shape.solids()
@@ -56,7 +69,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
 
 
 def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, printer: Printer) -> dict[str, Metric]:
-    """The part as the 3MF file has it: on the bed, no larger than it, and up as planned.
+    """Check the part in the 3MF file: on the bed, no larger than it, and up as planned.
 
     `lie_error_um` is the largest difference of the heights of its corners from those of the STL file, laid as planned.
     """

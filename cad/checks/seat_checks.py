@@ -29,7 +29,7 @@ COVER_ROUNDING = 1e-3
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# Less than this, a third of the square of a printed line, is a crumb: it neither bears a mirror nor leaves it unborne.
+# Areas below this, a third of the square of a printed line, are ignored, whether they bear the mirror or not.
 # What stands in a mirror's way, however small, is found when the mirror is let down into its seat.
 DOT_MM2 = 0.05
 
@@ -95,7 +95,7 @@ def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float)
 
 @dataclass(frozen=True)
 class Seat:
-    """What is found of a mirror's seat.
+    """A mirror's seat as found in the files.
 
     `offset_mm` is how far the planes of its faces are, at most, from the corners of the mirror's back; `angle_deg` how
     far they are tilted; `cover` the share of the outline that bears the mirror; `span_mm` the diameter of the largest
@@ -133,7 +133,7 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
 
 
 def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> list[float]:
-    """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the sheet."""
+    """Distances from the mirror's edges of the walls of its pocket: flat, parallel to an edge, beside the mirror."""
     frame, back = mirror.rig_from_plane, mirror.back_mm
     corners = np.array(orient(Polygon(mirror.outline_in_plane_mm)).exterior.coords)
     gaps = []
@@ -157,7 +157,24 @@ def pocket_gaps_mm(faces: Sequence[FlatFace], mirror: Mirror, fit_mm: float) -> 
 def check_seats(
     faces: Sequence[FlatFace], layout: Layout, hardware: Hardware, planned_cover: Sequence[float]
 ) -> dict[str, Metric]:
-    """The worst seat and the worst wall of a pocket; `planned_cover` is what share of every mirror is to be borne."""
+    """Check seats and pockets against the layout.
+
+    Parameters
+    ----------
+    faces : sequence of FlatFace
+        Flat faces of all pieces of the holder, as read from STEP files, in rig, mm.
+    layout : Layout
+        The mirrors whose seats are looked for.
+    hardware : Hardware
+        The fit of a mirror in its pocket.
+    planned_cover : sequence of float
+        Share of every mirror's back that its seat is to bear.
+
+    Returns
+    -------
+    dict of str to Metric
+        The worst seat, and the worst wall of a pocket.
+    """
     fit = hardware.fit.free_mm
     seats = [find_seat(faces, mirror) for mirror in layout.mirrors]
     found = [seat for seat in seats if seat is not None]

@@ -1,4 +1,4 @@
-"""What people read of a device: drawings, pictures, the assembly guide and the page."""
+"""Documents of a device: drawings, pictures, the assembly guide and the page."""
 
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page

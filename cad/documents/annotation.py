@@ -1,4 +1,4 @@
-"""Dimensions on the views of a drawing: lanes of dimension lines below and left of a view, words of holes above it."""
+"""Dimensions on the views of a drawing: tiers of dimension lines below and left of a view, notes of holes above it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LINE_MM = 0.18
 TEXT_MM = 2.5
 FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
-# Leaders lean by this much per mm upwards, so that they are told from edges of the part.
+# Leaders lean by this much per mm upwards, so that they differ from edges of the part.
 LEAN = 0.27
 BESIDE_MM = 1.0
 PARALLEL = 1e-4
@@ -28,7 +28,7 @@ CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class LinearDimension:
-    """A dimension line: coordinates (2,) along it and across it, mm on paper, of what it measures, and its words."""
+    """A dimension along x or y: coordinates (2,) along and across it of both its ends, mm on paper, and its text."""
 
     along: FloatArray
     across: FloatArray
@@ -41,7 +41,7 @@ class LinearDimension:
 
 @dataclass(frozen=True)
 class Note:
-    """Words with a leader to a point (2,) on paper, `radius` away from it."""
+    """A note with a leader that ends `radius` from a point (2,) on paper."""
 
     point: FloatArray
     radius: float
@@ -50,7 +50,7 @@ class Note:
 
 @dataclass(frozen=True)
 class AlignedDimension:
-    """A dimension line beside what it measures, which lies askew: both ends (2, 2) on paper, and its words."""
+    """An aligned dimension, parallel to what it measures: both ends (2, 2) on paper, and its text."""
 
     ends: FloatArray
     words: str
@@ -58,7 +58,7 @@ class AlignedDimension:
 
 @dataclass
 class Annotations:
-    """What is to be written at one view."""
+    """All annotations of one view."""
 
     below: list[LinearDimension]
     left: list[LinearDimension]
@@ -104,7 +104,7 @@ def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
 
 
 def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
-    """In the first view that sees it in full; one that lies askew there gets its line beside it."""
+    """Place a length in the first view that shows it in full, as an aligned dimension where it is oblique there."""
     span = dimension.span_in_rig
     real = float(np.linalg.norm(span))
     words = f"{number(real)} {dimension.text}".strip()
@@ -123,7 +123,7 @@ def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
-    """A length that is there already is not said twice; the one that says what it is of stays."""
+    """Add a dimension unless it is there already; of two equal ones the one with more text stays."""
     for place, old in enumerate(tier):
         if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
             tier[place] = max(old, new, key=lambda linear: len(linear.words))
@@ -132,7 +132,7 @@ def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
 
 
 def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
-    """Centre marks, one leader for all equal holes, and where they are: from the part's edge and from each other."""
+    """Draw centre marks; note all equal holes once, and dimension them from the part's edge and from each other."""
     centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
     radius = group[0].diameter_mm / 2.0 * placed.scale
     arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
@@ -145,7 +145,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
     low = placed.box[0]
     for coordinate, tier in ((0, job.below), (1, job.left)):
         if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
-            # Seen askew, distances are foreshortened.
+            # Distances are foreshortened in an oblique view.
             continue
         places = np.unique(np.round(centres[:, coordinate], 3))
         if len(places) > 4:
@@ -184,7 +184,7 @@ def _fits(linear: LinearDimension, width: float) -> bool:
 
 
 def _covers(linear: LinearDimension, width: float) -> tuple[float, float]:
-    """What a dimension line and its words take of a lane."""
+    """The stretch of a tier that a dimension line and its text take up."""
     low, high = float(linear.along.min()), float(linear.along.max())
     return (low, high) if _fits(linear, width) else (low - ARROW_MM[0] - 1.5, high + ARROW_MM[0] + width + 2.0)
 
@@ -215,7 +215,7 @@ def _draw_linear(sheet: DrawingSheet, linear: LinearDimension, tier: float, widt
 
 
 def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
-    """On the side where less of the part is in the way."""
+    """Draw an aligned dimension on the side where it crosses fewer edges."""
     start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
     along = (end - start) / np.linalg.norm(end - start)
     normal = np.array([-along[1], along[0]])
@@ -239,7 +239,7 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
-    """Words above the view, the rightmost lowest: then no leader crosses words or another leader."""
+    """Draw notes above the view, the rightmost lowest: then no leader crosses text or another leader."""
     pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM) / max(len(notes) - 1, 1))
     ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
     steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)

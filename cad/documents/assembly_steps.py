@@ -1,4 +1,4 @@
-"""Which pieces come together at each step of the assembly; pictures and guide both follow it."""
+"""The pieces that come together at each step of the assembly; pictures and guide both follow them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HOLDER, MOUNT, CLIP, CAMERA, ADAPTER = "mirror_holder", "mount", "camera_clip", 
 
 
 def joins_of(piece: Piece) -> tuple[str, ...]:
-    """The parts that a fastener joins, outer part first; () of anything else."""
+    """The parts that a fastener joins, outer part first; () for anything else."""
     return piece.item.joins if piece.item else ()
 
 
@@ -25,7 +25,7 @@ def belongs(part: Piece, name: str) -> bool:
 
 
 def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
-    """Which of the parts a fastener is at, of those that the name means: the nearest, or None where none is there."""
+    """The part of a name that a fastener is in: of several pieces the nearest; None where there is none."""
     middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
 
     def distance(part: Piece) -> float:
@@ -36,7 +36,7 @@ def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
 
 
 def counted(pieces: Iterable[Piece]) -> str:
-    """What is taken, as a list of parts says it: "4 M3 x 12 screw, 2 M3 nut"; "" of nothing."""
+    """A list of pieces with their counts, "4 x M3 x 12 screw, 2 x M3 nut"; "" for none."""
     return ", ".join(f"{count} x {title}" for title, count in Counter(piece.title for piece in pieces).items())
 
 

@@ -42,7 +42,7 @@ INSERT_OUT_MM = 12.0
 
 @dataclass(frozen=True)
 class Item:
-    """A body of a picture where it is drawn, in rig, its name there ("" for none), and a line to where it belongs."""
+    """A body of a picture, in rig, its label ("" for none), and a line to where it belongs."""
 
     body: ShadedBody
     label: str
@@ -51,7 +51,7 @@ class Item:
 
 @dataclass(frozen=True)
 class DevicePicture:
-    """A picture before it is drawn: file stem, what it shows, the viewer's axes (3, 3) in rig, bodies, rays."""
+    """A picture before it is drawn: file stem, title, the viewer's axes (3, 3) in rig, bodies, rays."""
 
     name: str
     title: str
@@ -61,7 +61,7 @@ class DevicePicture:
 
     @property
     def path(self) -> str:
-        """Where it lies below a device's folder."""
+        """Its path below a device's folder."""
         return f"pictures/{self.name}.png"
 
 
@@ -171,7 +171,7 @@ def _joined(
     still: Sequence[Piece],
     together: Sequence[Piece] = (),
 ) -> tuple[Item, ...]:
-    """What is there already, pale, and what is new, away from it as in the exploded view in which `still` rests."""
+    """Pieces already assembled, pale, and new ones, moved away as in the exploded view in which `still` rests."""
     base = _mean([piece.explode_mm for piece in still])
     block = _mean([piece.explode_mm for piece in together]) - base if together else None
     moves = [(piece, STEP_SHARE * (piece.explode_mm - base if block is None else block)) for piece in new]
@@ -203,7 +203,7 @@ def _distance(move: FloatArray, piece: Piece) -> float:
 
 
 def _axis(piece: Piece) -> FloatArray:
-    """Where a fastener came from: out of its hole."""
+    """The direction in which a fastener leaves its hole."""
     return piece.item.rig_from_item[:3, 2] if piece.item else np.zeros(3)
 
 

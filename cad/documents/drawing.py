@@ -37,7 +37,7 @@ def write_drawing(folder: Path, solid: Part, part: PartPlan, printer: Printer) -
 
 
 def draw(solid: Part, part: PartPlan, printer: Printer) -> DrawingSheet:
-    """The sheet of a part."""
+    """Draw a part on a drawing sheet."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
@@ -68,7 +68,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer) -> DrawingSheet:
 
 
 def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
-    """What the plan offers, less what lies on another piece of a part that is split."""
+    """The dimensions of a part's plan, without those on other pieces of a part that is split."""
     dimensions = offered(part.plan)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
@@ -147,7 +147,7 @@ def _draw_tables(sheet: DrawingSheet, tables: Sequence[Table]) -> float:
 
 
 def _title_block(sheet: DrawingSheet, part: PartPlan, printer: Printer, scale: float) -> None:
-    """The frame of the sheet, and below the views what the drawing is of and how it is to be read."""
+    """Draw the border and the title block."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     sheet.rectangle((BORDER_MM, BORDER_MM), (right, top), FRAME_MM)
     head = BORDER_MM + BLOCK_MM

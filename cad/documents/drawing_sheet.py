@@ -1,4 +1,4 @@
-"""A sheet of paper in mm, origin in its lower left corner: lines, arrows and text, written as SVG and PDF."""
+"""A drawing sheet in mm, origin in its lower left corner: lines, arrows and text, written as SVG and PDF."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Align = Literal["left", "center", "right"]
 
 @dataclass(frozen=True)
 class Words:
-    """A text on the sheet, with the corners (4, 2) of what it covers, in mm."""
+    """A text on the sheet, with the corners (4, 2) of the area that it covers, mm."""
 
     text: str
     corners: FloatArray

@@ -1,4 +1,4 @@
-"""What the drawing of the mirror holder says beside its size: its holes, and where every seat is."""
+"""The drawing of the mirror holder beside its size: its holes, and a table of its seats."""
 
 from __future__ import annotations
 

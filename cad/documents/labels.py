@@ -1,4 +1,4 @@
-"""Names around a picture, each with a line to what it names; no line crosses another."""
+"""Labels around a picture, each with a leader to what it names; no leader crosses another."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
 
 
 def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
-    """Which end each start leads to, so that no two lines cross: crossing ones swap ends, which makes both shorter."""
+    """An end for each start, so that no two lines cross: crossing ones swap ends, which makes both shorter."""
     order = list(range(len(starts)))
     swapped = True
     while swapped:

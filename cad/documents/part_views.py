@@ -1,4 +1,4 @@
-"""Views of a part: the edges that one sees and those that are hidden, as polylines to scale."""
+"""Orthographic views of a part: visible and hidden edges as polylines, to scale."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from shapely import LineString, MultiLineString, STRtree
 from mirrorcam.optics.base.values import FloatArray
 
 CURVE_STEPS = 32
-# On paper, in mm: a hidden line that runs along a visible one says nothing, and one shorter than two dashes (the step
-# of a fit behind a rim) reads as dirt.
+# On paper, in mm: hidden lines along visible ones, and those shorter than two dashes (the step of a fit behind a rim),
+# are left out.
 ALONG_VISIBLE_MM = 0.12
 SHORTEST_HIDDEN_MM = 1.6
 # Longest hidden lines over the visible ones, in all of a view.
@@ -53,7 +53,7 @@ class PartView:
 
 @dataclass(frozen=True)
 class PlacedView:
-    """A view on the sheet: paper = scale * view + shift."""
+    """A view on the drawing sheet: paper = scale * view + shift."""
 
     view: PartView
     scale: float
@@ -65,12 +65,12 @@ class PlacedView:
         return self.view.box * self.scale + self.shift
 
     def paper(self, points_in_rig: FloatArray) -> FloatArray:
-        """Where points (..., 3) are on paper (..., 2)."""
+        """Positions (..., 2) on paper, mm, of points (..., 3)."""
         return points_in_rig @ self.view.axes_in_rig[:2].T * self.scale + self.shift
 
 
 def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> PartView:
-    """See a solid from far away, from the third row of `axes_in_rig`, by the kernel's hidden-line algorithm."""
+    """Project a solid along the third row of `axes_in_rig` by the kernel's hidden-line algorithm."""
     _, up, towards = axes_in_rig
     visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
     return PartView(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden) if hidden_too else ()))
@@ -102,7 +102,7 @@ def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[Float
 
 
 def _away_from(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
-    """What of the hidden lines does not run along visible ones."""
+    """Hidden lines without their stretches along visible ones."""
     zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
     tree = STRtree(zones)
     left = []

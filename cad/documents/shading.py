@@ -1,4 +1,4 @@
-"""Shaded pictures of triangles seen from far away: a z-buffer in numpy, the same on every machine, no display."""
+"""Shaded orthographic pictures of triangles by a z-buffer in numpy: the same on every machine, without a display."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Pixels = NDArray[np.uint8]
 SUPERSAMPLING = 2
 # Fragments that are worked on at once: bounds the memory.
 FRAGMENTS = 1_500_000
-# Neighbouring pixels show an edge where the surface turns by more than this (cosine) or jumps by so many pixels.
+# Neighbouring pixels show an edge where the surface turns by more than this (cosine) or jumps by this many pixels.
 EDGE_COSINE = 0.97
 EDGE_JUMP_PX = 9.0
 EDGE_DARKNESS = 0.62
-# A line that runs in a surface is drawn; rounding must not hide it.
+# A line in a surface is drawn; rounding must not hide it.
 LINE_BEFORE_SURFACE_MM = 0.3
 # Two lights, as seen by the viewer (right, up, towards), and how bright they are; the rest comes from everywhere.
 LIGHTS = ((np.array([-0.45, 0.60, 0.66]), 0.42), (np.array([0.70, 0.10, 0.50]), 0.16))

@@ -31,7 +31,7 @@ THIN_MM_PER_MM2 = 1000.0
 
 @dataclass(frozen=True)
 class MountFace:
-    """Where the back lies (`back_mm`, along z of the mount's axes from the pupil) and its holes.
+    """The plane of the back (`back_mm`, along z of the mount's axes from the pupil) and its holes.
 
     `centre_mm` (2,) and `holes_mm` (4, 2) about it are along the mount's x and y.
     """
@@ -107,13 +107,13 @@ class FrontSurface:
         return [Polygon(outline @ self._axes[:2].T) for outline in outlines]
 
     def _along(self, index: int, points: FloatArray) -> FloatArray:
-        """How far along the mount's z the seat plane of a mirror lies over points (n, 2) of the back."""
+        """Position (n,) along the mount's z of a mirror's seat plane, over points (n, 2) of the back."""
         normal, distance = self._planes[index]
         along: FloatArray = (-distance - (points @ self._axes[:2]) @ normal) / (self._axes[2] @ normal)
         return along
 
     def recedes_to_mm(self, area: Polygon) -> float:
-        """How far along the mount's z the front lies at most, over an area of the back (off the fillers: the slab)."""
+        """Largest position along the mount's z of the front over an area of the back (off the fillers: the slab)."""
         gap = area.difference(self._all_cores)
         # No area contains an empty one.
         if not gap.is_empty and not self._all_fillers.contains(gap):
@@ -135,7 +135,7 @@ def fits_bed(border: Polygon, hardware: Hardware) -> bool:
 
 
 def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware) -> Cuts:
-    """Where a body (in rig) with this outline is cut along the mount's x and y so that every piece fits the bed.
+    """Places of cuts along the mount's x and y through a body (in rig) so that every piece fits the bed.
 
     Of all places that leave pieces which fit and hang together, each cut takes the one that passes through the least
     mirror and leaves no thin wall beside it. The longer side of the part lies along the longer side of the bed.

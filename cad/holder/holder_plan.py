@@ -1,4 +1,4 @@
-"""What the mirror holder is made of, as plain numbers: material, light that it gives way to, and what is cut out of it.
+"""The plan of the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
 
 The slab's back is flat: it lies on the print bed (every seat then looks up, nothing needs support), and the mount is
 screwed to it.
@@ -32,7 +32,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
 
-# Solids that are joined reach into each other by so much: faces that only touch are not joined for sure.
+# Solids that are joined reach into each other by this much: faces that only touch need not join.
 OVERLAP_MM = 0.5
 
 
@@ -42,9 +42,9 @@ class HolderPlan:
 
     Material: `slab`, a `flange` round it, `cores` (right behind a mirror, their fronts the seats, row by row in `cols`
     columns), `fillers` (in the gaps around and between the mirrors, a little further back), `rims` (each with the
-    ground it stands on after it) and, on the flange, `walls` against stray light. All of it gives way to `keep_outs`
-    (of each mirror its pocket, camera cone and reflected beam), to the `grooves` of the seats, the `hollows` and, for
-    nuts, the `slots` that they are put in by.
+    ground it stands on after it) and, on the flange, `walls`: the baffle against stray light. Cut out of all of it are
+    the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the `hollows`
+    and, for nuts, the `slots` that they are put in by.
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin amid the mount holes, x along the rig's x, z out of
     the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to) deep, and a
@@ -95,7 +95,7 @@ class HolderPlan:
 
 @dataclass(frozen=True)
 class _Front:
-    """What of a holder depends neither on how thick it is nor on where it is cut; `axes` are those of the mount."""
+    """The front of a holder, which depends neither on its thickness nor on its cuts; `axes` are the mount's."""
 
     layout: Layout
     axes: FloatArray
@@ -226,7 +226,7 @@ def _down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frust
 
 
 def _reach_mm(front: _Front, mount: MountFace) -> float:
-    """How far along its normal any part of the holder lies before or behind a mirror, at most."""
+    """Largest distance of any part of the holder from a mirror along its normal."""
     reach = mount.back_mm - min(float((seat @ front.axes[2]).min()) for seat in front.seats)
     return reach + max(mirror.thickness_mm for mirror in front.layout.mirrors)
 
@@ -290,6 +290,6 @@ def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
 
 
 def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
-    """Where a mirror passes on its way into its pocket."""
+    """The space that a mirror passes through on its way into its pocket."""
     seat, fit = mirror.back_mm, hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))

@@ -98,7 +98,7 @@ def plan_rims(
 
 
 def beside_cuts(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
-    """Where cuts across the first two of three axes (rows) would leave less than a wall of a rim or of its ground."""
+    """Zones beside cuts across the first two axes (rows) where less than a wall of a rim would be left."""
     near = hardware.printer.wall_mm + GROUND_MM + STEP_MM
     zones = []
     for axis, places in enumerate(cuts_mm):

@@ -1,4 +1,4 @@
-"""What is engraved on the back of a mirror: an arrow that points up and the mirror's id, in single strokes."""
+"""The mark engraved on the back of a mirror: an arrow that points up and the mirror's id, in single strokes."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _set_out(text: str, gap: float, axis: int) -> list[FloatArray]:
 
 
 def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
-    """By how much points (n, 2) can be scaled about the origin and stay the line gap inside a convex outline (m, 2)."""
+    """Largest scale about the origin at which points (n, 2) stay the line gap inside a convex outline (m, 2)."""
     loop = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(loop, axis=0)
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]

@@ -1,4 +1,4 @@
-"""A sheet of mirrors as DXF: layers CUT, ENGRAVE and NOTES, millimetres, one group per mirror."""
+"""A stock sheet of mirrors as DXF: layers CUT, ENGRAVE and NOTES, millimetres, one group per mirror."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convex pieces on sheets, turned and packed to one side by their no-fit polygons.
+"""Nesting of convex outlines on stock sheets, turned and packed to one side by their no-fit polygons.
 
 A piece at p meets a placed one where p lies in the Minkowski sum of the placed one and the piece reflected in its
 origin; what those sums leave of the sheet is where it may go, and it goes where it reaches least far from that side.
@@ -24,7 +24,7 @@ ROUNDING_MM = 1e-6
 
 @dataclass(frozen=True)
 class NestedOutline:
-    """Where a piece lies: on which sheet, turned by `turn` (2, 2), then moved by `shift_mm` (2,)."""
+    """The place of an outline: its sheet, turned by `turn` (2, 2), then moved by `shift_mm` (2,)."""
 
     sheet: int
     turn: FloatArray

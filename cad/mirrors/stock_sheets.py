@@ -1,7 +1,7 @@
-"""The mirrors on their sheets: what is cut along which line, with which mark, seen from the back.
+"""Mirrors on stock sheets: their cut lines and engraved marks, as seen from the back.
 
-Everything is drawn as seen from the *back* of the sheet, the side that is engraved and then glued into its seat: cut
-with the back up, nothing has to be mirrored. Pieces are turned to fit the sheet, never turned over.
+Everything is drawn as seen from the *back* of the stock sheet, the side that is engraved and then glued into its seat:
+cut with the back up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 
 @dataclass(frozen=True)
 class CutMirror:
-    """One mirror on a sheet: the laser's closed path (n, 2), half the kerf outside the mirror, and engraved strokes.
+    """One mirror on a stock sheet: the laser's closed path (n, 2), half the kerf outside it, and engraved strokes.
 
     `name` is its row and column, "1-2". Lengths in mm from the sheet's lower left corner, y up.
     """
@@ -34,7 +34,7 @@ class CutMirror:
 
 @dataclass(frozen=True)
 class StockSheet:
-    """One sheet, the `number`th of `count`, of mirrors of one kind; `stem` is what its files are called."""
+    """One stock sheet, number `number` of `count`, with mirrors of one kind; `stem` is the name of its files."""
 
     number: int
     count: int
@@ -60,7 +60,7 @@ class StockSheet:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What whoever cuts it has to know."""
+        """Notes for whoever cuts it."""
         width, height = self.cutting.sheet_mm
         half = self.cutting.kerf_mm / 2.0
         return (
@@ -159,7 +159,7 @@ def _width_mm(outline: FloatArray) -> float:
 
 
 def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
-    """What a laser needs of the sheets, and how well they are used: features, and gaps between separate lines."""
+    """Checks of the stock sheets for a laser cutter: smallest feature, smallest gap between lines, and their use."""
     features = [
         _width_mm(offset_outline(cut.outline, -sheet.cutting.kerf_mm / 2.0)) / sheet.thickness_mm
         for sheet in sheets

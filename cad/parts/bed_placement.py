@@ -79,7 +79,7 @@ def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
 
 
 def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
-    """What lies below and above a cut across the turned area, turned back."""
+    """The halves of an area below and above a cut across it as turned, turned back."""
     turned = Polygon(get_coordinates(area.exterior) @ turn(degrees).T)
     parts = (box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
     below, above = (get_coordinates(turned.intersection(part).convex_hull) @ turn(degrees) for part in parts)

@@ -34,7 +34,7 @@ class BodyBox:
 
 
 def body_box(camera: CameraBody) -> BodyBox:
-    """Where the body is when the entrance pupil is at the origin."""
+    """The camera's body with its entrance pupil at the origin."""
     half = np.array([camera.width_mm, camera.height_mm]) / 2.0
     middle = -np.array([camera.lens_x_mm, camera.lens_y_mm])
     front = camera.pupil_behind_front_mm

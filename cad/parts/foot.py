@@ -29,6 +29,6 @@ def foot_plate_mm(hardware: Hardware) -> float:
 
 
 def foot_screws(clip: ClipPlan, hardware: Hardware) -> FloatArray:
-    """Where the adapter's screws enter the foot's lower face: points (4, 3) in rig."""
+    """Points (4, 3) in rig where the adapter's screws enter the foot's lower face."""
     z = foot_z_mm(clip, hardware)
     return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])

@@ -190,7 +190,7 @@ def stiff_profiles(
 
 
 def _bent(profile: Profile, load_g: float, load_at: FloatArray) -> tuple[float, float]:
-    """How far the mirrors turn in deg and move in um when their weight pulls the worst way instead of not at all."""
+    """Largest turn in deg and shift in um of the mirrors under their weight, over all its directions."""
     turned, shift = bends_per_newton(profile.path, load_at, profile.section)
     weight_n = load_g / 1000.0 * GRAVITY_N_PER_KG
     return (

@@ -1,4 +1,4 @@
-"""What is cut out of the mount: holes for screws and tools, the cable's window, a tripod's thread, the scale."""
+"""Cuts of the mount: holes for screws and tools, the cable's window, a tripod's thread, the scale."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def openings(
 
 
 def cable_reach_mm(hardware: Hardware) -> float:
-    """How far from the middle the window for the cable and its tie reach, with the thinnest wall beside them."""
+    """Distance from the middle to the end of the cable's window and tie slots, and the thinnest wall beside them."""
     width, height = hardware.mount.cable_window_mm
     tie_width, tie_height = hardware.mount.tie_mm
     roof = tie_height / 2.0 / np.tan(np.deg2rad(ROOF_DEG))
@@ -119,7 +119,7 @@ def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustu
 
 
 def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
-    """What of the head reaches into the holder, whose back is turned a little to the side."""
+    """The cut that keeps the head out of the holder, whose back is turned a little to the side."""
     ends: FloatArray = np.column_stack([np.zeros(2), head])
     mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
     on_back = transform(mount_from_rig, ends)[:, 1]

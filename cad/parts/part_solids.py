@@ -40,7 +40,7 @@ Cut = Frustum | Bore | Hexagon
 
 
 def bore_solid(bore: Bore) -> Solid:
-    """What a bore takes away: a cylinder, or a slot, with a roof that prints without support."""
+    """The solid that a bore removes: a cylinder, or a slot, with a roof that prints without support."""
     up = bore.up if bore.up is not None else np.roll(bore.axis, 1)
     along = np.cross(up, bore.axis)
     plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(along), z_dir=tuple(bore.axis))
@@ -75,7 +75,7 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
 
 
 def hexagon_solid(pocket: Hexagon) -> Solid:
-    """What a nut's pocket takes away."""
+    """The solid that a nut's pocket removes."""
     side = np.cross(pocket.axis, pocket.up)
     radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
     # The two sides at the top would hang at 60 deg: a roof stands in for them.
@@ -86,7 +86,7 @@ def hexagon_solid(pocket: Hexagon) -> Solid:
 
 
 def cut_solid(cut: Cut) -> Solid:
-    """What any cut takes away."""
+    """The solid that a cut removes."""
     if isinstance(cut, Bore):
         return bore_solid(cut)
     return hexagon_solid(cut) if isinstance(cut, Hexagon) else solid_of(cut)

@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 
 POISSON = 0.35
-"""Of PLA; the shear modulus is E / (2 (1 + POISSON))."""
+"""Poisson's ratio of PLA; the shear modulus is E / (2 (1 + POISSON))."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,6 @@ def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
 
 
 def cut_slack_mm(length_mm: float, count: int, bed_mm: float) -> float:
-    """How far each cut into `count` equal pieces may be moved by itself while all pieces still fit the bed."""
+    """Largest shift of each cut into `count` equal pieces, by itself, at which all pieces still fit the bed."""
     spare = max(0.0, bed_mm - length_mm / count - MOVED_MM)
     return spare if count == 2 else spare / 2.0

@@ -1,4 +1,4 @@
-"""Where a part is cut: places that leave no thin wall beside them, and the pieces and joints between the cuts."""
+"""The plan of a split: cuts that leave no thin wall beside them, and the pieces and joints between them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class Fits(Value):
 
 
 class Printer(Value):
-    """What the printer can print, and what it prints with."""
+    """The limits of the printer, and its plastic."""
 
     bed_mm: tuple[float, float, float] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
     wall_mm: float = Field(default=1.2, gt=0, description="thinnest wall that prints: three lines of a 0.4 mm nozzle")

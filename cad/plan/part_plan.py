@@ -1,4 +1,4 @@
-"""What exports, checks and documents know of every printed part: its plan before, and its files after it is made."""
+"""Printed parts as exports, checks and documents see them: a plan before, and files after they are made."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def room_round_pin_mm(hardware: Hardware) -> float:
 
 
 def reach_of_pin_mm(hardware: Hardware) -> float:
-    """How far from a cut solid material must reach along a pin: its hole, and the thinnest wall behind that."""
+    """Length of solid material that a pin needs on either side of a cut: its hole, and the thinnest wall behind."""
     return hole_depth_mm(hardware) + hardware.printer.wall_mm
 
 

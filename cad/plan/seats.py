@@ -158,7 +158,7 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
 
 
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
-    """What no part may enter, per mirror: its pocket, its camera cone and its reflected beam, in rig, mm."""
+    """Volumes that no part may enter, per mirror: its pocket, its camera cone and its reflected beam, in rig, mm."""
     return [
         [pocket(mirror, hardware), camera_cone(mirror, hardware), reflected_beam(layout, index, hardware)]
         for index, mirror in enumerate(layout.mirrors)

@@ -46,19 +46,19 @@ def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> 
 
 
 def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
-    """What a body falls apart into, less crumbs too small to print."""
+    """The separate pieces of a body, without crumbs too small to print."""
     return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
 
 
 def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
-    """What of a body lies within spans along x and y."""
+    """The part of a body within spans along x and y."""
     for normal, (low, high) in zip(np.eye(3), spans, strict=False):
         body = body.trim_by_plane(normal, low).trim_by_plane(-normal, -high)
     return body
 
 
 def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
-    """Where to cut a body, over a span along an axis, into equal pieces that fit the bed.
+    """Places to cut a body, over a span along an axis, into equal pieces that fit the bed.
 
     Each cut may be moved a little; of the places that are tried, the one with the most room for pins is taken.
     """
@@ -77,7 +77,7 @@ def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardwar
 
 
 def room_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
-    """Where the axis of a pin may be in a cut, with the thinnest wall all along the pin and beyond its ends.
+    """Places for the axis of a pin in a cut, with the thinnest wall all along the pin and beyond its ends.
 
     Parameters
     ----------

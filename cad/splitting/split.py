@@ -33,7 +33,7 @@ EXPLODE_MM = 25.0
 
 @dataclass(frozen=True)
 class Pieces:
-    """What a part is printed as, and the pins between the pieces."""
+    """The printed parts that a part is split into, or itself, and the pins between them."""
 
     parts: tuple[PartPlan, ...]
     pins: tuple[BoughtItem, ...]

@@ -81,7 +81,7 @@ class Bom(Value):
 
 
 def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSheet]) -> Bom:
-    """What a device is made of: its parts as they were built, its mirrors as they are cut."""
+    """Make the bill of materials of a device from its built parts and its stock sheets."""
     printed = tuple(_printed(part) for part in parts)
     grams = [line.print_g for line in printed]
     sliced = None not in grams
@@ -172,7 +172,7 @@ def write_bom(folder: Path, bom: Bom) -> None:
 
 
 def as_markdown(bom: Bom) -> str:
-    """Tables of what is printed, cut and bought."""
+    """The bill as Markdown tables: printed, cut and bought."""
     how = "as sliced" if bom.sliced else "if printed solid"
     lines = [
         "# Bill of materials",
@@ -212,7 +212,7 @@ def as_markdown(bom: Bom) -> str:
 
 
 def as_csv(bom: Bom) -> str:
-    """One row per line of the bill; empty where a column says nothing of it."""
+    """The bill as CSV, one row per line; a cell is empty where a column does not apply."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(("kind", "number", "item", "count", "file", "solid_g", "print_g", "print_minutes", "note"))

@@ -62,7 +62,7 @@ LONGEST_S = 900.0
 
 @dataclass(frozen=True)
 class Sliced:
-    """What a slicer says of a part: printing time, plastic with its infill, and length of filament spent on support."""
+    """The slicer's figures of a part: printing time, plastic with its infill, and filament spent on support."""
 
     minutes: float
     grams: float
@@ -77,7 +77,7 @@ def find_slicer() -> str | None:
 
 @cache
 def slicer_version() -> str | None:
-    """What the slicer calls itself, such as "PrusaSlicer-2.5.0"; None where it is not installed."""
+    """Name and version of the slicer, such as "PrusaSlicer-2.5.0"; None where it is not installed."""
     program = find_slicer()
     if program is None:
         return None
@@ -131,7 +131,7 @@ def read_gcode(text: str) -> Sliced | None:
 
 
 def check_slicing(path: Path, printer: Printer) -> dict[str, Metric]:
-    """Whether a 3MF file slices, without support, and what printing it takes; nothing where there is no slicer."""
+    """Check that a 3MF file slices without support, with the time and plastic it takes; empty without a slicer."""
     if find_slicer() is None:
         return {}
     sliced = slice_3mf(path, printer)
