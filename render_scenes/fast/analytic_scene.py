@@ -1,10 +1,9 @@
-"""A board seen by way of mirrors, by formula, one square of the sensor after the other: for large sets.
+"""Analytic renderer of a board seen by way of mirrors, for large sets.
 
-Of every square that shows a mirror it is known once for all where its light seems to come from
-(`render_scenes.fast.lanes`). A frame takes, for each mirror, a projective map to the print that is made in float64, and
-for each square the mean of the print over its footprint: a box along the axes of the print, as wide as the footprint is
-in the mean square, exact for the two by two texels that it meets. No light bounces twice, and nothing but mirrors
-stands in its way.
+The virtual origin of the light of every subpixel is computed once per device (`fast.pixel_footprints`). A frame needs,
+for each mirror, a projective map to the print, made in float64, and for each subpixel the mean of the print over its
+footprint: a box along the axes of the print with the second moments of the footprint, exact for the 2 x 2 texels that
+it meets. There is no light of more than one reflection, and nothing but mirrors occludes.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
-SAMPLED = 64  # lanes of a view at which footprints are looked at
+SAMPLED = 64  # footprints of a view that choose its mipmap level
 
 
 @dataclass(frozen=True)
 class MipLevel:
-    """One scale of the print: `columns` x `rows` texels, with a rim of nothing, from `begin` on in `Mipmap.texels`."""
+    """One level of a mipmap: `columns` x `rows` texels, with a black border, from `begin` on in `Mipmap.texels`."""
 
     begin: int
     columns: int
@@ -41,7 +40,7 @@ class MipLevel:
 
 @dataclass(frozen=True)
 class Mipmap:
-    """The print at scales of 1, 1/2, 1/4 ..., one after the other: on one, a footprint is at most a texel wide."""
+    """The print at scales of 1, 1/2, 1/4, ...; on the level that is used, a footprint is at most a texel wide."""
 
     texels: NDArray[np.float32]
     levels: tuple[MipLevel, ...]
@@ -49,9 +48,10 @@ class Mipmap:
 
 @dataclass(frozen=True)
 class PrintMap:
-    """Light along r = (x, y, 1) of a view, its centre slid by s, left the print at (print - s slide) r / (depth r).
+    """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s slide) r / (depth r).
 
-    `print` (2, 3) and `slide` (2, 3) are in texels, `depth` (3,) is positive along light that left the printed side.
+    s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
+    rays that meet the printed side.
     """
 
     print: FloatArray
@@ -61,7 +61,7 @@ class PrintMap:
 
 @dataclass(frozen=True)
 class _LoadedFootprints:
-    """Lanes as arrays to compute with, and the normalized coordinates (m, 2) of some of them."""
+    """Footprints as arrays of the arithmetic, and the normalized coordinates (m, 2) of a sample of them."""
 
     view: int
     steps: FloatArray
@@ -74,7 +74,7 @@ class _LoadedFootprints:
 
 
 def build_mipmap(radiance: FloatArray) -> Mipmap:
-    """The scales of a print (rows, columns); a texel is the mean of four of the scale before."""
+    """Build the mipmap of a print (rows, columns); each texel is the mean of four of the level before."""
     images = [radiance]
     while min(images[-1].shape) >= 4:
         rows, columns = images[-1].shape
@@ -87,11 +87,24 @@ def build_mipmap(radiance: FloatArray) -> Mipmap:
 
 
 class FastScene:
-    """A board that can be moved, seen by a camera by way of flat mirrors (or, without any, directly).
-
-    Of `finishes` only how bright the mirrors are is shown; without them, all alike.
+    """A movable board, seen by a camera by way of flat mirrors or, without any, directly.
 
     Moving the board costs no compilation. Where neither a GPU nor an LLVM compiles, NumPy computes the same.
+
+    Parameters
+    ----------
+    camera
+        The camera, at the origin of the frame rig.
+    mirrors
+        The mirrors; none for the bare camera.
+    target
+        The board.
+    settings
+        Light, reflectance and subpixels.
+    finishes
+        Surface finishes, of which only the reflectance is used; without them, uniform mirrors.
+    variant
+        Mitsuba's variant; by default the fastest that this machine can run.
     """
 
     def __init__(
@@ -117,16 +130,16 @@ class FastScene:
         self.place_board(np.eye(4))
 
     def place_board(self, *poses: FloatArray) -> None:
-        """Move the board to a rigid 4x4 pose in mm; or to those it has at the first row, halfway, and at the last row.
+        """Move the board to a rigid 4x4 pose, mm, or to three: at the readout of the first, middle and last row.
 
-        Three poses are a rolling shutter's: in between, the map to the print follows a parabola through theirs.
+        With the three poses of a rolling shutter, the map to the print follows a parabola through their maps.
         """
         self._maps = [
             tuple(map_to_print(view, pose, self._texels_from_board) for pose in poses) for view in self._views
         ]
 
     def render(self) -> NDArray[np.float32]:
-        """Radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing of it is random."""
+        """Render the radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing is random."""
         canvases = [self._xp.canvas(self._shape[0] * self._shape[1]) for _ in self._layers]
         for canvas, layer in zip(canvases, self._layers, strict=True):
             for footprints in layer:
@@ -134,7 +147,7 @@ class FastScene:
                 index = self._level(maps[len(maps) // 2], footprints)
                 numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
                 self._xp.put(canvas, footprints.square, self._radiance(footprints, self._mipmap.levels[index], numbers))
-        # One layer, and no copy of it, unless mirrors are sheets or hide each other.
+        # A single layer, without a copy, unless there are plates or mirrors that hide each other.
         light = self._xp.finished(canvases[0])
         for canvas in canvases[1:]:
             light = light + self._xp.finished(canvas)
@@ -154,7 +167,7 @@ class FastScene:
         )
 
     def _level(self, to_print: PrintMap, footprints: _LoadedFootprints) -> int:
-        """The finest scale whose texels are as wide as the view's footprints."""
+        """The finest level whose texels are as wide as the view's footprints."""
         rays = np.column_stack([footprints.some, np.ones(len(footprints.some))])
         rays = rays[rays @ to_print.depth > 0.0]
         depth = (rays @ to_print.depth)[:, None]
@@ -164,7 +177,7 @@ class FastScene:
         return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))
 
     def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]]) -> Any:
-        """Mean radiance of the print over the footprints of lanes, times what of it arrives."""
+        """Mean radiance of the print over footprints, times their transmittance."""
         xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
         n = numbers[0]
         if len(numbers) == 3:
@@ -189,13 +202,13 @@ class FastScene:
 
 
 def map_to_print(view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray) -> PrintMap:
-    """Where light along (x, y, 1) of a view left the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose."""
+    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm."""
     board_from_rig = rig_from_board[:3, :3].T
     centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
     turn, normal = board_from_rig @ view.turn, board_from_rig @ view.normal_in_rig
 
     def meets_board(start: FloatArray) -> FloatArray:
-        """Rows (2, 3): the ray from a start meets z = 0 at these rows over `turn[2]`."""
+        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0."""
         return np.outer(start[:2], turn[2]) - start[2] * turn[:2]
 
     # Seen from the unprinted side, or looking away: a depth that is never positive.
@@ -207,7 +220,7 @@ def map_to_print(view: VirtualView, rig_from_board: FloatArray, texels_from_boar
 
 
 def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> list[float]:
-    """The 21 numbers of a map to a scale of the print, whose texels are counted from the corner of the rim."""
+    """The 21 coefficients of a map to a mipmap level, whose texels are counted from the corner of the border."""
     at = scale * to_print.print + to_print.depth
     parts = (
         at,
@@ -220,7 +233,7 @@ def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> 
 
 
 def _overlap(xp: Arithmetic, middle: Any, width: Any, count: Any) -> tuple[Any, Any]:
-    """Of boxes at most one texel wide: the first of the two texels that they meet, and the part of the box in it."""
+    """For boxes at most one texel wide: the first of the two texels that they meet, and the fraction in it."""
     width = xp.minimum(width, 1.0)
     start = xp.maximum(xp.minimum(middle, xp.real(count) - 0.5), 0.5) - 0.5 * width
     first = xp.minimum(xp.truncated(start), count - 2)

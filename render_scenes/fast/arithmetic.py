@@ -1,4 +1,4 @@
-"""Arrays for one formula over millions of lanes: Dr.Jit's where something compiles them, NumPy's where nothing does."""
+"""Array arithmetic over millions of subpixels: Dr.Jit where a backend compiles it, NumPy otherwise."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 
 class Arithmetic(Protocol):
-    """Single floats and unsigned integers. What `numbers` and `index` hold may change without a new compilation."""
+    """Arithmetic on float32 and uint32; values of `numbers` and `index` may change without a new compilation."""
 
     def loaded(self, values: NDArray[Any]) -> Any:
         """An array of float32 or uint32 to compute with."""
 
     def numbers(self, values: list[float]) -> list[Any]:
-        """Floats, each for all lanes."""
+        """Floats, each for all elements."""
 
     def index(self, value: int) -> Any:
-        """One unsigned integer for all lanes."""
+        """One unsigned integer for all elements."""
 
     def minimum(self, a: Any, b: Any) -> Any: ...
 
@@ -29,7 +29,7 @@ class Arithmetic(Protocol):
     def where(self, condition: Any, a: Any, b: Any) -> Any: ...
 
     def truncated(self, a: Any) -> Any:
-        """Whole parts of floats that are not negative, as unsigned integers."""
+        """Integer parts of non-negative floats, as unsigned integers."""
 
     def real(self, a: Any) -> Any:
         """Floats of integers."""
@@ -41,14 +41,14 @@ class Arithmetic(Protocol):
         """A new array of zeros to put values into."""
 
     def put(self, canvas: Any, index: Any, values: Any) -> None:
-        """Write values at places of a canvas, none twice."""
+        """Write values at distinct indices of a canvas."""
 
     def finished(self, canvas: Any) -> NDArray[np.float32]:
-        """What was put into a canvas."""
+        """The values of a canvas."""
 
 
 class NumpyArithmetic:
-    """NumPy."""
+    """NumPy, where nothing compiles."""
 
     def loaded(self, values: NDArray[Any]) -> Any:
         return values
@@ -133,7 +133,7 @@ class DrJitArithmetic:
 
     def canvas(self, size: int) -> Any:
         canvas = self._dr.zeros(self._float, size)
-        # A buffer of its own, so that kernels do not depend on where it comes from.
+        # A separate buffer, so that kernels do not depend on where it comes from.
         self._dr.make_opaque(canvas)
         return canvas
 

@@ -1,10 +1,10 @@
-"""Which squares of the sensor show which mirror, and from where: what all frames through one device share.
+"""Footprints of subpixels: the mirror that each shows and the virtual origin of its light, shared by all frames.
 
-Light that reaches the pupil by way of a plane mirror seems to come from its virtual centre. Through a sheet that is
-coated behind, light of one direction seems to come from a point on the line through the pupil along the mirror's
-normal: after k passes to the coating and back it leaves the front 2 k t tan' beside the point where it entered, as if
-the virtual centre of the *front* had slid 2 k t tan' / tan towards the back. k = 0 is the ghost that the front
-reflects, k = 1 the picture, k = 2 the light that the front turned round once more, k = 3 twice more.
+Light that reaches the pupil by way of a plane mirror appears to come from its virtual centre. Through a second-surface
+mirror, light of one direction appears to come from a point on the line through the pupil along the mirror's normal:
+after k passes to the coating and back it leaves the front 2 k t tan a' beside its point of entry (a' inside the plate),
+as if the virtual centre of the *front* were shifted by 2 k t tan a' / tan a towards the back. k = 0 is the ghost
+reflected by the front, k = 1 the image, k = 2 and 3 the ghosts of one and two internal reflections at the front.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import inner_tangent, surface_reflectance
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
-GRID_PX = 8.0  # of exact undistortion; a spline of the fifth degree between is good to 1e-7 px
-BLOCK = 8  # squares along each side of a block that is looked at as a whole
-FINE = 4  # samples along each side of a square that the edge of a mirror cuts
+GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
+BLOCK = 8  # subpixels along each side of a block that is classified as a whole
+FINE = 4  # samples along each side of a subpixel that the edge of a mirror cuts
 
 
 @dataclass(frozen=True)
 class VirtualView:
-    """Light along (x, y, 1) in the camera seems to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
+    """Light along (x, y, 1) in the camera appears to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
 
     These are the virtual centre and the reflection of a mirror's front, or zero and the identity of the bare camera.
-    The centre slides along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
+    The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
     """
 
     centre_in_rig_mm: FloatArray
@@ -41,12 +41,22 @@ class VirtualView:
 
 @dataclass(frozen=True)
 class PixelFootprints:
-    """Squares of the sensor that show a view, each once; all arrays are (n,).
+    """Subpixels of the sensor that show a view, each once; all arrays but `steps` are (n,).
 
-    `square` is its index in the picture, row by row; `x`, `y` are the normalized image coordinates of its middle;
-    `slide_mm` says how far the view's centre has slid. `weight` is the part of the light that arrives: what mirror and
-    sheet leave of it, times the part of the square that the mirror fills. `steps` (2, 2) are, amid the view, how x and
-    y (rows) change from one square to the next, to the right and down (columns).
+    Attributes
+    ----------
+    view
+        Index of the view.
+    square
+        Index of the subpixel in the picture, row by row.
+    x, y
+        Normalized image coordinates of its centre.
+    slide_mm
+        Shift of the view's centre.
+    weight
+        Transmittance of mirror and plate, times the fraction of the subpixel that the mirror covers.
+    steps
+        (2, 2): mean change of x and y (rows) from one subpixel to the next, to the right and down (columns).
     """
 
     view: int
@@ -59,7 +69,7 @@ class PixelFootprints:
 
 
 def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
-    """The view of each mirror; without mirrors that of the bare camera."""
+    """Return the view of each mirror; without mirrors, that of the bare camera."""
     if not mirrors:
         return (VirtualView(np.zeros(3), np.eye(3), np.zeros(3)),)
     return tuple(
@@ -71,17 +81,31 @@ def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
 def pixel_footprints(
     camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
-    """The squares of a sensor whose pixels are cut into `cut` x `cut`, view by view, in layers whose light adds up.
+    """Assign the subpixels of a sensor to views, in layers whose radiances add up.
 
-    A layer for each number of passes through the sheets, and another where squares show two mirrors; within a layer no
-    square is twice. `reflectances` (mirrors,) are those of the coatings.
+    There is a layer for each number of passes through the plates, and another where subpixels show two mirrors; within
+    a layer no subpixel occurs twice.
+
+    Parameters
+    ----------
+    camera, mirrors
+        The camera and its mirrors; without mirrors, the bare camera.
+    cut
+        Subpixels along each side of a pixel.
+    reflectances
+        Reflectance (mirrors,) of the coatings.
+
+    Returns
+    -------
+    tuple
+        Layers of footprints, one per view and layer.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:
         nothing = np.zeros(grid.count)
         return ((grid.footprints(0, np.arange(grid.count), nothing, nothing + 1.0),),)
     layers: list[list[PixelFootprints]] = []
-    # Nearer mirrors first: of a square, a farther one shows at most what they leave.
+    # Nearer mirrors first: a farther one covers at most the rest of a subpixel.
     order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
@@ -106,7 +130,7 @@ def pixel_footprints(
 def _transmitted(
     mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """How far the centre slides (n,), mm, and what is left of the light (n,) along rays (n, 2)."""
+    """Shift (n,), mm, of the centre, and transmittance (n,), along rays (n, 2)."""
     count = len(normalized)
     if not mirror.is_second_surface:
         return np.zeros(count), np.full(count, reflectance)
@@ -127,11 +151,11 @@ def _tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
 
 
 class _SensorGrid:
-    """The squares of a sensor, and the rays through them."""
+    """The subpixels of a sensor, and the rays through them."""
 
     def __init__(self, camera: Camera, cut: int) -> None:
         self._shape = camera.height_px * cut, camera.width_px * cut
-        # Nodes to the very edge of the sensor, beyond which the lens model may have no rays.
+        # Nodes up to the edge of the sensor, beyond which the lens model may have no rays.
         nodes = [np.linspace(-0.5, length / cut - 0.5, int(length / cut / GRID_PX) + 2) for length in self._shape]
         exact = camera.normalized_from_pixels(np.stack(np.meshgrid(nodes[1], nodes[0]), axis=-1))
         middles = [(np.arange(length) + 0.5) / cut - 0.5 for length in self._shape]
@@ -140,11 +164,11 @@ class _SensorGrid:
 
     @property
     def count(self) -> int:
-        """How many squares there are."""
+        """Number of subpixels."""
         return self._shape[0] * self._shape[1]
 
     def points(self, square: NDArray[np.int64]) -> FloatArray:
-        """Normalized coordinates (n, 2) of the middles of squares."""
+        """Normalized coordinates (n, 2) of the centres of subpixels."""
         return np.asarray(self.normalized.reshape(-1, 2)[square])
 
     def footprints(
@@ -162,7 +186,7 @@ class _SensorGrid:
         )
 
     def seen(self, mirror: Mirror, passes: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Squares (n,) that show light of so many passes through a mirror's sheet, and the part of each that does."""
+        """Subpixels (n,) that show a mirror after a number of passes through its plate, and their covered fractions."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
         outline = _front_outline(mirror)
@@ -171,11 +195,11 @@ class _SensorGrid:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         top, bottom = _span(near.any(axis=1))
         left, right = _span(near.any(axis=0))
-        room = _inside(mirror, passes, nodes[top:bottom, left:right])
-        # How much the room changes from one square to the next, at most: edges of the outline are kinks of it.
-        step = 1.5 * max(float(np.abs(np.diff(room, axis=axis)).max()) for axis in range(2)) / BLOCK
-        corners = np.stack([room[:-1, :-1], room[1:, :-1], room[:-1, 1:], room[1:, 1:]])
-        # Inside a convex outline the room within a block is least at one of its corners.
+        margin = _margin_mm(mirror, passes, nodes[top:bottom, left:right])
+        # Largest change of the margin from one subpixel to the next, with its kinks at the edges of the outline.
+        step = 1.5 * max(float(np.abs(np.diff(margin, axis=axis)).max()) for axis in range(2)) / BLOCK
+        corners = np.stack([margin[:-1, :-1], margin[1:, :-1], margin[:-1, 1:], margin[1:, 1:]])
+        # Inside a convex outline the margin within a block is smallest at one of its corners.
         whole = corners.min(axis=0) > step
         mixed = ~whole & (corners.max(axis=0) > -BLOCK * step)
         inside, edge = (self._squares(blocks, top, left) for blocks in (whole, mixed))
@@ -184,7 +208,7 @@ class _SensorGrid:
         return np.concatenate([inside, edge[shown]]), np.concatenate([np.ones(len(inside)), part[shown]])
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
-        """Indices (n,) of the squares of blocks, of which the first lies `top` and `left` blocks from the corner."""
+        """Indices (n,) of the subpixels of blocks, of which the first lies `top` and `left` blocks from the corner."""
         mask = np.kron(blocks, np.ones((BLOCK, BLOCK), dtype=np.bool_))
         rows, columns = np.nonzero(mask)
         rows, columns = rows + top * BLOCK, columns + left * BLOCK
@@ -192,19 +216,19 @@ class _SensorGrid:
         return np.asarray(rows[on] * self._shape[1] + columns[on])
 
     def _part(self, mirror: Mirror, passes: int, square: NDArray[np.int64], step_mm: float) -> FloatArray:
-        """Which part (n,) of squares shows the mirror: by `FINE` x `FINE` samples where its edge may cut them."""
-        room = _inside(mirror, passes, self.points(square))
-        part = (room >= step_mm).astype(np.float64)
-        cut = np.abs(room) < step_mm
+        """Fraction (n,) of subpixels that the mirror covers: by `FINE` x `FINE` samples where its edge may cut them."""
+        margin = _margin_mm(mirror, passes, self.points(square))
+        part = (margin >= step_mm).astype(np.float64)
+        cut = np.abs(margin) < step_mm
         fine = (np.arange(FINE) + 0.5) / FINE - 0.5
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
-        part[cut] = (_inside(mirror, passes, points) > 0.0).mean(axis=0)
+        part[cut] = (_margin_mm(mirror, passes, points) > 0.0).mean(axis=0)
         return part
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Steps (n, 2) in normalized coordinates from squares to those on the right and below."""
+        """Steps (n, 2) in normalized coordinates from subpixels to those on the right and below."""
         rows, columns = np.divmod(square, self._shape[1])
         rows, columns = np.minimum(rows, self._shape[0] - 2), np.minimum(columns, self._shape[1] - 2)
         start = self.normalized[rows, columns]
@@ -212,7 +236,7 @@ class _SensorGrid:
 
 
 def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
-    """From where to where there are hits, and one more at either end."""
+    """Range of indices with hits, extended by one at either end."""
     found = np.flatnonzero(hit)
     return max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(hit))
 
@@ -223,13 +247,13 @@ def _front_distance_mm(mirror: Mirror) -> float:
 
 
 def _front_outline(mirror: Mirror) -> FloatArray:
-    """The outline (n, 2) of the front of the sheet, in normalized coordinates."""
+    """Outline (n, 2) of the front of the plate, in normalized coordinates."""
     corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
     return np.asarray(corners[:, :2] / corners[:, 2:])
 
 
-def _inside(mirror: Mirror, passes: int, normalized: FloatArray) -> FloatArray:
-    """How far inside the sheet's outline (...), mm, light along rays (..., 2) enters and leaves it; outside < 0."""
+def _margin_mm(mirror: Mirror, passes: int, normalized: FloatArray) -> FloatArray:
+    """Distance (...), mm, from the outline at which rays (..., 2) enter and leave the plate; negative outside."""
     distance = _front_distance_mm(mirror)
     rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
     along = -(rays @ mirror.normal_in_rig)
@@ -242,10 +266,10 @@ def _inside(mirror: Mirror, passes: int, normalized: FloatArray) -> FloatArray:
     if ((outline.mean(axis=0) - outline) * outward).sum() > 0.0:
         outward = -outward
     least = (outline * outward).sum(axis=1)
-    room = (least - enters @ outward.T).min(axis=-1)
+    margin = (least - enters @ outward.T).min(axis=-1)
     if passes > 0:
         tangent = np.linalg.norm(enters, axis=-1) / distance
         on = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index)
         leaves = enters * (1.0 + on / np.maximum(tangent * distance, 1e-9))[..., None]
-        room = np.minimum(room, (least - leaves @ outward.T).min(axis=-1))
-    return np.asarray(np.where(along > 0.0, room, -np.inf))
+        margin = np.minimum(margin, (least - leaves @ outward.T).min(axis=-1))
+    return np.asarray(np.where(along > 0.0, margin, -np.inf))

@@ -1,12 +1,12 @@
-"""Light in a room with lamps: paths that end in the light, by way of mirrors, glass and matte surfaces, in colour.
+"""Path tracing with next event estimation: lit scenes of mirrors, glass and diffuse surfaces, in colour.
 
-Little of it is left to chance, so that few samples do. Every matte surface that a path meets is lit by a point of each
-lamp; a path that leaves it goes on by the cosine, so that a constant sky lights without noise whatever nothing hides
-from it. The first such surface takes its random numbers, and the pixel its places, from one sequence that spreads over
-all of them; only what bounces further is lit by independent numbers.
+The variance is kept low, so that few samples suffice. Every diffuse surface of a path is lit by a sampled point of each
+area light; the path goes on by cosine-weighted sampling, so that a uniform environment lights unoccluded surfaces
+without noise. The position in the pixel and the random numbers of the first such surface come from one low-discrepancy
+sequence in all these dimensions; later bounces take independent numbers.
 
-Left out: light of a lamp by way of mirror or glass onto something matte (caustics: its noise would need thousands of
-samples), so that glass casts a shadow; and light that more than `MATTE_BOUNCES` matte surfaces have scattered.
+Left out: light of an area light by way of mirror or glass onto a diffuse surface (caustics, whose noise would need
+thousands of samples), so that glass casts a shadow; and light scattered by more than `MATTE_BOUNCES` diffuse surfaces.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 
 MATTE_BOUNCES = 3
-SEGMENTS = 12  # of a path, those through glass and between mirrors included
-# Of a pixel: x and y; of the first matte surface: which lobe, where to (2), which point of the lamp (2).
+SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
+# x and y in a pixel; at the first diffuse surface: lobe, direction (2), point of the area light (2).
 _NUMBERS = 7
-_ROOT = 1.0969815577985598  # the positive root of x^8 = x + 1: seven numbers that fill the cube evenly (Roberts)
+_ROOT = 1.0969815577985598  # the positive root of x^8 = x + 1: the R7 sequence (Roberts)
 _STEPS = [round(_ROOT**-number * 2.0**32) for number in range(1, _NUMBERS + 1)]
 
 
@@ -37,11 +37,29 @@ def render_lit(
     seed: int,
     by_mirrors: bool,
 ) -> NDArray[np.float32]:
-    """Radiance (height * subpixels, width * subpixels, 3), float32, of a sensor of `size` = width, height pixels.
+    """Render a scene in colour; the same arguments give the same bits. Needs a compiled variant in colour.
 
-    `ray_through(x, y)` gives the ray of a place on the sensor in Mitsuba's pixels. Each pixel is cut into squares of
-    `spp` samples each. With `by_mirrors` whatever the camera sees without a mirror is black. Needs a variant that
-    compiles, in colour; same arguments, same bits.
+    Parameters
+    ----------
+    scene
+        Scene of the current variant.
+    ray_through
+        `ray_through(x, y)` gives the ray of a point of the sensor in Mitsuba's pixels.
+    size
+        Width and height in pixels.
+    subpixels
+        Squares along each side of a pixel.
+    spp
+        Samples per square.
+    seed
+        Seed of the sample pattern.
+    by_mirrors
+        What the camera sees without a mirror is black.
+
+    Returns
+    -------
+    NDArray[np.float32]
+        Radiance (height * subpixels, width * subpixels, 3).
     """
     import drjit as dr
     import mitsuba as mi
@@ -52,14 +70,14 @@ def render_lit(
     columns, samples, key, first = opaque
     side = mi.Float(1.0 / subpixels)
     dr.make_opaque(opaque, side)
-    lane: Any = dr.arange(mi.UInt32, width * height)
-    left, top = mi.Float(lane % columns), mi.Float(lane // columns)
-    shifts = [bits for pair in range(4) for bits in mi.sample_tea_32(lane, key + (pair << 24))][:_NUMBERS]
+    square: Any = dr.arange(mi.UInt32, width * height)
+    left, top = mi.Float(square % columns), mi.Float(square // columns)
+    shifts = [bits for pair in range(4) for bits in mi.sample_tea_32(square, key + (pair << 24))][:_NUMBERS]
 
     def take(total: Any, taken: Any) -> tuple[Any, ...]:
         numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, _STEPS, strict=True)]
         ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side)
-        found = _radiance(scene, mi.Ray3f(ray), numbers[2:], first, (lane, key ^ (taken * mi.UInt32(0x9E3779B9))))
+        found = _radiance(scene, mi.Ray3f(ray), numbers[2:], first, (square, key ^ (taken * mi.UInt32(0x9E3779B9))))
         return total + found, taken + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)
@@ -69,17 +87,17 @@ def render_lit(
 
 
 def _unit(bits: Any) -> Any:
-    """Numbers in [0, 1) of 32 random bits."""
+    """Convert 32 random bits to numbers in [0, 1)."""
     import mitsuba as mi
 
     return mi.Float(bits >> 8) * 2.0**-24
 
 
 def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any]) -> Any:
-    """Colour along rays; `numbers` are the five of the first surface that takes some, `key` what those of further ones
-    follow from.
+    """Colour along rays.
 
-    What is met before segment `first` only reflects.
+    `numbers` are the five random numbers of the first diffuse surface; `key` generates those of later ones. Surfaces
+    met before segment `first` only reflect.
     """
     import drjit as dr
     import mitsuba as mi
@@ -92,7 +110,7 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
     ) -> tuple[Any, ...]:
         hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
         shown = active & (segment >= first)
-        # A lamp that is met by chance has been counted where the path left the matte surface before.
+        # A path that meets an area light after a diffuse surface has been counted there by direct sampling.
         seen = shown & (straight | ~hit.is_valid())
         colour += dr.select(seen, throughput * hit.emitter(scene).eval(hit, seen), 0.0)
         active &= hit.is_valid()
@@ -101,7 +119,7 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
         lobe, to_x, to_y, lamp_x, lamp_y = (
             dr.select(fresh, number, other) for number, other in zip(numbers, later, strict=False)
         )
-        # A mirror takes no numbers.
+        # A mirror consumes no random numbers.
         fresh &= ~(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | mi.has_flag(bsdf.flags(), through))
         matte = shown & active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         for lamp in lamps:

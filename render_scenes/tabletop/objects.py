@@ -1,4 +1,4 @@
-"""Things as shapes of Mitsuba: what they are made of, where they are, and the light that falls on them."""
+"""Objects of a tabletop scene as shapes of Mitsuba, their materials, and the light sources."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ LAMP = (105.0, 98.0, 87.0)
 
 
 class SceneObject(Value):
-    """Something on the desk: a surface around the origin of its own frame, a rigid motion away from the view axes.
+    """An object of a tabletop scene: a surface around the origin of its frame, placed by `view_from_object`.
 
-    Of `size_mm`, a sphere uses x; a cylinder x and, along its z, z; a rectangle (in its x and y) x and y. The base of a
-    mesh is at its origin. Without a texture, of so many texels a mm, it has the plain `colour`.
+    Of `size_mm`, a sphere uses x; a cylinder x (diameter) and z (length, along its z); a rectangle x and y. The base of
+    a mesh is at its origin. Without a texture, of `texels_per_mm`, the object has the plain `colour`, linear RGB.
     """
 
     name: str
@@ -43,7 +43,7 @@ class SceneObject(Value):
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
-    """A thing as shapes of Mitsuba in rig, mm."""
+    """Make the shapes of an object, in rig, mm."""
     import mitsuba as mi
 
     rig_from_object = rigid(view_from_rig.T, np.zeros(3)) @ item.view_from_object
@@ -75,7 +75,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
 
 
 def based(item: SceneObject) -> Triangles:
-    """The mesh of a file, moved so that the middle of its base is the origin; InputError where it cannot be read."""
+    """Read the mesh of a file, with the middle of its base at the origin; InputError where it cannot be read."""
     assert item.file is not None
     surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
@@ -104,15 +104,15 @@ def _reflectance(item: SceneObject) -> dict[str, Any]:
     size_px = tuple(int(np.clip(item.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[item.kind])
     picture = texture(item.texture, (size_px[0], size_px[1]), item.seed)
     if item.kind == "cylinder":
-        # Its second coordinate grows towards its top.
+        # The v coordinate of a cylinder grows towards its top.
         picture = picture[::-1].copy()
     return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
 
 
 def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
-    """A lamp above, left of and before a point (3,) in view axes, and a sky equally bright all around, in rig.
+    """Make an area light above, left of and before a point (3,) in view axes, and a uniform environment, in rig.
 
-    The lamp grows with its distance, both in proportion to `reach_mm`, so that it is as bright at any scale.
+    Size and distance of the area light are proportional to `reach_mm`, so that its irradiance does not depend on scale.
     """
     import mitsuba as mi
 

@@ -1,7 +1,7 @@
-"""A desk before the camera: things of all kinds at given depths, where all views see them.
+"""Arrangement of a tabletop scene: objects of several kinds at given depths, in the common field of all views.
 
-Things are placed in view axes (x right, y down, z forward, origin at the pupil, mm), in proportion to what all mirrors
-show at their depth; so the same desk suits a camera of any size.
+Positions are in view axes (x right, y down, z forward, origin at the pupil, mm). Positions and sizes are proportional
+to the common field of the mirrors at the depth of an object, so that one arrangement suits a camera of any size.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from mirrorcam.render_scenes.sets.poses import ROOM_MM
 from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, based
 from mirrorcam.render_scenes.tabletop.textures import TextureName
 
-WALL_DEPTHS = 1.2  # how deep the wall is, in depths of the farthest things
-WALL_FIELDS = 3.2  # how wide and high, in fields at that depth
-TEXELS_PER_PX = 1.25  # of a texture, where it stands, in the central view
-# Axes of what stands on the desk: x right, y away from the camera, z up. Of pictures: x right, y down, z away.
+WALL_DEPTHS = 1.2  # depth of the wall, in depths of the farthest objects
+WALL_FIELDS = 3.2  # its width and height, in fields at that depth
+TEXELS_PER_PX = 1.25  # texels of a texture per pixel of the central view
+# Axes of objects on the table: x right, y away from the camera, z up. Those of pictures: x right, y down, z away.
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class _Placement:
-    """Where a thing stands: `rank` 0 is the nearest depth, 1 the farthest; x is in halves of the field that all see.
+    """Placement of an object: `rank` 0 is the nearest depth, 1 the farthest; x is in halves of the common field.
 
-    `size` and `up` (from the desk) are in widths of that field. A texture has `detail` times as many texels as usual.
+    `size` and `up` (from the table) are in widths of that field. A texture has `detail` times the usual texels.
     """
 
     name: str
@@ -62,20 +62,20 @@ _PLACEMENTS = (
 
 
 class NamedMesh(Value):
-    """A mesh that a user names: its file, in mm with z up, and where in view axes the middle of its base stands."""
+    """A mesh of the user: its file, in mm with z up, and the place of the middle of its base in view axes."""
 
     file: Path
     place_in_view_mm: Vector3 | None = None
 
 
 def nearest_mm(layout: Layout) -> float:
-    """Depth from which on nothing of the camera is in the way."""
+    """Depth from which on no mirror is in the way."""
     return max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
 
 
 @dataclass(frozen=True)
 class Tabletop:
-    """What stands where, and what the lamp shines on (3,), in view axes; `reach_mm` says how large it all is."""
+    """Objects, the point (3,) that the area light faces, in view axes, and the scale `reach_mm` of the arrangement."""
 
     objects: tuple[SceneObject, ...]
     lit_in_view: FloatArray
@@ -85,16 +85,25 @@ class Tabletop:
 def arrange_tabletop(
     layout: Layout, depths_mm: tuple[float, ...], seed: int, meshes: tuple[NamedMesh, ...] = ()
 ) -> Tabletop:
-    """What stands on the desk, the desk and the wall behind it; all but colours, textures and small shifts is the same.
+    """Arrange objects on a table before a wall; the seed changes colours, textures and small shifts only.
 
-    Things stand at the given depths. Raises InputError for depths that do not grow or lie within the camera.
+    Parameters
+    ----------
+    layout
+        Layout whose common field the arrangement fills.
+    depths_mm
+        Depths of the objects, ascending.
+    seed
+        Seed of colours, textures and shifts.
+    meshes
+        Additional meshes of the user.
+
+    Raises
+    ------
+    InputError
+        Depths do not ascend, or objects would touch the camera.
     """
-    depths = np.array(depths_mm)
-    if len(depths) < 1 or (np.diff(depths) <= 0).any():
-        raise InputError(f"depths {', '.join(f'{d:g}' for d in depths)} mm: expected some that grow")
-    if depths[0] < nearest_mm(layout) + 0.25 * depths[0]:
-        least = nearest_mm(layout) / 0.75
-        raise InputError(f"depth {depths[0]:g} mm: a thing there would touch the camera, expected {least:.0f} or more")
+    depths = _checked(layout, depths_mm)
     random = np.random.default_rng(seed)
     centre_mm = layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2]
     px_mm = TEXELS_PER_PX * layout.camera.fx_px
@@ -104,27 +113,11 @@ def arrange_tabletop(
     wide, high = WALL_FIELDS * np.ptp(fields[far], axis=0)
     x, top = fields[far][:, 0].mean(), fields[near][1, 1] - 0.06 * np.ptp(fields[near], axis=0)[1]
     seeds = random.integers(2**31, size=2)
+    upright = rigid(np.eye(3), [x, top - high / 2.0, wall])
+    lying = rigid(_STANDING, [x, top, (front + wall) / 2.0])
     objects = [
-        SceneObject(
-            name="wall",
-            kind="rectangle",
-            material="matte",
-            view_from_object=rigid(np.eye(3), [x, top - high / 2.0, wall]),
-            size_mm=(wide, high, 0.0),
-            texture="poster",
-            texels_per_mm=px_mm / (wall - centre_mm),
-            seed=int(seeds[0]),
-        ),
-        SceneObject(
-            name="desk",
-            kind="rectangle",
-            material="matte",
-            view_from_object=rigid(_STANDING, [x, top, (front + wall) / 2.0]),
-            size_mm=(wide, wall - front, 0.0),
-            texture="wood",
-            texels_per_mm=px_mm / (near - centre_mm),
-            seed=int(seeds[1]),
-        ),
+        _rectangle("wall", upright, (wide, high), "poster", px_mm / (wall - centre_mm), int(seeds[0])),
+        _rectangle("desk", lying, (wide, wall - front), "wood", px_mm / (near - centre_mm), int(seeds[1])),
     ]
     for place in _PLACEMENTS:
         depth = float(depths[round(place.rank * (len(depths) - 1))])
@@ -145,6 +138,38 @@ def arrange_tabletop(
     return Tabletop(tuple(objects), np.array([x, top, 0.75 * wall]), wide / WALL_FIELDS)
 
 
+def _checked(layout: Layout, depths_mm: tuple[float, ...]) -> FloatArray:
+    depths = np.array(depths_mm)
+    if len(depths) < 1 or (np.diff(depths) <= 0).any():
+        raise InputError(f"depths {', '.join(f'{d:g}' for d in depths)} mm: expected one or more, ascending")
+    if depths[0] < nearest_mm(layout) + 0.25 * depths[0]:
+        least = nearest_mm(layout) / 0.75
+        raise InputError(
+            f"depth {depths[0]:g} mm: an object there would touch the camera, expected {least:.0f} or more"
+        )
+    return depths
+
+
+def _rectangle(
+    name: str,
+    view_from_object: FloatArray,
+    size_mm: tuple[float, float],
+    picture: TextureName,
+    texels_per_mm: float,
+    seed: int,
+) -> SceneObject:
+    return SceneObject(
+        name=name,
+        kind="rectangle",
+        material="matte",
+        view_from_object=view_from_object,
+        size_mm=(*size_mm, 0.0),
+        texture=picture,
+        texels_per_mm=texels_per_mm,
+        seed=seed,
+    )
+
+
 def _placed(
     place: _Placement,
     depth: float,
@@ -153,7 +178,7 @@ def _placed(
     texels_per_mm: float,
     random: np.random.Generator,
 ) -> SceneObject:
-    """A thing on a desk whose top is at y = `top_mm`, in the field (2,) that all views see from left to right."""
+    """Make the object of a placement on a table at y = `top_mm`, in the common field (2,) from left to right."""
     left, right = field_mm
     size_mm = np.array(place.size) * (right - left)
     high = {"sphere": size_mm[0], "rectangle": size_mm[1] * np.cos(np.deg2rad(place.lean_deg))}

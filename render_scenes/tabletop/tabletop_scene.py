@@ -1,4 +1,4 @@
-"""A desk, its light and the mirrors as one Mitsuba scene, seen by way of the mirrors or by pinholes. In rig, mm."""
+"""A tabletop scene with its light and the mirrors in Mitsuba, seen by way of the mirrors or by pinholes. In rig, mm."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ NOTHING = -1
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays (...) meet first: where (..., 3) in rig, mm, after how many mm, and the index of the thing.
+    """First intersections of rays (...): points (..., 3) in rig, mm, path lengths, mm, and indices of the objects.
 
-    Not finite, and `NOTHING`, where they meet none.
+    Not finite, and `NOTHING`, where a ray meets no object.
     """
 
     points: FloatArray
@@ -37,9 +37,25 @@ class Hits:
 
 
 class TabletopScene:
-    """Things in their light before a layout's mirrors; `variant` is Mitsuba's, by default the fastest one in colour.
+    """Objects and light sources before the mirrors of a layout.
 
-    Mirrors stand in the room: they hide light and are seen in what is glossy. Raises InputError where nothing compiles.
+    The mirrors are part of the scene: they occlude light and are reflected in glossy objects.
+
+    Parameters
+    ----------
+    layout
+        The device as built.
+    tabletop
+        The objects.
+    mirror_reflectance
+        Reflectance of all mirrors.
+    variant
+        Mitsuba's variant; by default the fastest in colour.
+
+    Raises
+    ------
+    InputError
+        No backend compiles.
     """
 
     def __init__(self, layout: Layout, tabletop: Tabletop, mirror_reflectance: float, variant: str | None = None):
@@ -68,26 +84,26 @@ class TabletopScene:
         self._owners = [(shape, int(name.split("_")[1])) for name, shape in shapes.items()]
 
     def photograph(self, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
-        """Radiance (h * subpixels, w * subpixels, 3) of the sensor by way of the mirrors; all else is black."""
+        """Render radiance (h * subpixels, w * subpixels, 3) of the sensor by way of the mirrors; all else is black."""
         camera = self.layout.camera
         size = camera.width_px, camera.height_px
         return self._render(sensor(camera).ray_through, size, spp=spp, subpixels=subpixels, seed=seed, by_mirrors=True)
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
-        """Radiance (v, u, 3) that a pinhole at a view's position sees, of what lies beyond a depth."""
+        """Render the radiance (v, u, 3) in a pinhole at a view's position, of what lies beyond a depth."""
         through = _pinhole(views, t, s, start_depth_mm)
         return self._render(
             through, (views.width_px, views.height_px), spp=spp, subpixels=1, seed=seed, by_mirrors=False
         )
 
     def hits(self, start: FloatArray, direction: FloatArray) -> Hits:
-        """What rays from points (..., 3) along unit vectors (..., 3) in rig, mm, meet; NaN meets nothing."""
+        """Intersect rays from points (..., 3), mm, along unit vectors (..., 3), in rig, with the objects."""
         use_variant(self.variant)
         import drjit as dr
         import mitsuba as mi
 
         known = np.isfinite(start).all(axis=-1) & np.isfinite(direction).all(axis=-1)
-        # Off the mirrors that they leave, along their own way.
+        # Off the mirrors that they leave, along the ray.
         leaves = start + CLEARANCE_MM * direction
         rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, direction)))
         hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
@@ -107,7 +123,7 @@ class TabletopScene:
 
 
 def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Where rays (v, u, 3) of the pixel centres of a view pass a depth, and along which unit vectors, in rig, mm."""
+    """Points (v, u, 3), mm, where the rays of a view's pixel centres pass a depth, and their unit vectors, in rig."""
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
     direction = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -116,12 +132,12 @@ def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[F
 
 
 def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[Any, Any], Any]:
-    """As `pinhole_rays`, of places on the view in Mitsuba's pixels, in Dr.Jit."""
+    """`pinhole_rays` for points of the view in Mitsuba's pixels, in Dr.Jit."""
     import drjit as dr
     import mitsuba as mi
 
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
-    # Every pixel looks at its own place of the reference plane: a step of a pixel is a step on that plane.
+    # Every pixel looks at a point of the reference plane: a step of a pixel is a step on that plane.
     corner, right, down = views.plane_points_in_rig(
         views.reference_depth_mm, np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])
     )

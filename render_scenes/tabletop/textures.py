@@ -1,6 +1,6 @@
-"""What is printed, grown or woven on the things of a desk: pictures made of seeded random numbers, linear RGB, 0 to 1.
+"""Procedural textures of the objects: linear RGB, 0 to 1, from seeded random numbers.
 
-Every one has detail at all scales down to its texels, so that views can be matched everywhere.
+Every texture has detail at all scales down to its texels, so that views can be matched everywhere.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 
 TextureName = Literal["wood", "poster", "page", "label", "cover", "globe"]
-Picture = NDArray[np.float32]
+Texture = NDArray[np.float32]
 _TEXT = """
 light field view mirror camera pupil ray depth plane focus disparity parallax aperture sharp far near image of the a
 with by from seen through nine flat angle fold lens pixel scene point line and to in is are moves turns behind
@@ -23,8 +23,8 @@ with by from seen through nine flat angle fold lens pixel scene point line and t
 _WORDS = _TEXT.split()
 
 
-def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Picture:
-    """A picture (height, width, 3) of `size_px` = width, height; the same for the same seed."""
+def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
+    """Make a texture (height, width, 3) of `size_px` = width, height; the same for the same seed."""
     width, height = size_px
     picture = _MAKERS[name](height, width, np.random.default_rng(seed))
     return np.clip(picture, 0.02, 0.9).astype(np.float32)
@@ -33,7 +33,7 @@ def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Picture:
 def grain(
     height: int, width: int, random: np.random.Generator, *, cell: tuple[float, float], fall: float
 ) -> FloatArray:
-    """Noise (height, width) about 0, with a spread near 1: octaves of cells `cell` = high, wide texels and finer.
+    """Make fractal noise (height, width), mean 0, deviation near 1: octaves of cells `cell` = high, wide and finer.
 
     Each octave has cells half as large, and is `fall` times as strong as the one before.
     """
@@ -49,12 +49,12 @@ def grain(
 
 
 def _mixed(part: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Colours (h, w, 3) between two, by a part (h, w)."""
+    """Interpolate between two colours (3,) by a fraction (h, w)."""
     return np.asarray(low + np.clip(part, 0.0, 1.0)[..., None] * (high - low))
 
 
 def _colour(random: np.random.Generator) -> FloatArray:
-    """A colour (3,), none of them black or white."""
+    """Draw a colour (3,) that is neither black nor white."""
     colour = random.uniform(0.05, 0.8, 3)
     return np.asarray(0.25 * colour.mean() + 0.75 * colour + 0.05)
 
@@ -85,7 +85,7 @@ def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
 
 
 def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    sheet, ink = np.full((height, width, 3), 0.85), np.zeros((height, width), dtype=np.uint8)
+    paper, ink = np.full((height, width, 3), 0.85), np.zeros((height, width), dtype=np.uint8)
     margin, line = width // 12, max(height // 20, 9)
     row = margin + line
     _write(ink, " ".join(random.choice(_WORDS, 3)), (margin, row), 1.3 * line)
@@ -93,13 +93,13 @@ def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
     while row < height - margin:
         if 0.5 * height < row < 0.5 * height + line:
             tall = min(5 * line, height - margin - row)
-            sheet[row : row + tall, margin : width - margin] = _poster(tall, width - 2 * margin, random)
+            paper[row : row + tall, margin : width - margin] = _poster(tall, width - 2 * margin, random)
             row += tall + line
         _write(ink, " ".join(random.choice(_WORDS, 10)), (margin, row), 0.62 * line)
         row += line
     ink[:, width - margin :] = 0
     fibres = 0.02 * grain(height, width, random, cell=(8.0, 8.0), fall=1.0)[..., None]
-    return np.asarray((sheet + fibres) * (1.0 - 0.94 * (ink / 255.0)[..., None]))
+    return np.asarray((paper + fibres) * (1.0 - 0.94 * (ink / 255.0)[..., None]))
 
 
 def _write(ink: NDArray[np.uint8], text: str, at: tuple[int, int], high: float) -> None:

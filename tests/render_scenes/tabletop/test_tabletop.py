@@ -82,10 +82,10 @@ def test_a_named_mesh_stands_where_it_is_put(default_layout: Layout) -> None:
 
 
 def test_depths_that_make_no_desk_are_refused(default_layout: Layout) -> None:
-    with pytest.raises(InputError, match=r"^depths 400, 300 mm: expected some that grow$"):
+    with pytest.raises(InputError, match=r"^depths 400, 300 mm: expected one or more, ascending$"):
         arrange_tabletop(default_layout, (400.0, 300.0), 0)
-    with pytest.raises(InputError, match=r"^depths  mm: expected some that grow$"):
+    with pytest.raises(InputError, match=r"^depths  mm: expected one or more, ascending$"):
         arrange_tabletop(default_layout, (), 0)
-    with pytest.raises(InputError, match=r"^depth 80 mm: a thing there would touch the camera, expected 90 or more$"):
+    with pytest.raises(InputError, match=r"^depth 80 mm: an object there would touch the camera, expected 90 or more$"):
         arrange_tabletop(default_layout, (80.0, 300.0), 0)
     assert nearest_mm(default_layout) == pytest.approx(67.46, abs=0.01)
