@@ -1,8 +1,11 @@
-"""The folders of the Stanford Light Field Archive's gantry: `out_ROW_COLUMN_Y_X_.png`, a picture per view.
+"""Folders of one picture per view, as of the Stanford Light Field Archive's gantry: `out_ROW_COLUMN_Y_X_.png`.
 
 Rows and columns count from the top left view, with two digits, so that sorted names are row by row. Y and X are the
 camera's place, y down and x right, in the gantry's unit in the archive and in mm here. Pictures are rectified to a
 plane of zero disparity. `masks/` has the weights where a view has not all samples.
+
+Such folders are read with any name before ROW, counted from 0 or from 1, of any type of picture, and without Y and X:
+`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`.
 """
 
 from __future__ import annotations
@@ -12,19 +15,23 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.files import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import (
     VIEWS,
+    even_views,
     parallel_views,
     read_views,
     write_views,
 )
 from mirrorcam.optics.light_field.light_field import LightField
 
-NAME = re.compile(r"out_(\d+)_(\d+)_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)_?\.png")
+_NUMBER = r"(-?\d+(?:\.\d+)?)"
+# The shortest beginning counts: where numbers follow that could be a place, they are one.
+PLACED = re.compile(rf"(?:.*?_)?(\d+)_(\d+)_{_NUMBER}_{_NUMBER}_?")
+UNPLACED = re.compile(r"(?:.*_)?(\d+)_(\d+)")
 MASKS = "masks"
 
 
@@ -44,48 +51,77 @@ def write_stanford(folder: Path, light_field: LightField) -> None:
 
 def is_stanford(folder: Path) -> bool:
     """Whether a folder has pictures named so."""
-    return folder.is_dir() and any(NAME.fullmatch(file.name) for file in folder.iterdir())
+    return folder.is_dir() and any(
+        is_picture(file) and (PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem)) for file in folder.iterdir()
+    )
+
+
+def _named_views(folder: Path) -> tuple[list[Path], FloatArray | None, tuple[int, int]]:
+    """The pictures row by row, the places (t, s, 2) of x and y that they name or None, and how many rows and columns.
+
+    Names are read as without places where they make no grid with them.
+    """
+    files = [file for file in sorted(folder.iterdir()) if is_picture(file)]
+    complaints = []
+    for pattern in (PLACED, UNPLACED):
+        matches = [(file, match) for file in files if (match := pattern.fullmatch(file.stem))]
+        if not matches:
+            continue
+        first = [min(int(match[axis]) for _, match in matches) for axis in (1, 2)]
+        if max(first) > 1:
+            complaints.append(f"its first view is {tuple(first)}, expected rows and columns from 0 or from 1")
+            continue
+        found: dict[tuple[int, int], list[tuple[Path, re.Match[str]]]] = {}
+        for file, match in matches:
+            found.setdefault((int(match[1]) - first[0], int(match[2]) - first[1]), []).append((file, match))
+        rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
+        missing = next((index for index in np.ndindex(rows, cols) if index not in found), None)
+        twice = next((each for each in found.values() if len(each) > 1), None)
+        if twice is not None:
+            complaints.append(f"{twice[0][0].name} and {twice[1][0].name} are of one view, expected one picture each")
+        elif missing is not None:
+            at = missing[0] + first[0], missing[1] + first[1]
+            complaints.append(f"lacks view {at}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}")
+        else:
+            order = [found[index][0] for index in np.ndindex(rows, cols)]
+            places = None
+            if pattern is PLACED:
+                places = np.array([[float(match[4]), float(match[3])] for _, match in order]).reshape(rows, cols, 2)
+            return [file for file, _ in order], places, (rows, cols)
+    raise InputError(f"{folder}: {complaints[0] if complaints else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
 
 
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
     """The light field of such a folder.
 
     Without `views.json`, places are those of the names in mm, or, with a step, scaled so that columns (of one column,
-    rows) have it: the archive's own unit is unknown. Focal length and reference depth must be assumed.
+    rows) have it: the archive's own unit is unknown. Names without places are of an even grid, whose step must be
+    assumed. Focal length and reference depth must be assumed.
 
     Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
     """
-    found = {}
-    for file in sorted(folder.iterdir()):
-        match = NAME.fullmatch(file.name)
-        if match is not None:
-            found[int(match[1]), int(match[2])] = (file, float(match[4]), float(match[3]))
-    rows, cols = (1 + max((index[axis] for index in found), default=-1) for axis in (0, 1))
-    missing = [index for index in np.ndindex(rows, cols) if index not in found]
-    if missing or not found:
-        at = f"view {missing[0]}" if missing else "any view"
-        raise InputError(f"{folder}: lacks {at}, expected out_ROW_COLUMN_Y_X_.png of all {rows}x{cols}")
-    order = [found[index] for index in np.ndindex(rows, cols)]
-    pictures = [read_image(file) for file, _, _ in order]
-    said = read_views(folder / VIEWS)
-    size = (pictures[0].shape[1], pictures[0].shape[0]) if said is None else (said[0].width_px, said[0].height_px)
-    for (file, _, _), picture in zip(order, pictures, strict=True):
+    files, places, (rows, cols) = _named_views(folder)
+    pictures = [read_image(file) for file in files]
+    stated = read_views(folder / VIEWS)
+    size = (pictures[0].shape[1], pictures[0].shape[0]) if stated is None else (stated[0].width_px, stated[0].height_px)
+    for file, picture in zip(files, pictures, strict=True):
         check_size(file, picture, size)
-    if said is not None:
-        views, channels = said[0], said[1]["channels"]
+    channels = 3
+    if stated is not None:
+        views, channels = stated[0], stated[1]["channels"]
         if (views.rows, views.cols) != (rows, cols):
             raise InputError(
                 f"{folder / VIEWS}: {views.cols}x{views.rows} views, but there are pictures of {cols}x{rows}"
             )
+    elif places is None:
+        views = even_views(folder, assumed, (rows, cols), size)
     else:
-        channels = 3
-        places = np.array([[x, y] for _, x, y in order]).reshape(rows, cols, 2)
         if assumed.step_mm is not None:
             places *= assumed.step_mm / _mean_step(folder, places)
         focal_px, distance_mm = (assumed.need(name, folder) for name in ("focal_px", "reference_depth_mm"))
         views = parallel_views(places, size, focal_px, distance_mm)
     opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)
-    for index, (file, _, _) in zip(np.ndindex(rows, cols), order, strict=True):
+    for index, file in zip(np.ndindex(rows, cols), files, strict=True):
         mask = folder / MASKS / file.name
         if mask.exists():
             grey = read_image(mask, grey=True)

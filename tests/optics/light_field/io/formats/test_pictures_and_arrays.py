@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.plenopticam import read_plenopticam, write_plenopticam
-from mirrorcam.optics.light_field.io.formats.registry import write_light_field
-from mirrorcam.optics.light_field.io.formats.stanford import NAME, read_stanford, write_stanford
+from mirrorcam.optics.light_field.io.formats.registry import format_of, write_light_field
+from mirrorcam.optics.light_field.io.formats.stanford import PLACED, read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 from mirrorcam.optics.light_field.io.view_images import write_rgba
@@ -21,7 +21,7 @@ from tests.optics.light_field.io.formats.planes import plane, shift_that_agrees
 
 def numbers(file: Path) -> tuple[str, ...]:
     """Row, column, y and x of a name."""
-    match = NAME.fullmatch(file.name)
+    match = PLACED.fullmatch(file.stem)
     assert match is not None
     return match.groups()
 
@@ -55,6 +55,51 @@ def test_stanfords_own_unit_is_scaled_to_a_step(tmp_path: Path) -> None:
     found = read_stanford(tmp_path, replace(given, step_mm=light_field.step_mm()))
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-5)
     assert read_stanford(tmp_path, given).step_mm() == pytest.approx(5 * light_field.step_mm(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "places"),
+    [
+        ("Original Camera_{t:02d}_{s:02d}_{y:.6f}_{x:.6f}_.png", 0, True),
+        ("out_{t:02d}_{s:02d}_{y:.0f}_{x:.0f}.png", 0, True),
+        ("2067_{t:02d}_{s:02d}.png", 1, False),
+        ("IMG_2067_5_{t:02d}_{s:02d}.PNG", 0, False),
+        ("{t}_{s}.webp", 1, False),
+        ("view_{t:03d}_{s:03d}.JPG", 0, False),
+    ],
+)
+def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first: int, places: bool) -> None:
+    light_field = plane(2, 3, 1.0)
+    for t, s in np.ndindex(2, 3):
+        x, y = light_field.positions_mm[t, s, :2]
+        write_image(tmp_path / name.format(t=t + first, s=s + first, x=x, y=y), light_field.samples[t, s])
+    (tmp_path / "cover.png").write_bytes(b"no view")
+    given = Assumed(focal_px=400.0, reference_depth_mm=455.0, step_mm=None if places else 10.0)
+    assert format_of(tmp_path).name == "stanford"
+    found = read_stanford(tmp_path, given)
+    assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
+    assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JPG" in name else 1e-9)
+    if not places:
+        with pytest.raises(InputError, match="does not state its step_mm"):
+            read_stanford(tmp_path, replace(given, step_mm=None))
+
+
+def test_folders_of_pictures_that_are_no_grid_are_refused(tmp_path: Path) -> None:
+    picture = np.zeros((4, 5, 3), np.uint8)
+    for name in ("a_0_0.png", "a_0_1.png", "a_1_0.png"):
+        write_image(tmp_path / "gap" / name, picture)
+        write_image(tmp_path / "late" / name.replace("_1", "_7").replace("_0", "_6"), picture)
+    for name in ("a_0_0.png", "b_0_0.jpg"):
+        write_image(tmp_path / "twice" / name, picture)
+    (tmp_path / "other").mkdir()
+    for folder, message in (
+        ("gap", r"lacks view \(1, 1\), expected NAME_ROW_COLUMN pictures of all 2x2"),
+        ("late", r"its first view is \(6, 6\), expected rows and columns from 0 or from 1"),
+        ("twice", "a_0_0.png and b_0_0.jpg are of one view"),
+        ("other", "has no pictures NAME_ROW_COLUMN_Y_X"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_stanford(tmp_path / folder)
 
 
 def test_views_in_one_place_have_no_step(tmp_path: Path) -> None:
