@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -19,21 +15,11 @@ from mirrorcam.cad.write.part_export import mass_properties, write_step, write_s
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.cad.write.threemf import write_3mf
 from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.fingerprint import NOT_INSTALLED, Fingerprint, file_digest, source_digest, versions
 from mirrorcam.optics.base.values import Value
 
-# Their change may change what is written.
-TOOLS = (
-    "numpy",
-    "build123d",
-    "cadquery-ocp-novtk",
-    "trimesh",
-    "manifold3d",
-    "shapely",
-    "lib3mf",
-    "matplotlib",
-    "ezdxf",
-)
-ROOT = Path(__file__).parents[1]
+# Our code that a part's files depend on.
+SOURCES = ("mirrorcam.cad", "mirrorcam.optics.base", "mirrorcam.optics.geometry")
 
 
 class _Record(Value):
@@ -63,7 +49,7 @@ def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None
     drawings = write_drawing(out / "drawings", solid, part, printer)
     mass = mass_properties(solid, printer.plastic_g_per_cm3)
     built = BuiltPart.of(part, folder, mass, check_part(part, folder, printer))
-    files = {path.relative_to(out).as_posix(): _digest(path) for path in (step, stl, threemf, *drawings)}
+    files = {path.relative_to(out).as_posix(): file_digest(path) for path in (step, stl, threemf, *drawings)}
     record = _Record(key=key, files=files, part=built.replaced(folder=Path("parts")))
     write_text(_record_path(out, part), record.model_dump_json(indent=1) + "\n")
     return built
@@ -79,7 +65,7 @@ def _take_over(part: PartPlan, key: str, out: Path, previous: Path) -> BuiltPart
     places = [previous / name for name in record.files]
     if record.key != key or not all(place.is_file() for place in places):
         return None
-    if [_digest(place) for place in places] != list(record.files.values()):
+    if [file_digest(place) for place in places] != list(record.files.values()):
         return None
     for place in (*places, path):
         copy = out / place.relative_to(previous)
@@ -93,21 +79,9 @@ def _record_path(out: Path, part: PartPlan) -> Path:
 
 
 def _key(part: PartPlan, printer: Printer) -> str:
-    """What decides about a part's files: its plan, how it lies and is called, the printer, our code, the libraries."""
-    deciding = {"part": plain(part), "printer": plain(printer), "made by": _makers()}
-    return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
-
-
-@cache
-def _makers() -> str:
-    total = hashlib.sha256()
-    for path in sorted((*ROOT.glob("cad/**/*.py"), *ROOT.glob("optics/base/*.py"), *ROOT.glob("optics/geometry/*.py"))):
-        total.update(f"{path.relative_to(ROOT).as_posix()} {_digest(path)}\n".encode())
-    versions = {tool: metadata.version(tool) for tool in TOOLS} | {"slicer": slicer_version()}
-    total.update(json.dumps(versions).encode())
-    return total.hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    """Return what decides about a part's files: its plan, how it lies and is called, the printer, code, libraries."""
+    return Fingerprint(
+        parameters={"part": plain(part), "printer": plain(printer)},
+        sources={module: source_digest(module) for module in SOURCES},
+        versions=versions("cad") | {"slicer": slicer_version() or NOT_INSTALLED},
+    ).digest

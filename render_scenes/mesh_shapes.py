@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +40,6 @@ def read_mesh(path: Path) -> Triangles:
         what = "holds a point that is not finite" if len(found.faces) else "holds no triangle"
         raise InputError(f"{path}: {what}, expected a surface")
     return found
-
-
-def sha256_of(path: Path) -> str:
-    """Checksum of a file, in hexadecimal, or InputError where it cannot be read."""
-    return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
 def _stl(path: Path, raw: bytes) -> Triangles:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 
+from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
 
 if TYPE_CHECKING:
@@ -83,7 +82,7 @@ class PartPlan:
     def identity(self) -> str:
         """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
         numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
-        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:12]
+        return value_digest(numbers)[:12]
 
 
 def plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from mirrorcam.console.progress import count_text
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import is_picture, read_image, write_image
+from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -138,7 +139,7 @@ def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | D
     for path in request.frames:
         if not is_picture(path):
             video = Video(path)
-            yield video, path.stem, {"file": path.name, "sha256": video.sha256(), "rate_hz": video.rate_hz}
+            yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
         device = Device(request.device, layout.camera.width_px, layout.camera.height_px)
         yield device, f"device{request.device}", {"device": request.device, "started": datetime.now(UTC).isoformat()}

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from io import StringIO
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from mirrorcam.optics.base.files import atomic, write_json, write_text
+from mirrorcam.optics.base.fingerprint import differing, digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
@@ -50,7 +49,7 @@ class Results:
         except (FileNotFoundError, ValidationError):
             return None
         outcome = record.outcome
-        whole = not record.layout_sha256 or hashlib.sha256(layout).hexdigest() == record.layout_sha256
+        whole = not record.layout_sha256 or digest(layout) == record.layout_sha256
         current = record.made_with == made_with() and outcome.spec == spec and outcome.status != "failed"
         return outcome if whole and current else None
 
@@ -62,7 +61,7 @@ class Results:
         if isinstance(got, Died):
             got = Answer(record_text(outcome_of(spec, got)))
         record = Record.model_validate_json(got.record)
-        other = sorted(name for name, ours in made_with().items() if record.made_with.get(name) != ours)
+        other = differing(record.made_with, made_with())
         if other:
             raise InputError(
                 f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them"
@@ -84,7 +83,7 @@ def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
 
 
 def _key(spec: DesignSpec) -> str:
-    return hashlib.sha256(json.dumps(spec.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:16]
+    return value_digest(spec.model_dump(mode="json"))[:16]
 
 
 def sweep(specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress) -> list[Outcome]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.camera import Camera
@@ -24,9 +25,6 @@ from mirrorcam.workflow.stages import Stage, perform, staleness
 from mirrorcam.workflow.validation import validate, write_validation
 from mirrorcam.workflow.workers import cores
 
-# What decides about a result besides our own sources.
-CAD_TOOLS = ("build123d", "cadquery-ocp-novtk", "trimesh", "manifold3d", "ezdxf", "lib3mf", "matplotlib", "jinja2")
-SOLVERS = ("numpy", "scipy", "casadi", "shapely", "opencv-python-headless")
 # The frame that the page shows and decodes.
 SHOWN = 0
 # Maps of all pixels are 18 MB a frame, and nothing here reads them.
@@ -118,7 +116,6 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing=f"{recipe.spec.rows} x {recipe.spec.cols} mirrors",
             parameters={"spec": recipe.spec.model_dump(mode="json")},
             sources=("mirrorcam.optics", "mirrorcam.workflow.design_files", "mirrorcam.figures"),
-            tools=(*SOLVERS, "matplotlib"),
         ),
         Stage(
             "cad",
@@ -127,16 +124,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             unit="steps",
             reads=(nominal,),
             sources=("mirrorcam.optics", "mirrorcam.cad"),
-            tools=(
-                *SOLVERS,
-                "build123d",
-                "cadquery-ocp-novtk",
-                "trimesh",
-                "manifold3d",
-                "ezdxf",
-                "lib3mf",
-                "matplotlib",
-            ),
+            extras=("cad",),
+            programs={"slicer": _slicer()},
         ),
         Stage(
             "set",
@@ -152,7 +141,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             },
             reads=(nominal,),
             sources=("mirrorcam.optics", "mirrorcam.render_scenes"),
-            tools=(*SOLVERS, "mitsuba", "drjit", "OpenEXR", "karellen-llvm-core"),
+            extras=("render",),
             resumes=True,
         ),
         Stage(
@@ -168,7 +157,6 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
                 "mirrorcam.pages.calibration",
                 "mirrorcam.figures",
             ),
-            tools=(*SOLVERS, "matplotlib"),
         ),
         Stage(
             "light_field",
@@ -177,7 +165,6 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             unit="frames",
             reads=(calibrated, shown),
             sources=("mirrorcam.optics", "mirrorcam.workflow.decoding"),
-            tools=SOLVERS,
         ),
         Stage(
             "page",
@@ -185,9 +172,14 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing="pictures for the page",
             reads=(shown, root / "light_field" / f"{shown.stem}_views.png"),
             sources=("mirrorcam.pages.run_page",),
-            tools=SOLVERS,
         ),
     )
+
+
+def _slicer() -> str:
+    from mirrorcam.cad.write.slicer import slicer_version
+
+    return slicer_version() or NOT_INSTALLED
 
 
 def finish(stage: Stage, root: Path, reporter: Reporter = SILENT) -> None:

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 import time
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
-from importlib.metadata import version
 from pkgutil import iter_modules
 from typing import Literal
 
 from pydantic import Field
 
 from mirrorcam import optics
+from mirrorcam.optics.base.fingerprint import digest, source_digest, versions
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.design.spec_grid import Outcome, solve
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.workflow.stages import source_digest
 
-# What of `optics` no design depends on, and what else decides about one besides its spec.
+# Packages of `optics` that no design depends on.
 UNRELATED = ("calibration", "exports", "light_field")
-TOOLS = ("casadi", "numpy", "scipy", "shapely")
 
 # MUMPS, which solves IPOPT's equations, keeps its state in globals: two designs at once in one process end in a crash.
 _one_at_a_time = threading.Lock()
@@ -48,10 +45,10 @@ class Answer:
 
 @cache
 def made_with() -> dict[str, str]:
-    """Digests of our sources and versions of the tools that decide about a design, as they are in this process."""
+    """Digests of the sources and versions of the distributions that decide about a design, in this process."""
     sources = sorted(module.name for module in iter_modules(optics.__path__) if module.name not in UNRELATED)
     modules = [f"mirrorcam.optics.{name}" for name in sources]
-    return {module: source_digest(module) for module in modules} | {tool: version(tool) for tool in TOOLS}
+    return {module: source_digest(module) for module in modules} | versions()
 
 
 def file_text(value: Value) -> str:
@@ -61,8 +58,8 @@ def file_text(value: Value) -> str:
 
 def record_text(outcome: Outcome, layout: str = "") -> str:
     """The text of the record of an outcome and of the text of its layout."""
-    digest = hashlib.sha256(layout.encode()).hexdigest() if layout else ""
-    return file_text(Record(outcome=outcome, layout_sha256=digest, made_with=made_with()))
+    layout_sha256 = digest(layout.encode()) if layout else ""
+    return file_text(Record(outcome=outcome, layout_sha256=layout_sha256, made_with=made_with()))
 
 
 def answer(spec_json: str) -> Answer:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, Self
@@ -13,6 +11,7 @@ from pydantic import Field, model_validator
 from shapely import Polygon, STRtree
 
 from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -111,7 +110,7 @@ class Layout(Value):
             include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
             exclude={"camera": {"name"}},
         )
-        return hashlib.sha256(json.dumps(light, sort_keys=True).encode()).hexdigest()[:16]
+        return value_digest(light)[:16]
 
     @cached_property
     def virtual_centres_in_rig_mm(self) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.fingerprint import digest
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -92,10 +92,7 @@ def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:
 
 def checksum(folder: Path) -> str:
     """SHA-256 of the names and bytes of the files that `read_bodies` reads, in hexadecimal."""
-    digest = hashlib.sha256()
-    for path in parts_files(folder):
-        digest.update(f"{path.name} {hashlib.sha256(read_bytes(path)).hexdigest()} ".encode())
-    return digest.hexdigest()
+    return digest(*(f"{path.name} {digest(read_bytes(path))} ".encode() for path in parts_files(folder)))
 
 
 def parts_files(folder: Path) -> tuple[Path, ...]:

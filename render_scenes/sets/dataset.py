@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field
 
 from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -82,7 +82,7 @@ class Dataset(Value):
     def intact(self, folder: Path, name: str) -> bool:
         """Whether a file of the set is there and is what was written."""
         path = folder / name
-        return name in self.files and path.is_file() and sha256(path) == self.files[name]
+        return name in self.files and path.is_file() and file_digest(path) == self.files[name]
 
     def save(self, folder: Path) -> None:
         """Write `dataset.json` atomically."""
@@ -92,8 +92,3 @@ class Dataset(Value):
     def load(cls, folder: Path) -> Self:
         """Read the `dataset.json` of a set, or raise InputError in one line."""
         return read_model(cls, folder / MANIFEST)
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file, in hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()

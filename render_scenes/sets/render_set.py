@@ -6,8 +6,6 @@ whole or not at all, so an interrupted set is continued where it stopped.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.files import atomic, write_bytes, write_json
+from mirrorcam.optics.base.fingerprint import file_digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
@@ -26,7 +25,7 @@ from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import bodies_around, parts_of
 from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
-from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, sha256
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
 from mirrorcam.render_scenes.sets.video import write_h264, write_mjpeg
@@ -237,7 +236,7 @@ def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
     asked = dataset.model_dump(mode="json", exclude={"request", "files"})
     drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
-    return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
+    return value_digest(asked | drawn)[:16]
 
 
 def _continue(out: Path, dataset: Dataset) -> Dataset:
@@ -278,7 +277,7 @@ def _tidy(out: Path, *patterns: str) -> None:
 
 def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:
     """The manifest with the checksums of files just written, saved."""
-    written = dataset.files | {name: sha256(out / name) for name in names}
+    written = dataset.files | {name: file_digest(out / name) for name in names}
     # In the order of their names, not of the workers that made them.
     dataset = dataset.replaced(files=dict(sorted(written.items())))
     dataset.save(out)

@@ -7,8 +7,6 @@ interrupted set is continued where it stopped.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -18,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.files import encoded_image, read_model, write_bytes, write_json, write_text
+from mirrorcam.optics.base.files import encoded_image, read_bytes, read_model, write_bytes, write_json, write_text
+from mirrorcam.optics.base.fingerprint import digest, file_digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
@@ -26,8 +25,6 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
 from mirrorcam.optics.light_field.light_field import Views
-from mirrorcam.render_scenes.mesh_shapes import sha256_of
-from mirrorcam.render_scenes.sets.dataset import sha256
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
@@ -115,7 +112,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     manifest = TabletopSet(
         layout_identity=layout.identity,
         depths_mm=depths,
-        meshes=tuple((mesh.file.name, sha256_of(mesh.file)) for mesh in request.meshes),
+        meshes=tuple((mesh.file.name, digest(read_bytes(mesh.file))) for mesh in request.meshes),
         width_px=layout.camera.width_px,
         height_px=layout.camera.height_px,
         tolerances=request.tolerances,
@@ -249,7 +246,7 @@ def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ..
     asked = manifest.model_dump(mode="json", exclude={"request", "files"})
     stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}
-    return hashlib.sha256(json.dumps(asked | drawn, sort_keys=True).encode()).hexdigest()[:16]
+    return value_digest(asked | drawn)[:16]
 
 
 def _continue(out: Path, manifest: TabletopSet) -> TabletopSet:
@@ -272,13 +269,13 @@ def _continue(out: Path, manifest: TabletopSet) -> TabletopSet:
     for pattern in ("frames/.*-*", "truth/**/.*-*", ".*-*.json"):
         for leftover in out.glob(pattern):
             leftover.unlink()
-    whole = {n: d for n, d in before.files.items() if (out / n).is_file() and sha256(out / n) == d}
+    whole = {n: d for n, d in before.files.items() if (out / n).is_file() and file_digest(out / n) == d}
     return before.replaced(files=whole)
 
 
 def _recorded(out: Path, manifest: TabletopSet, *names: str) -> TabletopSet:
     """The manifest with the checksums of files just written, saved."""
-    written = manifest.files | {name: sha256(out / name) for name in names}
+    written = manifest.files | {name: file_digest(out / name) for name in names}
     manifest = manifest.replaced(files=dict(sorted(written.items())))
     manifest.save(out)
     return manifest

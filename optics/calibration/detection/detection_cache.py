@@ -6,17 +6,15 @@ find it among them, so that it is never out of date; one that cannot be read is 
 
 from __future__ import annotations
 
-import hashlib
 import io
 import zipfile
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from mirrorcam import optics
 from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.fingerprint import Fingerprint, digest, source_digest, versions
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -27,22 +25,15 @@ FIELDS = ("view", "corner", "pixels")
 
 @cache
 def version() -> str:
-    """Sixty-four hexadecimal digits of the programs that decide what is found: optics, OpenCV and NumPy."""
-    digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}\n".encode())
-    package = Path(optics.__file__).parent
-    for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
-        digest.update(f"{path.relative_to(package).as_posix()} {len(source)}\n".encode() + source)
-    return digest.hexdigest()
+    """Return 64 hexadecimal digits of the programs that decide what is found: optics and what it is built on."""
+    return Fingerprint(sources={"mirrorcam.optics": source_digest("mirrorcam.optics")}, versions=versions()).digest
 
 
 def key(grey: Grey, target: Target, layout: Layout | None) -> str:
-    """Sixty-four hexadecimal digits of what decides which corners are found, in the mirrors of a layout or without."""
+    """Return 64 hexadecimal digits of what decides which corners are found, in the mirrors of a layout or without."""
     mirrors = "none" if layout is None else layout.identity
     asked = f"{version()} {target.model_dump_json()} {mirrors} {grey.shape}\n"
-    digest = hashlib.sha256(asked.encode())
-    digest.update(np.ascontiguousarray(grey).data)
-    return digest.hexdigest()
+    return digest(asked.encode(), np.ascontiguousarray(grey).data)
 
 
 def load(folder: Path, name: str) -> Observations | None:

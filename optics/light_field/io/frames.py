@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import heapq
 import queue
 import threading
@@ -85,11 +84,6 @@ class Video:
                 f"{self.path}: its pictures cannot be read, expected a common codec such as H.264 or MJPEG"
             )
         return stream
-
-    def sha256(self) -> str:
-        """The file's checksum."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """What follows frame number `after`, in order of time.

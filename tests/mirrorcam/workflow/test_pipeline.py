@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.fingerprint import distributions
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import pipeline
 from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, scaled, stages
-from mirrorcam.workflow.stages import Stage
+from mirrorcam.workflow.stages import Stage, perform, staleness
 
 
 def test_a_scaled_camera_sees_each_point_at_the_same_place_of_its_sensor() -> None:
@@ -105,3 +109,45 @@ def test_a_missing_extra_stops_the_run_before_any_work(tmp_path: Path, monkeypat
     with pytest.raises(InputError, match=r'mitsuba not installed.*pip install "mirrorcam\[render\]"'):
         run_all(full_recipe(0), tmp_path / "out", "mirrorcam run")
     assert not (tmp_path / "out").exists()
+
+
+EVERY = {"design", "cad", "set", "validation", "light_field", "page"}
+DEPENDENCIES = [
+    *((name, EVERY) for name in distributions()),
+    *((name, {"cad"}) for name in sorted(set(distributions("cad")) - set(distributions()))),
+    *((name, {"set"}) for name in sorted(set(distributions("render")) - set(distributions()))),
+]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Stage, ...]]:
+    """Every stage of a run, as if done: with its own fingerprint, but without its work."""
+    root = tmp_path_factory.mktemp("run")
+    every = stages(quick_recipe(0), root)
+    done = tuple(replace(stage, work=lambda folder, progress: None, reads=()) for stage in every)
+    for stage in done:
+        perform(stage, root)
+    return root, done
+
+
+@pytest.mark.parametrize(("name", "stale"), DEPENDENCIES)
+def test_another_version_of_a_dependency_makes_the_stages_that_need_it_stale(
+    name: str, stale: set[str], finished: tuple[Path, tuple[Stage, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, done = finished
+    now = metadata.version
+    monkeypatch.setattr(metadata, "version", lambda other: "999" if other == name else now(other))
+    reasons = {stage.name: staleness(stage, root) for stage in done}
+    assert reasons == {stage.name: f"{name} {now(name)} → 999" if stage.name in stale else "" for stage in done}
+
+
+def test_a_slicer_that_is_installed_later_makes_the_parts_stale(
+    finished: tuple[Path, tuple[Stage, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, done = finished
+    before = slicer_version() or "not installed"
+    monkeypatch.setattr("mirrorcam.cad.write.slicer.slicer_version", lambda: "PrusaSlicer-99.0")
+    asked = {stage.name: stage.programs for stage in stages(quick_recipe(0), root)}
+    reasons = {stage.name: staleness(replace(stage, programs=asked[stage.name]), root) for stage in done}
+    stale = {name: reason for name, reason in reasons.items() if reason}
+    assert stale == {"cad": f"slicer {before} → PrusaSlicer-99.0"}

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, Reach, sha256
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, Reach
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
 
 
@@ -66,7 +67,7 @@ def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
     picture = tmp_path / "frames" / "0000.png"
     picture.parent.mkdir()
     picture.write_bytes(b"picture")
-    dataset = manifest().replaced(files={"frames/0000.png": sha256(picture)})
+    dataset = manifest().replaced(files={"frames/0000.png": file_digest(picture)})
     assert dataset.intact(tmp_path, "frames/0000.png")
     assert not dataset.intact(tmp_path, "frames/0001.png")
     picture.write_bytes(b"pictur")

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, sha256
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 from mirrorcam.render_scenes.truth.corners import Oracle
@@ -261,7 +262,7 @@ def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_
         settings=RenderSettings(spp=3, maps=False),
     )
     assert dataset.complete
-    assert dataset.files["frames/0000.jpg"] == sha256(tmp_path / "set" / "frames" / "0000.jpg")
+    assert dataset.files["frames/0000.jpg"] == file_digest(tmp_path / "set" / "frames" / "0000.jpg")
     assert not (tmp_path / "set" / "truth" / "maps").exists()
     assert Layout.load(tmp_path / "set" / "truth" / "layout.json").camera == small_layout.camera
 
@@ -289,7 +290,7 @@ def test_a_video_that_is_interrupted_is_encoded_again_from_the_finished_frames(r
     dataset = render(tmp_path / "set", progress=lambda done, total: calls.append(done), **MOVING)
     assert calls == [6, 7, 8, 9, 10, 11]
     assert dataset.complete
-    assert dataset.files["video.mp4"] == sha256(tmp_path / "set" / "video.mp4")
+    assert dataset.files["video.mp4"] == file_digest(tmp_path / "set" / "video.mp4")
     render(tmp_path / "at once", **MOVING)
     assert contents(tmp_path / "at once") == contents(tmp_path / "set")
     calls.clear()

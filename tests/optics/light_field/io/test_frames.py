@@ -160,14 +160,6 @@ def test_a_video_without_its_index_is_refused(tmp_path: Path) -> None:
         Video(path)
 
 
-def test_the_checksum_is_of_the_file(tmp_path: Path) -> None:
-    path = write_mjpeg(tmp_path / "a.avi", pictures(3))
-    before = Video(path).sha256()
-    damage(path, 1)
-    assert len(before) == 64
-    assert Video(path).sha256() != before
-
-
 def test_reading_ahead_is_bounded_and_keeps_the_order() -> None:
     made: list[int] = []
 

@@ -1,0 +1,47 @@
+"""What was found in a picture is found again only where something decides otherwise about it."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.fingerprint import distributions
+from mirrorcam.optics.calibration.detection import detection_cache
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.targets import Charuco
+
+BOARD = Charuco(cols=5, rows=4, square_mm=20.0, marker_mm=15.0)
+GREY = np.arange(24, dtype=np.uint8).reshape(4, 6)
+
+
+@pytest.fixture(scope="module")
+def version() -> str:
+    return detection_cache.version()
+
+
+@pytest.mark.parametrize("name", distributions())
+def test_another_version_of_a_library_finds_anew(name: str, version: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = metadata.version
+    monkeypatch.setattr(metadata, "version", lambda other: "999" if other == name else now(other))
+    assert detection_cache.version.__wrapped__() != version
+
+
+def test_the_key_follows_pixels_shape_and_board() -> None:
+    key = detection_cache.key(GREY, BOARD, None)
+    assert key == detection_cache.key(GREY.copy(), BOARD, None)
+    others = (GREY + np.uint8(1), BOARD), (GREY.reshape(6, 4), BOARD), (GREY, BOARD.replaced(square_mm=21.0))
+    assert len({key, *(detection_cache.key(grey, board, None) for grey, board in others)}) == 4
+
+
+def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
+    seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
+    assert detection_cache.load(tmp_path, "a") is None
+    detection_cache.save(tmp_path, "a", seen)
+    found = detection_cache.load(tmp_path, "a")
+    assert found is not None and found.pixels.tobytes() == seen.pixels.tobytes()
+    content = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(content[: len(content) // 2])
+    assert detection_cache.load(tmp_path, "a") is None
