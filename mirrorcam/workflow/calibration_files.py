@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from mirrorcam.optics.base.files import pictures_in, read_image, write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.calibration import calibrate
-from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
@@ -80,8 +79,8 @@ def calibrate_files(
             on_hint(paths[len(seen) - 1], planner.after(seen[-1]))
 
     return calibrate(
-        _grey(paths),
-        _grey(base_paths),
+        paths,
+        base_paths,
         layout,
         target,
         level=request.level,
@@ -98,13 +97,8 @@ def _calibrate_directly(
     if not isinstance(target, Checkerboard) or request.mirrors is None:
         raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
     names = [path.name for path in paths]
-    return calibrate_with_direct_view(
-        list(_grey(paths)), target, mirrors=request.mirrors, names=names, progress=progress
-    )
-
-
-def _grey(paths: Sequence[Path]) -> Iterator[Grey]:
-    return (read_image(path, grey=True) for path in paths)
+    pictures = [read_image(path, grey=True) for path in paths]
+    return calibrate_with_direct_view(pictures, target, mirrors=request.mirrors, names=names, progress=progress)
 
 
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:

@@ -6,7 +6,7 @@ and only then reads the `truth` folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from mirrorcam.optics.base.files import read_image, read_model, write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
-from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.geometry.layout import Layout
@@ -67,12 +66,8 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
 
-    def images(names: tuple[str, ...]) -> Iterator[Grey]:
-        return (read_image(folder / name, grey=True) for name in names)
-
-    return calibrate(
-        images(dataset.frame_names), images(dataset.base_names), layout, board, workers=cores(), on_frame=on_frame
-    )
+    frames, base_frames = ([folder / name for name in names] for names in (dataset.frame_names, dataset.base_names))
+    return calibrate(frames, base_frames, layout, board, workers=cores(), on_frame=on_frame)
 
 
 def validate(folder: Path, progress: Progress = no_progress) -> Validation:

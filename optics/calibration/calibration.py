@@ -1,9 +1,11 @@
-"""Calibration of a mirror camera: frames through the mirrors, frames of the bare camera, and the nominal layout.
+"""Calibration of a mirror camera from frames through the mirrors, frames of the bare camera, and the nominal layout.
 
-1. Corners, views and frames that contradict the others are taken out (`screening`).
-2. The base camera from the frames without mirrors, and the boards by the nominal layout (`bootstrap`).
-3. The mirrors, 3 numbers each, then everything jointly, then whatever more the data support (`diagnostics.ladder`).
-4. How sure that is, and whether it can be right (`diagnostics`).
+1. Corners, views and frames that contradict the others are left out (`screening`).
+2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
+   (`initial_estimates`).
+3. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
+   (`model_selection`).
+4. The uncertainty and the validity of the result are determined (`diagnostics`).
 """
 
 from __future__ import annotations
@@ -15,21 +17,25 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.files import one_line, read_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined
-from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, fit_metrics, uncertainty
+from mirrorcam.optics.calibration.diagnostics.calibration_result import (
+    Calibration,
+    fit_metrics,
+    spatial_rms_mm,
+    uncertainty,
+)
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
-from mirrorcam.optics.calibration.diagnostics.screening import screen
+from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError
-from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
@@ -38,8 +44,8 @@ HOLD_OUT_EVERY = 5
 
 
 def calibrate(
-    frames: Iterable[Grey],
-    base_frames: Iterable[Grey],
+    frames: Iterable[Grey | Path],
+    base_frames: Iterable[Grey | Path],
     layout: Layout,
     target: Target,
     *,
@@ -49,55 +55,62 @@ def calibrate(
     on_frame: Callable[[int], None] = lambda done: None,
     on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
-    """Calibrate a mirror camera from pictures of a board, through the mirrors and without them.
+    """Calibrate a mirror camera from pictures of a board.
+
+    Pictures are taken from the iterables one at a time, so that they need not fit into memory together.
 
     Parameters
     ----------
     frames
-        Pictures (h, w) in grey, uint8, of the board through the mirrors; each is read once, in turn.
+        Pictures of the board through the mirrors: grey values (h, w), or paths of picture files.
     base_frames
-        Pictures of the board by the same camera without mirrors. With none, the camera starts from that of `layout`.
+        Pictures of the board by the camera without mirrors, likewise. Without any, the camera starts from that of
+        `layout`, and the intrinsics rest on the mirrored views alone.
     layout
-        Nominal layout: where to look for the board, and where to start.
+        Nominal layout: where to search for the board, and where to start.
     target
-        The board; its squares in mm set the scale.
+        The board.
     level
-        Model to fit (`diagnostics.model_selection`); without it, the model is selected.
+        Model to fit: `paper`, or `joint` with any of `+sheet`, `+bend`, `+warp`. None selects the largest one that the
+        pictures support.
     detections
-        Folder that keeps the corners found in each picture, so that none is searched twice.
+        Folder that caches detected corners, so that no picture is searched twice.
     workers
-        Number of processes that search for corners.
+        Number of threads that search pictures.
     on_frame
         Called with the number of pictures done.
     on_seen
-        Called after each picture through the mirrors with all observations in these so far.
+        Called after each picture through the mirrors with all observations so far.
 
     Returns
     -------
     Calibration
-        `layout` is the calibrated one, with covariance; with it poses of the boards (rig_from_board, mm), residuals in
-        px, metrics and diagnostics.
+        The calibrated layout, in the frame `rig` of the camera as it sits, in mm, with covariance and diagnostics.
 
     Raises
     ------
     InputError
-        If the pictures do not determine camera and mirrors.
+        Where a picture cannot be read or has another size, or where the pictures do not determine camera and mirrors.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
     extremes = Extremes()
 
-    def watched() -> Iterator[Grey]:
-        for grey in frames:
+    def recorded() -> Iterator[Grey]:
+        for grey in _grey(frames):
             yield grey
-            extremes.add(grey)  # once it is asked for the next one, this one has the size of the others
+            extremes.add(grey)  # once the next one is requested, this one was found to have the expected size
 
-    def hear(found: Sequence[Observations]) -> None:
+    def report(found: Sequence[Observations]) -> None:
         on_frame(len(found))
         on_seen(found)
 
-    seen = detect(watched(), mirrored=True, on_frame=hear)
-    base = detect(base_frames, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
+    seen = detect(recorded(), mirrored=True, on_frame=report)
+    base = detect(_grey(base_frames), mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
     return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
+
+
+def _grey(pictures: Iterable[Grey | Path]) -> Iterator[Grey]:
+    return (read_image(picture, grey=True) if isinstance(picture, Path) else picture for picture in pictures)
 
 
 def calibrate_corners(
@@ -109,55 +122,75 @@ def calibrate_corners(
     level: str | None = None,
     extremes: Extremes | None = None,
 ) -> Calibration:
-    """The same from corners that were found already, a list entry per frame with and per frame without mirrors.
+    """Calibrate a mirror camera from detected corners.
 
-    Where the frames' `extremes` are given, the mirrors' outlines are those that the frames show.
+    Parameters
+    ----------
+    seen, base
+        Observations of each frame with and without mirrors, each as frame 0.
+    layout
+        Nominal layout.
+    corners_in_board_mm
+        The board's corners (c, 3) as drawn.
+    level
+        Model to fit, as in `calibrate`.
+    extremes
+        Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
+
+    Raises
+    ------
+    InputError
+        Where the corners do not determine camera and mirrors.
     """
     notes = _notes(seen, base, layout)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)
-    except UndeterminedError as error:
-        raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
-    seen, base, notes = screened.seen, screened.base, notes + screened.notes
-    used = [frame for frame, o in enumerate(seen) if len(o)]
-    used_base = [frame for frame, o in enumerate(base) if len(o)]
-    mirrored = Observations.join([seen[frame].shifted(place) for place, frame in enumerate(used)])
-    direct = Observations.join([base[frame].shifted(len(used) + place) for place, frame in enumerate(used_base)])
-    observations = Observations.join([mirrored, direct])
-
-    try:
-        camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
-        start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
-        reached = select_model(start, observations, corners_in_board_mm, level=level).widened_to(screened.widened)
-        calibrated = _calibrated(reached, layout)
-        if extremes is not None:
-            calibrated, moved = outlined(calibrated, extremes)
-            notes += moved
-        diagnostics = diagnose(reached, observations, calibrated)
-        reached = reached.widened_to(diagnostics.widened)
-        solution = reached.solution
-        notes += check_solution(solution, layout, mirrored_frames=len(used))
-        metrics = fit_metrics(observations, solution)
-        spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, reached.model.board)
-        metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
-        if len(used) > HOLD_OUT_EVERY:
-            metrics |= _held_out(reached, observations, len(used))
-        metrics |= diagnostics.metrics
-        calibrated = calibrated.replaced(metrics=metrics, uncertainty=uncertainty(solution))
+        selection, observations = _fitted(screened, layout, corners_in_board_mm, level)
+        return _concluded(selection, observations, layout, extremes, (*notes, *screened.notes))
     except UndeterminedError as error:
         raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
         raise InputError(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
-    return Calibration(
-        layout=calibrated,
-        rig_from_board=solution.estimate.rig_from_board,
-        observations=observations,
-        residuals_px=solution.residuals,
-        inliers=solution.inliers,
-        metrics=metrics,
-        notes=notes,
-        diagnostics=diagnostics,
-    )
+
+
+def _fitted(
+    screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray, level: str | None
+) -> tuple[ModelSelection, Observations]:
+    """The selected model, and the corners of all frames that show any: first those with mirrors, then the others."""
+    used = [o for o in (*screened.seen, *screened.base) if len(o)]
+    observations = Observations.join([o.shifted(place) for place, o in enumerate(used)])
+    mirrored = sum(len(o) > 0 for o in screened.seen)
+    direct = observations.where(observations.frame >= mirrored)
+    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
+    start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
+    selection = select_model(start, observations, corners_in_board_mm, level=level)
+    return selection.widened_to(screened.widened), observations
+
+
+def _concluded(
+    selection: ModelSelection,
+    observations: Observations,
+    layout: Layout,
+    extremes: Extremes | None,
+    notes: tuple[str, ...],
+) -> Calibration:
+    """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
+    mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
+    calibrated = _calibrated(selection, layout)
+    if extremes is not None:
+        calibrated, moved = outlined(calibrated, extremes)
+        notes += moved
+    diagnostics = diagnose(selection, observations, calibrated)
+    selection = selection.widened_to(diagnostics.widened)
+    solution = selection.solution
+    notes += check_solution(solution, layout, mirrored_frames=mirrored_frames)
+    metrics = fit_metrics(observations, solution)
+    spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
+    metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
+    if mirrored_frames > HOLD_OUT_EVERY:
+        metrics |= _held_out(selection, observations, mirrored_frames)
+    metrics |= diagnostics.metrics
+    return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
 
 
 def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
@@ -172,11 +205,11 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
     return tuple(notes)
 
 
-def _held_out(reached: ModelSelection, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
-    """How well a calibration without every fifth mirrored frame predicts those frames, their board poses aside."""
-    out = np.zeros(len(reached.solution.estimate.rig_from_board), dtype=bool)
+def _held_out(selection: ModelSelection, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
+    """How well a calibration without every fifth mirrored frame predicts these; only their board poses are fitted."""
+    out = np.zeros(len(selection.solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    left = held_out(reached.solution.estimate, observations, reached.model, out)
+    left = held_out(selection.solution.estimate, observations, selection.model, out)
     spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
     return {
         "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
@@ -186,20 +219,8 @@ def _held_out(reached: ModelSelection, observations: Observations, mirrored_fram
     }
 
 
-def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
-    """The paper's spatial reprojection error: rms distance of each corner from the ray traced from its pixel.
-
-    The mirrors keep distances, so it is taken where the base camera sees the corner, before reflection.
-    """
-    rows = observations.where(inliers)
-    _, _, seen = points_at_camera(estimate, rows, board)
-    rays = estimate.camera.unproject(rows.pixels)
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
-
-
-def _calibrated(reached: ModelSelection, layout: Layout) -> Layout:
-    estimate = reached.solution.estimate
+def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
+    estimate = selection.solution.estimate
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
@@ -218,8 +239,8 @@ def _calibrated(reached: ModelSelection, layout: Layout) -> Layout:
         mirrors=mirrors,
         metrics={},
         verdict={},
-        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": reached.level},
-        uncertainty=uncertainty(reached.solution),
+        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.level},
+        uncertainty=uncertainty(selection.solution),
     )
 
 

@@ -1,1 +1,1 @@
-"""From pictures to corners: where a target is seen, through mirrors or directly."""
+"""Detection of a target's corners in pictures, through mirrors or directly."""

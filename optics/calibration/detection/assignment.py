@@ -1,4 +1,4 @@
-"""Which mirror shows which of the boards that were found in a frame, and which way up a plain board is."""
+"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
-LEAST_INSIDE = 0.5  # part of a board's corners inside a mirror's sub-image, to be the mirror's
-MOST_ASTRAY = 0.7  # of a sub-image's size, between a board and where another view's pose has it
+MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
+MAX_OFFSET = 0.7  # of a sub-image's size, between a board and its prediction by another view's pose
 
 
 @dataclass(frozen=True)
 class _PossibleMirror:
-    """A mirror that may show a board, in one of the board's numberings, and the pose (4, 4) that this would mean."""
+    """A mirror that may show a board, with one of the board's numberings and the pose (4, 4) that follows."""
 
     mirror: int
     corners: Corners
@@ -35,13 +35,26 @@ def assign(
     layout: Layout,
     target: Target,
 ) -> list[tuple[int, Corners]]:
-    """Mirror and corners of each board of a frame that is some mirror's, in the order of the mirrors.
+    """Assign detected boards to mirrors.
 
-    A board comes as its possible numberings: one, but of a plain board that looks the same upside down two. It is the
-    mirror's whose sub-image holds most of it, and it must stand, by the nominal layout, about where the largest board
-    of the frame does: a mirror tilted by 2 degrees moves what it shows by a tenth of a frame, the mirror next to it
-    shows the board half a frame away. Turning a plain board over in all views at once changes nothing, so the largest
-    one decides.
+    A board belongs to the mirror whose sub-image holds most of it, and by the nominal layout its pose must be about
+    that of the largest board of the frame: a mirror tilted by 2 degrees moves its image by a tenth of a frame, while
+    the neighbouring mirror shows the board half a frame away. Turning a plain board upside down in all views at once
+    changes nothing, so the largest board decides.
+
+    Parameters
+    ----------
+    boards
+        Each board in its possible numberings: one, or two for a plain board that looks the same upside down.
+    layout
+        The nominal layout.
+    target
+        The board.
+
+    Returns
+    -------
+    list of (mirror index, Corners)
+        In the order of the mirrors; boards that belong to no mirror are left out.
     """
     outlines = [layout.outline_px(index) for index in range(len(layout.mirrors))]
     regions = [shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]) for outline in outlines]
@@ -58,9 +71,9 @@ def assign(
     for number, options in enumerate(places):
         for option in options:
             expected = layout.project(points[option.corners.ids], option.mirror)
-            astray = float(np.median(np.nan_to_num(np.linalg.norm(expected - option.corners.pixels, axis=1), nan=1e9)))
-            limit = MOST_ASTRAY * sizes_px[option.mirror]
-            gain = len(option.corners) * option.inside * max(1.0 - astray / limit, 0.0)
+            offset = float(np.median(np.nan_to_num(np.linalg.norm(expected - option.corners.pixels, axis=1), nan=1e9)))
+            limit = MAX_OFFSET * sizes_px[option.mirror]
+            gain = len(option.corners) * option.inside * max(1.0 - offset / limit, 0.0)
             if gain > gains[number, option.mirror]:
                 gains[number, option.mirror] = gain
                 chosen[number, option.mirror] = option.corners
@@ -72,11 +85,11 @@ def assign(
 def _places(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
-    """All mirrors that may show a board, in all of its numberings; the likeliest mirror first."""
+    """All mirrors that may show a board, in all of its numberings; the most likely mirror first."""
     found = []
     inside = np.array([shapely.contains_xy(region, *board[0].pixels.T).mean() for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():
-        if inside[mirror] < LEAST_INSIDE:
+        if inside[mirror] < MIN_INSIDE:
             break
         for corners in board:
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm

@@ -95,7 +95,7 @@ class Warp:
 
 
 def corner_places(target: Target) -> FloatArray:
-    """The inner corners (n, 2) in squares from the top left of the print, in the order of their ids."""
+    """Places (n, 2) of the inner corners, in squares from the top left of the print, in the order of their ids."""
     return target.corners_in_board_mm[:, :2] / target.square_mm
 
 

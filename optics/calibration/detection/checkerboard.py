@@ -1,8 +1,8 @@
-"""Plain checkerboards in one image: find them whole, number their corners, confirm corners that a model foretells.
+"""Plain checkerboards in one image: detect whole boards, number their corners, confirm predicted corners.
 
-`findChessboardCornersSB` alone errs by 0.01 to 0.4 px, depending on the size of the cells, so it only seeds: every
-corner is refined by `cv2.cornerSubPix` with a window scaled to the cell that is seen there, and, where a target is
-followed through a whole frame, by what is printed (`refinement`).
+`findChessboardCornersSB` alone has errors of 0.01 to 0.4 px, depending on the size of the cells, so it only gives the
+start: every corner is refined by `cv2.cornerSubPix` with a window scaled to the local cell, and in frames of a mirror
+camera by comparison with the print (`corner_refinement`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 Grey = NDArray[np.uint8]
 
 CHECKERBOARD_WINDOW = 0.4
-LEAST_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
+MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
 SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
@@ -34,7 +34,7 @@ def cell_px(pixels: FloatArray) -> FloatArray:
 
 
 def refine(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
-    """Corners (n, 2) refined where gradients meet, each in a half-window of `window` times its own cell (n,) px."""
+    """Refine corners (n, 2) by their gradients, each in a half-window of `window` times its own cell (n,) px."""
     half = np.clip((window * cells_px).astype(np.int64), 2, 20)
     refined = np.empty_like(pixels)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
@@ -46,19 +46,19 @@ def refine(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) 
 
 
 def spread_out(corners: Corners) -> Corners:
-    """The corners, or none where there are few or all lie near one line, which does not tell where a board stands."""
+    """The corners, or none where they are few or all near one line and so do not determine a pose."""
     if len(corners) >= MIN_CORNERS:
         across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
-        if across / np.sqrt(len(corners)) > LEAST_SPREAD * np.median(cell_px(corners.pixels)):
+        if across / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
             return corners
     return Corners(corners.ids[:0], corners.pixels[:0])
 
 
 def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[FloatArray]:
-    """Up to `most` whole checkerboards, each as its inner corners (rows-1, cols-1, 2) in some order of the grid.
+    """Find up to `most` whole checkerboards, each as its inner corners (rows-1, cols-1, 2) in some order of the grid.
 
-    The finder returns one board at a time and misses small ones in a large picture, so what is found is painted over
-    and the search goes on, in the whole picture and then in overlapping tiles.
+    OpenCV's detector returns one board at a time and misses small ones in a large picture, so detected boards are
+    painted over and the search continues, in the whole picture and then in overlapping tiles.
     """
     work = grey.copy()
     paint = int(np.median(grey))
@@ -83,10 +83,10 @@ def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[F
 
 
 def orderings(grey: Grey, board: FloatArray, target: Checkerboard, *, mirrored: bool) -> list[FloatArray]:
-    """The ways to number a found board (rows-1, cols-1, 2) that fit its handedness and its black and white squares.
+    """The numberings of a board (rows-1, cols-1, 2) that match its handedness and its black and white squares.
 
     Each is (n, 2) in the order of the target's corner ids. There is one for a target that looks different upside down,
-    else two.
+    otherwise two.
     """
     grids = [board, board[::-1, ::-1], board[::-1], board[:, ::-1]]
     if target.rows == target.cols:
@@ -100,7 +100,7 @@ def orderings(grey: Grey, board: FloatArray, target: Checkerboard, *, mirrored: 
 
 
 def _colour_contrast(grey: Grey, grid: FloatArray) -> float:
-    """Grey levels by which the squares that should be white exceed those that should be black."""
+    """Mean grey level of the squares that should be white, less that of those that should be black."""
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4.0
     values = _sample(grey, centres.reshape(-1, 2)).reshape(centres.shape[:2])
     # Inner square (r, c) lies one down and one right of the target's black top-left square, so it is black when r + c
@@ -116,11 +116,21 @@ def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:
 
 
 def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
-    """Corners of a plain checkerboard near where a model predicts them, (n, 2) in the order of ids.
+    """Confirm the corners of a plain checkerboard near their predictions.
 
-    A corner counts when it refines to within `max_shift` cells of the prediction and its four squares are black and
-    white as the target says, with most of the contrast of the board as a whole: a hand or a mirror's edge in
-    front of it fails this.
+    A corner is confirmed where its refined position is near the prediction and its four squares are black and white as
+    printed, with most of the contrast of the board as a whole: a hand or a mirror's edge in front of it fails this.
+
+    Parameters
+    ----------
+    grey
+        Picture (h, w).
+    predicted
+        Predicted pixels (n, 2) of all corners, in the order of ids.
+    target
+        The board.
+    max_shift
+        Largest distance from the prediction, in cells.
     """
     rows, cols = target.rows - 1, target.cols - 1
     cells = cell_px(predicted)

@@ -207,7 +207,7 @@ class _Fit:
     def of(cls, seen: FloatArray, columns: FloatArray, scale: FloatArray, weights: FloatArray) -> _Fit:
         weighted = columns * weights[:, :, None]
         normal = weighted.transpose(0, 2, 1) @ columns + 1e-6 * np.eye(columns.shape[2])
-        inverse = np.linalg.inv(normal)
+        inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
         scaled = (inverse @ (weighted.transpose(0, 2, 1) @ seen[:, :, None]))[:, :, 0]
         rest = seen - (columns @ scaled[:, :, None])[:, :, 0]
         # Noise by the median, so that a part that is covered does not hide itself.

@@ -1,4 +1,4 @@
-"""What the next picture should show: the pose of the board that tells most about the mirrors that are known worst."""
+"""Next best view: the pose of the board that most reduces the uncertainty of the least certain mirrors."""
 
 from __future__ import annotations
 
@@ -24,20 +24,34 @@ TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
 SHIFTS = (-0.6, 0.0, 0.6)  # of half the board's size
 NOISE_PX = 0.1  # of a corner, in frames of a webcam
-BUILT_MM = 3.5  # by which a virtual centre may stray from the nominal one: 2 degrees or 2 mm of the mirror
-KNOWN = 0.02, 0.02, 0.2  # of intrinsics before: focal lengths and centre as parts of them, distortion coefficients
-ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # of every mirror's normal; and so that parts of them can be held out
-HARDNESS = 8  # of the norm in place of the maximum, so that a picture counts that helps the second worst mirror, too
+BUILT_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
+PRIOR = 0.02, 0.02, 0.2  # sigmas of the intrinsics: relative focal length and centre, distortion coefficients
+ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # of every mirror's normal; and so that frames can be held out
+NORM = 8  # p-norm in place of the maximum, so that a picture that helps the second worst mirror counts, too
 
 
 @dataclass(frozen=True)
 class NextPose:
-    """What to show next.
+    """The recommended pose of the board for the next picture.
 
-    `rig_from_board` (4, 4), mm, is the pose; `mirror` the one known worst. `sigma_deg` (mirrors,) are the standard
-    deviations of the normals, each in its weakest direction, as the pictures so far determine them, and `promised_deg`
-    (mirrors,) as they will be after the next one. It is `enough` when every normal is known to `ENOUGH_DEG`, from no
-    fewer than `ENOUGH_PICTURES`.
+    Attributes
+    ----------
+    sentence
+        The recommendation in words.
+    rig_from_board
+        The pose (4, 4), mm.
+    depth_mm
+        Depth of the board's middle.
+    tilt_deg
+        Tilts about the view's x and y.
+    mirror
+        The least certain mirror.
+    sigma_deg
+        Standard deviations (mirrors,) of the normals, each along its weakest direction, from the pictures so far.
+    predicted_deg
+        The same after the next picture.
+    enough
+        Whether every normal is known to `ENOUGH_DEG`, from at least `ENOUGH_PICTURES` pictures.
     """
 
     sentence: str
@@ -46,13 +60,13 @@ class NextPose:
     tilt_deg: tuple[float, float]
     mirror: int
     sigma_deg: FloatArray
-    promised_deg: FloatArray
+    predicted_deg: FloatArray
     enough: bool
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A pose of the board and what its corners would tell of the globals (g, g), the pose itself unknown."""
+    """A pose of the board, and the information (g, g) on the globals of a picture of it, with the pose unknown."""
 
     rig_from_board: FloatArray
     depth_mm: float
@@ -74,7 +88,7 @@ class NextPosePlanner:
             INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
         )
         self._pictures = 0
-        camera, (focal, centre, distortion) = layout.camera, KNOWN
+        camera, (focal, centre, distortion) = layout.camera, PRIOR
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         before = [*intrinsics, *[distortion] * (len(INTRINSIC_NAMES) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))]
         self._information = np.diag(np.square(before) ** -1.0)
@@ -83,36 +97,36 @@ class NextPosePlanner:
             raise InputError("the layout's mirrors show the board in no pose, expected mirrors on the sensor")
 
     def after(self, picture: Observations) -> NextPose:
-        """The hint after another picture, in which these corners were seen, as frame 0."""
+        """The recommendation after another picture, whose corners are given as frame 0."""
         pose = self._pose(picture)
         if pose is not None:
             self._pictures += 1
-            self._information = self._information + self._told(pose, picture)
+            self._information = self._information + self._information_in(pose, picture)
         return self.next()
 
     def next(self) -> NextPose:
-        """The hint after the pictures so far."""
+        """The recommendation after the pictures so far."""
         now = self._sigma_deg(self._information)
-        told = np.array([candidate.information for candidate in self._candidates])
-        promised = self._sigma_deg(self._information + told)
-        best = int(np.argmin(np.sum(promised**HARDNESS, axis=1)))
+        added = np.array([candidate.information for candidate in self._candidates])
+        predicted = self._sigma_deg(self._information + added)
+        best = int(np.argmin(np.sum(predicted**NORM, axis=1)))
         chosen, mirror = self._candidates[best], int(np.argmax(now))
         pose = f"the board at about {round(chosen.depth_mm, -1):.0f} mm, {self._in_words(chosen)}"
         worst = f"mirror {mirror} ({_place_in_words(self._layout, mirror)} of the picture)"
-        change = f"±{now[mirror]:.2g}° to ±{promised[best, mirror]:.2g}°"
+        change = f"±{now[mirror]:.2g}° to ±{predicted[best, mirror]:.2g}°"
         enough = bool(now[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
         if enough:
-            sentence = f"enough: every mirror within ±{now[mirror]:.2g}°; most would still help {pose}"
+            sentence = f"enough: every mirror within ±{now[mirror]:.2g}°; the most useful further pose is {pose}"
         elif not self._pictures:
             sentence = f"next: {pose}"
         else:
-            sentence = f"next: {pose}; it would bring {worst}, known worst, from {change}"
+            sentence = f"next: {pose}; it would improve {worst}, the least certain one, from {change}"
         return NextPose(
-            sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, promised[best], enough
+            sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, predicted[best], enough
         )
 
     def _prepared(self) -> Iterator[_Candidate]:
-        """The poses in which a mirror shows enough of the board, each with what it would tell."""
+        """The poses in which a mirror shows enough of the board, each with its information."""
         layout, corners = self._layout, self._target.corners_in_board_mm
         sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
         regions = []
@@ -127,16 +141,16 @@ class NextPosePlanner:
                 if len(ids) >= MIN_CORNERS:
                     views.append(Observations.of_view(0, index, ids, pixels[ids]))
             if views:
-                yield _Candidate(pose, depth_mm, tilt_deg, self._told(pose, Observations.join(views)))
+                yield _Candidate(pose, depth_mm, tilt_deg, self._information_in(pose, Observations.join(views)))
 
-    def _told(self, pose: FloatArray, picture: Observations) -> FloatArray:
-        """Fisher information (g, g) of the globals in a picture taken at about this pose, which is unknown."""
+    def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
+        """Fisher information (g, g) on the globals in a picture at about this pose, with the pose itself unknown."""
         estimate = Estimate.of(self._layout.camera, self._layout.mirrors, pose[None])
         normal = normal_equations(estimate, Grouped.of(picture, self._model), self._model)
         return normal.reduced(0.0)[0] / NOISE_PX**2
 
     def _pose(self, picture: Observations) -> FloatArray | None:
-        """Where the board stood, as the layout has it; None where no view shows enough."""
+        """The board's pose by the layout; None where no view shows enough corners."""
         views = []
         for mirror in np.unique(picture.view).tolist():
             of_view = picture.view == mirror
@@ -148,9 +162,9 @@ class NextPosePlanner:
         return initial_estimates.best_pose(self._layout.camera, views, self._target.corners_in_board_mm)
 
     def _sigma_deg(self, information: FloatArray) -> FloatArray:
-        """Standard deviations (..., mirrors) of the normals in their weakest directions, of informations (..., g, g).
+        """Standard deviations (..., mirrors) of the normals in their weakest directions, from information (..., g, g).
 
-        A normal n = -c / |c| turns by what the virtual centre c moves across it, over |c|.
+        A normal n = -c / |c| rotates by the displacement of the virtual centre c across it, over |c|.
         """
         covariance, sigma = np.linalg.inv(information), []
         for index, mirror in enumerate(self._layout.mirrors):

@@ -1,8 +1,8 @@
-"""Where each mirror's sub-image ends on the sensor, as the frames themselves show it.
+"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, from the frames themselves.
 
-What a mirror shows changes from frame to frame; the gaps between mirrors and the holder do not. A mirror cut too short
-or glued beside its place shows no other corners, only less or more of the scene: its plane is right and its outline
-is not. The edges of such a mirror are moved to where the change ends.
+The image in a mirror changes from frame to frame; the gaps between mirrors and the holder do not. A mirror that was cut
+too short or glued beside its place shows the same corners, only less or more of the scene: its plane is right and its
+outline is not. The edges of such a mirror are moved to where the change ends.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from mirrorcam.optics.geometry.plate import outer_tangent
 REACH_PX = 40.0  # to either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
 FINE_PX = 0.5  # across it
-LEAST_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest, of what a mirror shows
-LEAST_SEEN = 0.5, 0.2, 0.2  # part of an edge's length where it must be seen: in all frames, and in each half
-LEAST_LENGTH_PX = 40.0
-TOLERANCE_PX = 1.5  # of a place to the straight line through the others
-ALONG = 0.97  # cosine between the edge of a sheet and where its picture ends
-AGREES_PX = 3.0  # an edge that is seen this near to its place is left there: dim or still parts of a scene bend it by 2
+MIN_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest, within a sub-image
+MIN_VISIBLE = 0.5, 0.2, 0.2  # fraction of an edge's length that must be visible: in all frames, and in each half
+MIN_LENGTH_PX = 40.0
+TOLERANCE_PX = 1.5  # of a point to the straight line through the others
+ALONG = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
+AGREES_PX = 3.0  # an edge this near to its place is left there: dim or still parts of a scene move it by 2
 HALVES_PX = 1.5  # by which an edge may differ between halves of the frames
 
 
 class Extremes:
-    """The darkest and the brightest that each pixel (h, w) was in some frames, in every other one and in the rest."""
+    """The minimum and maximum of each pixel (h, w) over frames, separately for the even and the odd ones."""
 
     def __init__(self) -> None:
         self._halves: list[tuple[Grey, Grey]] = []
@@ -52,7 +52,7 @@ class Extremes:
             np.maximum(brightest, grey, out=brightest)
 
     def changes(self) -> tuple[Grey, Grey, Grey] | None:
-        """How much each pixel changed, in grey levels: in all frames and in either half; None of fewer than four."""
+        """Range of each pixel in grey levels: in all frames and in either half; None for fewer than four frames."""
         if self._count < 4:
             return None
         (dark, bright), (other_dark, other_bright) = self._halves
@@ -61,18 +61,30 @@ class Extremes:
 
 
 def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...]]:
-    """A layout, whose planes are right, with its mirrors' outlines as the frames show them, and notes on those moved.
+    """Move the mirrors' outlines to where the frames show them.
 
-    Edges are sought within `REACH_PX`. Those that are not seen stay: off the sensor, or where another sub-image begins
-    without a gap; or not at the same place in both halves of the frames, as where not the mirror ends but a board that
-    was held before it. A mirror stays as it is where its edges would make no mirror of this layout.
+    Edges are searched within `REACH_PX`. An edge stays where it is not visible (off the sensor, or where another
+    sub-image begins without a gap), and where it differs between the halves of the frames, as when a board was held in
+    front of the mirror's edge. A mirror stays as it is where the new edges would make the layout invalid.
+
+    Parameters
+    ----------
+    layout
+        A layout whose mirror planes are right.
+    extremes
+        Extremes of the frames.
+
+    Returns
+    -------
+    layout, notes
+        The layout with moved outlines, and a note on each mirror whose edges are beside their places.
     """
-    changes, waiting, notes = extremes.changes(), {}, []
+    changes, waiting = extremes.changes(), {}
     if changes is None:
         return layout, ()
     for index, mirror in enumerate(layout.mirrors):
         whole, *halves = (
-            _edges(change, layout, index, least) for change, least in zip(changes, LEAST_SEEN, strict=True)
+            _edges(change, layout, index, least) for change, least in zip(changes, MIN_VISIBLE, strict=True)
         )
         moves = {
             edge: seen
@@ -84,7 +96,13 @@ def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...
             far = max(float(np.abs(off_px).max()) for _, off_px in moves.values())
             edges = f"mirror {index}: {len(moves)} of {len(mirror.outline_in_rig_mm)} edges are seen up to {far:.0f} px"
             waiting[index] = {edge: line for edge, (line, _) in moves.items()}, edges
-    # One that must wait until another has made room has its turn again.
+    return _moved(layout, waiting)
+
+
+def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
+    """The layout with the edges of some mirrors on other lines, where that is possible, and a note on each of them."""
+    notes = []
+    # A mirror whose new outline overlaps another one is tried again once the other one has moved.
     refused = dict.fromkeys(waiting, "")
     for _ in range(len(waiting)):
         for index in list(refused):
@@ -97,13 +115,13 @@ def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...
             else:
                 del refused[index]
     for index, (_, edges) in waiting.items():
-        believed = f"not believed: {refused[index]}" if index in refused else "moved there"
-        notes.append(f"{edges} beside their places, {believed}")
+        outcome = f"not moved: {refused[index]}" if index in refused else "moved there"
+        notes.append(f"{edges} beside their places, {outcome}")
     return layout, tuple(notes)
 
 
-def _edges(change: Grey, layout: Layout, index: int, least_seen: float) -> dict[int, tuple[FloatArray, FloatArray]]:
-    """The edges of an outline that are seen, by number: the line, and by how many pixels (2,) it is off at its ends.
+def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """The visible edges of an outline, by number: the line, and its offsets in pixels (2,) at its ends.
 
     A line (3,) is nx x + ny y = d in the mirror's own frame, mm.
     """
@@ -112,7 +130,7 @@ def _edges(change: Grey, layout: Layout, index: int, least_seen: float) -> dict[
     found = {}
     sides = [_Side.of(shown, edge) for edge in range(len(shown))]
     for edge in range(len(mirror.outline_in_rig_mm)):
-        # The picture in a sheet ends before the edge of its coating does, almost along it.
+        # The image in a second-surface mirror ends before the edge of its coating, almost parallel to it.
         own = _Side.of(mirror.outline_in_plane_mm, edge)
         side = max(sides, key=lambda side: float(side.outward @ own.outward), default=None)
         if side is None or side.outward @ own.outward < ALONG:
@@ -136,7 +154,7 @@ def _edges(change: Grey, layout: Layout, index: int, least_seen: float) -> dict[
         d = np.arange(-REACH_PX, REACH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
         at = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
         offsets = _ends_of_change(change, at, d * px_per_mm)
-        line = _line(s, offsets, least=max(LEAST_LENGTH_PX, least_seen * 0.88 * length_px) / STEP_PX)
+        line = _line(s, offsets, least=max(MIN_LENGTH_PX, min_visible * 0.88 * length_px) / STEP_PX)
         if line is None:
             continue
         ends = np.array([0.0, side.length_mm])
@@ -164,7 +182,7 @@ class _Side:
         return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
 
     def moved(self, other: _Side, off_mm: FloatArray) -> FloatArray:
-        """The line (3,), nx x + ny y = d, of this edge moved as much as `other` near it, off by (2,) at its ends."""
+        """The line (3,), nx x + ny y = d, of this edge moved by the offsets (2,) at the ends of the nearby `other`."""
         ends = np.array([other.start, other.start + other.length_mm * other.along])
         at = (ends - self.start) @ self.along
         first, second = self.start + at[:, None] * self.along + off_mm[:, None] * self.outward
@@ -175,10 +193,10 @@ class _Side:
 def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
     """The part (n, 2) of a mirror that shows the scene, where the camera sees it on the `apparent` mirror's plane.
 
-    All of a first-surface mirror. Of a sheet, whose front is cut like its coating, where light both enters and leaves
-    through the front. `Mirror.usable_normalized` tells about this, by the chief ray; rays to the sides enter beside it
-    by some pixels. Here corners are exact: the camera looks at each of the front, and into the front where light comes
-    out that entered at the corner, which is through twice the sheet.
+    For a first-surface mirror this is all of it. For a second-surface mirror, whose front is cut like its coating, it
+    is where light both enters and leaves through the front. `Mirror.usable_normalized` approximates this by the chief
+    ray, with errors of some pixels towards the sides. Here the corners are exact: each corner of the front is seen
+    directly, and again where light leaves that entered at the corner, after twice the plate's thickness.
     """
     seen = mirror.apparent
     if not mirror.is_second_surface:
@@ -198,7 +216,7 @@ def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
 
 
 def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
-    """The mirror with some edges on other lines of its own frame; raises ValidationError where that is no mirror."""
+    """The mirror with some edges on other lines of its own frame; raises ValidationError where that is impossible."""
     corners = mirror.outline_in_plane_mm
     unmoved = [side.moved(side, np.zeros(2)) for side in (_Side.of(corners, edge) for edge in range(len(corners)))]
     edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
@@ -208,8 +226,8 @@ def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
     outline = frame[:3, 3] + found @ frame[:3, :2].T
     if not mirror.curvature_per_m.any():
         return mirror.replaced(outline_in_rig_mm=outline)
-    # The same surface, described by the plane that touches it in the new middle; the two planes turn against each
-    # other by so little that the curvature is the same in both.
+    # The same surface, described by its tangent plane in the new middle; the angle between the two planes is so small
+    # that the curvature is the same in both.
     middle = found.mean(axis=0)
     xx, yy, xy = mirror.curvature_per_m / 1e3
     rise = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ middle
@@ -224,7 +242,7 @@ def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
 
 
 def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[float, float] | None:
-    """Slope and constant of the line that most offsets (n,) agree on, if `least` of them do; NaN are left out."""
+    """Slope and constant of the consensus line of offsets (n,), if at least `least` agree; NaN are left out."""
     have = np.flatnonzero(np.isfinite(offsets))
     if len(have) < least:
         return None
@@ -244,7 +262,7 @@ def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[
 
 
 def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> FloatArray:
-    """Where along each profile (n, m) of pixels (n, m, 2) the change ends, of the depths (m,); NaN where not seen."""
+    """Where along each profile of pixels (n, m, 2), at depths (m,), the change ends (n,); NaN where not visible."""
     size = np.array(change.shape[::-1], dtype=np.float64)
     on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
     where = np.nan_to_num(at, nan=-1.0).astype(np.float32)
@@ -255,16 +273,16 @@ def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> Floa
 
 
 def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
-    """Where a profile from inside to outside falls below half of what it is inside; NaN where it does not."""
+    """Where a profile from inside to outside falls below half of its value inside; NaN where it does not."""
     usable = np.isfinite(profile)
     if usable.sum() < 20:
         return float("nan")
     profile, depths = profile[usable], depths[usable]
     inside = float(np.median(profile[: max(len(profile) // 4, 8)]))
-    if inside < LEAST_CHANGE:
+    if inside < MIN_CHANGE:
         return float("nan")
     below = profile < 0.5 * inside
-    # The first place from where it stays below for three pixels.
+    # The first point from which it stays below for three pixels.
     run = np.convolve(below, np.ones(6), mode="valid") == 6
     if not run.any() or run[0]:
         return float("nan")

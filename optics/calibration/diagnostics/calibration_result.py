@@ -1,17 +1,18 @@
-"""What a calibration returns: the calibrated layout, how well it fits, and how sure it is."""
+"""The result of a calibration: the calibrated layout, how well it fits, and its uncertainty."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 
@@ -43,14 +44,37 @@ class Calibration:
     rig_from_board: FloatArray
     observations: Observations
     residuals_px: FloatArray
-    inliers: NDArray[np.bool_]
+    inliers: BoolArray
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
     diagnostics: Diagnostics | None = None
 
+    @classmethod
+    def of(
+        cls,
+        solution: Solution,
+        observations: Observations,
+        layout: Layout,
+        *,
+        metrics: dict[str, Metric],
+        notes: tuple[str, ...],
+        diagnostics: Diagnostics,
+    ) -> Self:
+        """The calibration of a solution; `layout` gets its covariance and the metrics."""
+        return cls(
+            layout=layout.replaced(metrics=metrics, uncertainty=uncertainty(solution)),
+            rig_from_board=solution.estimate.rig_from_board,
+            observations=observations,
+            residuals_px=solution.residuals,
+            inliers=solution.inliers,
+            metrics=metrics,
+            notes=notes,
+            diagnostics=diagnostics,
+        )
+
 
 def uncertainty(solution: Solution) -> Uncertainty:
-    """The covariance of camera and mirrors under their names; the board's modes are marginalised out."""
+    """The covariance of camera and mirrors with the names of the parameters; the board's modes are marginalised."""
     places = [place for place, name in enumerate(solution.parameters) if not name.startswith("board ")]
     covariance = solution.covariance[np.ix_(places, places)]
     names = tuple(solution.parameters[place] for place in places)
@@ -67,7 +91,20 @@ def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
 
 
 def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Angle between the planes of two virtual centres and its standard deviation, rad; covariance is (6, 6) mm^2."""
+    """Angle between the mirrors of two virtual centres (3,), and its standard deviation.
+
+    Parameters
+    ----------
+    centre_a, centre_b
+        Virtual centres in the rig frame, mm.
+    covariance
+        Their joint covariance (6, 6), mm^2.
+
+    Returns
+    -------
+    angle, sigma
+        In radians.
+    """
     a, b = centre_a / np.linalg.norm(centre_a), centre_b / np.linalg.norm(centre_b)
     cosine = float(np.clip(a @ b, -1.0, 1.0))
     sine = max(float(np.sqrt(1.0 - cosine**2)), 1e-12)
@@ -78,7 +115,7 @@ def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance
 
 
 def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Metric]:
-    """Root mean square residuals per axis and per view, counts, and the standard deviations of mirrors."""
+    """Root mean square residuals per axis and per view, counts, and the standard deviations of the mirrors."""
     used = solution.residuals[solution.inliers]
     rms = solution.rms_px
     metrics = {
@@ -104,3 +141,16 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         metrics[f"mirror_{m}_normal_sigma_deg"] = Metric(value=np.degrees(tilt_rad), unit="deg")
         metrics[f"mirror_{m}_distance_sigma_mm"] = Metric(value=distance_mm, unit="mm")
     return metrics
+
+
+def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
+    """Root mean square distance of each corner from the ray traced from its pixel, mm.
+
+    This is the paper's spatial reprojection error. Mirrors preserve distances, so it is computed where the base camera
+    sees the corner, in front of the reflection.
+    """
+    rows = observations.where(inliers)
+    _, _, seen = points_at_camera(estimate, rows, board)
+    rays = estimate.camera.unproject(rows.pixels)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))

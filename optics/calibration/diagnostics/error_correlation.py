@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -46,7 +46,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     where N = 1, sum |s_f|^2 / sigma^2 has the mean g - sum tr N_f^2 and the variance
     2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its law is taken as that of a scaled chi squared variable.
     """
-    if solution.sigma_px < NOTHING_PX:
+    if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)

@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 
 from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_residuals
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
@@ -96,7 +96,7 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     rows = larger.solution.inliers
     seen = observations.where(rows)
     # Simulated corners without noise would turn rounding errors into significance.
-    floor = 2 * len(seen) * NOTHING_PX**2
+    floor = 2 * len(seen) * NEGLIGIBLE_PX**2
     squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
     at_smaller = _at_minimum(smaller, observations, rows)
     squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2)) + floor

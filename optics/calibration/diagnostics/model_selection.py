@@ -27,7 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     paper_model,
     plate_thickness,
 )
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NOTHING_PX
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -217,7 +217,7 @@ def conclude(
     if (
         free is not None
         and free.chance < SUPPORTED_CHANCE
-        and free.unexplained_px > max(MIN_UNEXPLAINED * free.rms_px, NOTHING_PX)
+        and free.unexplained_px > max(MIN_UNEXPLAINED * free.rms_px, NEGLIGIBLE_PX)
     ):
         alarm = (
             f"mirrors as {current.name} describes them leave {free.unexplained_px:.2g} px unexplained "

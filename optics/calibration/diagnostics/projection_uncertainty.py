@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Observation
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals_with_jacobians
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
-NOTHING_PX = 1e-4
+NEGLIGIBLE_PX = 1e-4
 """Finer than any corner is found: differences below it are no diagnostics."""
 GRID = 9
 """Points along the longer side of a sub-image at which a map is taken."""

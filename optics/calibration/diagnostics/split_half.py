@@ -16,7 +16,7 @@ from mirrorcam.optics.calibration.diagnostics.cross_validation import (
     near_and_far,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    NOTHING_PX,
+    NEGLIGIBLE_PX,
     derivatives_held_in,
     grid_px,
     points_at_pixels,
@@ -142,7 +142,7 @@ def splits(
         A split is left out, with a note, where a half has fewer than `MIN_HALF` mirrored frames or determines no
         camera.
     """
-    if solution.sigma_px < NOTHING_PX:
+    if solution.sigma_px < NEGLIGIBLE_PX:
         return (), ("not split: the corners have no noise that halves could differ by",)
     rows = observations.where(solution.inliers)
     shown = [_shown(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]

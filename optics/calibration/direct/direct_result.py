@@ -1,4 +1,4 @@
-"""What a calibration with a direct view returns: layout, diagnostics, figures, and notes on what was not found."""
+"""The result of a calibration with a direct view: layout, diagnostics, metrics, and notes on what was not found."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.mirror import Mirror, cut
 
 
 def direct_result(
-    reached: ModelSelection,
+    selection: ModelSelection,
     drawn: Solution,
     observations: Observations,
     *,
@@ -34,23 +34,37 @@ def direct_result(
     names: Sequence[str],
     turns: FloatArray | None,
 ) -> Calibration:
-    """The calibration reached, beside the best fit with the board as `drawn`.
+    """The calibration of a selected model.
 
-    `pictures` says which of those with `names` each frame is, `turns` (f, 3) how the camera was turned back, if so.
-    Where diagnostics widens the error bounds, those of the layout are as wide. Raises UndeterminedError.
+    Parameters
+    ----------
+    selection
+        The selected model.
+    drawn
+        The best fit with the board as drawn, for comparison.
+    observations
+        The corners, by frame.
+    pictures
+        Index into `names` of each frame.
+    names
+        Names of all pictures, for the notes.
+    turns
+        Rotation vectors (f, 3), rad, of the camera, where they were compensated.
+
+    Raises
+    ------
+    UndeterminedError
+        Where the corners do not determine the result.
     """
-    diagnostics = diagnose(reached, observations, _layout(reached, observations))
-    reached = reached.widened_to(diagnostics.widened)
-    solution, board = reached.solution, reached.model.board
+    layout = _layout(selection, observations)
+    diagnostics = diagnose(selection, observations, layout)
+    selection = selection.widened_to(diagnostics.widened)
+    solution, board = selection.solution, selection.model.board
     estimate = solution.estimate
     metrics = fit_metrics(observations, solution)
     for axis, rms in zip("xy", drawn.rms_px, strict=True):
         metrics[f"flat_board_rms_{axis}_px"] = Metric(value=rms, unit="px")
-    shift = board.shaped(estimate.shape) - board.corners_in_board_mm
-    metrics["board_shift_in_plane_rms_mm"] = Metric(
-        value=np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))), unit="mm"
-    )
-    metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift[:, 2] ** 2)), unit="mm")
+    metrics |= _board_shape(board.shaped(estimate.shape) - board.corners_in_board_mm)
     if turns is not None:
         farthest = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
         metrics["camera_turned_px"] = Metric(value=farthest, unit="px")
@@ -62,20 +76,20 @@ def direct_result(
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, len(estimate.thickness_mm))
     metrics["views"] = Metric(value=views, unit="1")
     metrics |= diagnostics.metrics
-    return Calibration(
-        layout=_layout(reached, observations).replaced(metrics=metrics),
-        rig_from_board=estimate.rig_from_board,
-        observations=observations,
-        residuals_px=solution.residuals,
-        inliers=solution.inliers,
-        metrics=metrics,
-        notes=notes,
-        diagnostics=diagnostics,
-    )
+    return Calibration.of(solution, observations, layout, metrics=metrics, notes=notes, diagnostics=diagnostics)
+
+
+def _board_shape(shift_mm: FloatArray) -> dict[str, Metric]:
+    """Root mean square deviations of the board's corners (c, 3) from the drawing."""
+    in_plane = np.sqrt(np.mean(np.sum(shift_mm[:, :2] ** 2, axis=1)))
+    return {
+        "board_shift_in_plane_rms_mm": Metric(value=in_plane, unit="mm"),
+        "board_warp_rms_mm": Metric(value=np.sqrt(np.mean(shift_mm[:, 2] ** 2)), unit="mm"),
+    }
 
 
 def _angles(solution: Solution) -> dict[str, Metric]:
-    """The angle between every two mirrors, and how sure it is."""
+    """The angle between every two mirrors, and its standard deviation."""
     centres = solution.estimate.virtual_centres_in_rig_mm
     covariance = mirror_covariance(uncertainty(solution))
     metrics = {}
@@ -90,7 +104,7 @@ def _angles(solution: Solution) -> dict[str, Metric]:
 def _views(
     observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: int
 ) -> tuple[int, tuple[str, ...]]:
-    """How many views show corners, and notes on those that show none or not all."""
+    """Number of views that show corners, and notes on those that show none or not all."""
     notes = []
     used = 0
     for number, picture in enumerate(names):
@@ -109,8 +123,8 @@ def _views(
     return used, tuple(notes)
 
 
-def _layout(reached: ModelSelection, observations: Observations) -> Layout:
-    solution = reached.solution
+def _layout(selection: ModelSelection, observations: Observations) -> Layout:
+    solution = selection.solution
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     return Layout(
         kind="calibrated",
@@ -119,18 +133,23 @@ def _layout(reached: ModelSelection, observations: Observations) -> Layout:
         camera=solution.estimate.camera,
         mirrors=tuple(_seen_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
         view_from_rig=np.eye(3),
-        provenance={"source": "pictures of a checkerboard seen directly and in the mirrors", "level": reached.level},
+        provenance={"source": "pictures of a checkerboard seen directly and in the mirrors", "level": selection.level},
         uncertainty=uncertainty(solution),
     )
 
 
 def _seen_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
-    """The mirror, cut to the convex hull of where corners were seen in it: nothing is known beyond."""
+    """The mirror, cut to the convex hull of the corners observed in it, as nothing is known beyond them."""
     centre = estimate.virtual_centres_in_rig_mm[mirror]
     pixels = observations.pixels[inliers & (observations.view == mirror)]
     normalized = estimate.camera.normalized_from_pixels(pixels)
     hull = normalized[ConvexHull(normalized).vertices]
-    glass = estimate.thickness_mm[mirror] > 0.0
-    sheet = {"surface": "second", "thickness_mm": estimate.thickness_mm[mirror]} if glass else {}
-    index = {"refractive_index": estimate.refractive_index[mirror]} if glass else {}
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre), **sheet, **index)
+    if estimate.thickness_mm[mirror] <= 0.0:
+        return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre))
+    return Mirror(
+        virtual_centre_in_rig_mm=centre,
+        outline_in_rig_mm=cut(hull, centre),
+        surface="second",
+        thickness_mm=estimate.thickness_mm[mirror],
+        refractive_index=estimate.refractive_index[mirror],
+    )

@@ -1,1 +1,1 @@
-"""From corners to a camera: the model, its derivatives, and the solver."""
+"""Bundle adjustment of camera, mirrors and board poses: the parameters, residuals with derivatives, and the solver."""

@@ -16,12 +16,12 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-FOCAL_BELIEVED = 1.5  # times the nominal focal length or its inverse
+MAX_FOCAL_RATIO = 1.5  # between the fitted and the nominal focal length, or its inverse
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """OpenCV on one thread: calibrateCamera adds up its threads in the order they finish, so its last digits vary."""
+    """Run OpenCV on one thread: calibrateCamera sums over threads as they finish, so its last digits would vary."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -38,10 +38,25 @@ def intrinsics(
     height_px: int,
     full_distortion: bool,
 ) -> Camera:
-    """A camera from views of a flat board, by OpenCV's calibration.
+    """Calibrate a camera from views of a flat board, by OpenCV.
 
-    With `full_distortion` k1 k2 p1 p2 k3 are free, else k1 and k2 alone, which few views determine. A view through a
-    mirror serves as well as a direct one: a flat board seen from behind is still a flat board.
+    A view through a mirror serves as well as a direct one: a flat board seen from behind is still a flat board.
+
+    Parameters
+    ----------
+    views
+        Corners of each view.
+    corners_in_board_mm
+        The board's corners (c, 3).
+    width_px, height_px
+        Size of the sensor.
+    full_distortion
+        Whether k1 k2 p1 p2 k3 are free; otherwise k1 and k2 only, which a few views determine.
+
+    Raises
+    ------
+    InputError
+        Where fewer than three views are given, or they do not determine the camera.
     """
     if len(views) < 3:
         raise InputError(f"{len(views)} views show the board, expected at least 3 to find the camera's intrinsics")
@@ -66,10 +81,9 @@ def intrinsics(
 
 
 def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray | None:
-    """Rigid 4x4 that puts a flat board where it looks like the view, mirrored or not.
+    """Pose (4, 4) of a flat board that explains a view, mirrored or not; None where no pose does.
 
-    For a mirrored view this is where the *image* of the board stands, with the sign of the board's z axis lost. None
-    where no pose fits.
+    For a mirrored view this is the pose of the board's *image*, in which the sign of the board's z axis is lost.
     """
     normalized = camera.normalized_from_pixels(view.pixels)
     found, turn, shift = cv2.solvePnP(
@@ -84,19 +98,19 @@ def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: F
 def rig_from_board(
     camera: Camera, view: Corners, corners_in_board_mm: FloatArray, virtual_centre: FloatArray | None
 ) -> FloatArray | None:
-    """Rigid 4x4 of the board itself from one view: direct (None) or by way of the mirror with that virtual centre.
+    """Pose (4, 4) of the board itself from one view: direct (None), or through the mirror with that virtual centre.
 
-    None where no pose fits.
+    None where no pose explains the view.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
     return matrix if virtual_centre is None or matrix is None else before_mirror(matrix, virtual_centre)
 
 
 def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
-    """Rigid 4x4 of a flat board from that of its image in the mirror with a virtual centre.
+    """Pose (4, 4) of a flat board from that of its image in the mirror with a virtual centre.
 
-    With F = diag(1, 1, -1), which leaves a flat board as it is, and the mirror's reflection S, the image of the board
-    stands at S R F: a rotation. So R = S (S R F) F.
+    With F = diag(1, 1, -1), which leaves a flat board unchanged, and the mirror's reflection S, the image of the board
+    has the rotation S R F. So R = S (S R F) F.
     """
     unit = virtual_centre / np.linalg.norm(virtual_centre)
     turned = matrix.copy()
@@ -106,9 +120,9 @@ def before_mirror(matrix: FloatArray, virtual_centre: FloatArray) -> FloatArray:
 
 
 def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) -> tuple[FloatArray, float]:
-    """Virtual centre (3,) of the mirror that shows points (n, 3) at image (n, 3), and the rms misfit in mm.
+    """Virtual centre (3,) of the mirror that images points (n, 3) at `image_in_rig` (n, 3), and the rms misfit, mm.
 
-    The differences of a point and its image all lie along the normal, and the plane halves them.
+    The differences between points and their images are all parallel to the normal, and the plane bisects them.
     """
     differences = image_in_rig - points_in_rig
     normal = np.linalg.svd(differences)[2][0]
@@ -121,7 +135,7 @@ def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) 
 
 
 def behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
-    """True where the points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
+    """Whether points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
     return bool(np.mean(points_in_rig @ virtual_centre) > virtual_centre @ virtual_centre / 2.0)
 
 
@@ -130,9 +144,9 @@ def best_pose(
     views: Sequence[tuple[Mirror | None, Corners]],
     corners_in_board_mm: FloatArray,
 ) -> FloatArray:
-    """The board pose (4, 4) of one frame, from whichever of its views predicts all of them best.
+    """The board pose (4, 4) of one frame, from the view whose pose predicts all views best.
 
-    Raises InputError where none of the views fits any pose.
+    Raises InputError where no view gives a pose.
     """
     best, best_cost = None, np.inf
     for mirror, view in views:
@@ -161,10 +175,10 @@ def _corner_radius(camera: Camera) -> float:
 
 
 def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: FloatArray) -> Camera:
-    """The camera to start from: that of frames without mirrors where they tell it, else the nominal one.
+    """The camera to start from: that of the frames without mirrors where they determine it, else the nominal one.
 
-    Boards that all face the camera leave its focal length open, whatever value the fit to them ends at: a focal length
-    far from the nominal one is not believed.
+    Boards that all face the camera do not determine its focal length, whatever value the fit ends at: a focal length
+    far from the nominal one is rejected.
     """
     if not len(direct):
         return nominal
@@ -177,14 +191,14 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
         views, corners_in_board_mm, width_px=nominal.width_px, height_px=nominal.height_px, full_distortion=True
     )
     ratio = camera.fx_px / nominal.fx_px
-    believed = 1.0 / FOCAL_BELIEVED < ratio < FOCAL_BELIEVED and camera.valid_radius > _corner_radius(camera)
-    return camera.replaced(name=nominal.name) if believed else nominal
+    plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _corner_radius(camera)
+    return camera.replaced(name=nominal.name) if plausible else nominal
 
 
 def first_estimate(
     observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray
 ) -> Estimate:
-    """Nominal mirrors, and every board where the view that explains its frame best puts it."""
+    """The nominal mirrors, and for every frame the board pose from the view that explains the frame best."""
     poses = []
     for frame in range(int(observations.frame[-1]) + 1):
         rows = observations.where(observations.frame == frame)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for cameras, mirrors and board poses: a robust start, a least-squares finish without outliers."""
+"""Levenberg-Marquardt for camera, mirrors and board poses: a robust start, then least squares without outliers."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ HUBER_SCALE = 1.345
 SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
 MAX_ITERATIONS = 50
-ENOUGH = 1e-9
-"""Of the cost: a step that promises less is the last one. For 60,000 residuals it is one of 0.008 sigma, and the next,
-were there one more, of a few hundredths of that."""
-NOTHING_PX = 1e-10
+RELATIVE_GAIN = 1e-9
+"""Fraction of the cost: a step with a smaller predicted decrease is the last one. For 60,000 residuals that is a step
+of 0.008 sigma, and a further step would be a few hundredths of that."""
+ROUNDING_PX = 1e-10
 """Rounding of a residual: a cost of this size is zero."""
-OPEN = 1e-12
-"""Part of its information that a direction must keep when all else is free; rounding leaves about 1e-15 of it."""
+SINGULAR = 1e-12
+"""Smallest eigenvalue of the scaled information that counts as determined; rounding errors are about 1e-15."""
 
 
 class UndeterminedError(Exception):
@@ -40,10 +40,25 @@ class UndeterminedError(Exception):
 
 @dataclass(frozen=True)
 class Solution:
-    """A minimum: estimate, residuals (n, 2), which rows took part (n,), pixel noise and covariance of the globals.
+    """A least-squares solution.
 
-    `covariance` (g, g) is that of the free globals, named in `parameters` (g,), with the board's poses marginalised:
-    sigma_px^2 times the inverse of the reduced normal matrix.
+    Attributes
+    ----------
+    estimate
+        The estimate at the minimum.
+    residuals
+        Predicted minus observed pixels (n, 2) of all rows.
+    inliers
+        Which rows took part (n,).
+    iterations
+        Number of linearisations.
+    sigma_px
+        Standard deviation of a residual, by the degrees of freedom.
+    parameters
+        Names (g,) of the free globals.
+    covariance
+        Covariance (g, g) of the free globals, with the board's poses marginalised: sigma_px^2 times the inverse of the
+        reduced normal matrix.
     """
 
     estimate: Estimate
@@ -61,18 +76,31 @@ class Solution:
 
 
 def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
-    """Robust start (Huber), plain least-squares finish without outliers, covariance.
+    """Fit a model to observed corners: robust start (Huber), least squares without outliers, covariance.
 
-    Outliers by the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond 4 sigma
-    are dropped and the fit is done again, until none is found. Sigma is re-estimated from the corners that stay. Raises
-    UndeterminedError where the corners leave a free parameter open.
+    Outliers follow the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond
+    4 sigma are dropped and the fit is repeated, until none is found. Sigma is re-estimated from the remaining corners.
+
+    Parameters
+    ----------
+    start
+        The estimate to start from.
+    observations
+        The corners.
+    model
+        What is free.
+
+    Raises
+    ------
+    UndeterminedError
+        Where the corners leave a free parameter undetermined, or the start predicts a corner that cannot be seen.
     """
     if model.thickness and not (start.thickness_mm > 0.0).any():
-        raise UndeterminedError("no mirror is second-surface, so nothing tells how thick sheets are")
+        raise UndeterminedError("no mirror is second-surface, so no plate thickness can be determined")
     parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
     unknowns = len(parameters) + 6 * len(start.rig_from_board)
     estimate, iterations = start, 0
-    # Far off, bends would lead the sheets astray: beside them its thickness is little felt.
+    # Far from the minimum, free curvatures would mislead the thickness, which has little effect beside them.
     for stage in [replace(model, thickness=False)] * (model.thickness and model.curvature) + [model]:
         estimate, steps = start_robustly(estimate, observations, stage)
         iterations += steps
@@ -96,7 +124,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError that names what is left open."""
+    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError that names what is undetermined."""
     parameters = model.parameters(len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     information = np.diag(normal.u)
@@ -108,7 +136,7 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
         raise UndeterminedError(f"{len(observations)} corners leave open where a board stood") from None
     scale = 1.0 / np.sqrt(information)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    if values.size and not values[0] > OPEN:
+    if values.size and not values[0] > SINGULAR:
         most = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
         together = ", ".join(parameters[place] for place in most)
         raise UndeterminedError(
@@ -131,9 +159,10 @@ def _robust_sigma(r: FloatArray) -> float:
 def minimise(
     start: Estimate, observations: Observations, model: Model, *, max_iterations: int = MAX_ITERATIONS
 ) -> tuple[Estimate, int]:
-    """Least squares from `start` until a step promises to lower the cost by no more than ENOUGH of it.
+    """Least squares from `start` until a step predicts a relative decrease of the cost below RELATIVE_GAIN.
 
-    Raises UndeterminedError where the start makes no sense.
+    Returns the estimate and the number of iterations. Raises UndeterminedError where the start predicts a corner that
+    cannot be seen.
     """
     grouped = Grouped.of(observations, model)
     estimate, damping = start, _Damping()
@@ -146,17 +175,17 @@ def minimise(
         found = _descend(estimate, grouped, model, normal, damping, _squares, cost)
         if found is None:
             break
-        estimate, r, promised = found
-        if promised <= ENOUGH * cost:
+        estimate, r, predicted = found
+        if predicted <= RELATIVE_GAIN * cost:
             break
     return estimate, iterations
 
 
 def start_robustly(start: Estimate, observations: Observations, model: Model) -> tuple[Estimate, int]:
-    """An estimate near the minimum of Huber's loss, whatever a few wild corners say, and the iterations it took.
+    """An estimate near the minimum of Huber's loss, which outliers hardly influence, and the number of iterations.
 
-    Scale and weights are renewed after every step, until the median residual no longer shrinks by a hundredth. Raises
-    UndeterminedError where the start makes no sense.
+    Scale and weights are updated after every step, until the median residual decreases by less than 1 %. Raises
+    UndeterminedError where the start predicts a corner that cannot be seen.
     """
     grouped = Grouped.of(observations, model)
     estimate, damping = start, _Damping()
@@ -190,7 +219,7 @@ def _squares(r: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Huber:
-    """Huber's loss of corners whose residual is longer than `reach_px`, which is the square below that."""
+    """Huber's loss: the squared length of a corner's residual up to `reach_px`, linear beyond."""
 
     reach_px: float
 
@@ -199,14 +228,14 @@ class _Huber:
         return float(np.sum(np.where(norm <= self.reach_px, norm**2, self.reach_px * (2.0 * norm - self.reach_px))))
 
     def root_weights(self, r: FloatArray) -> FloatArray:
-        """Roots (n,) of the weights with which the squares of r (2, n) have the gradient of the loss."""
+        """Square roots (n,) of the weights for which the weighted squares of r (2, n) have the loss's gradient."""
         norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
         return np.sqrt(self.reach_px / np.maximum(norm, self.reach_px))
 
 
 @dataclass
 class _Damping:
-    """Marquardt's damping by Nielsen's rule, which follows the ratio of the gain to what the step promised.
+    """Marquardt's damping by Nielsen's rule, which follows the ratio of actual to predicted decrease.
 
     H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05 (1999).
     """
@@ -232,28 +261,28 @@ def _descend(
     loss: Callable[[FloatArray], float],
     cost: float,
 ) -> tuple[Estimate, FloatArray, float] | None:
-    """The first step that lowers the loss: estimate, residuals, and the gain it promised; None where none does."""
+    """The first step that lowers the loss: estimate, residuals and predicted decrease; None where no step does."""
     while damping.value < 1e9:
         try:
-            step_global, step_poses, promised = normal.step(damping.value)
+            step_global, step_poses, predicted = normal.step(damping.value)
         except np.linalg.LinAlgError:
             damping.rejected()
             continue
-        if promised <= 2 * len(grouped.order) * NOTHING_PX**2:
+        if predicted <= 2 * len(grouped.order) * ROUNDING_PX**2:
             return None
         trial = _trial(estimate, model, step_global, step_poses)
         if trial is not None:
             r = residuals_of(trial, grouped, model)
             gain = cost - loss(r)
             if gain >= 0.0:
-                damping.accepted(gain / promised)
-                return trial, r, promised
+                damping.accepted(gain / predicted)
+                return trial, r, predicted
         damping.rejected()
     return None
 
 
 def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_poses: FloatArray) -> Estimate | None:
-    """The estimate after a step; None where that makes no camera or no sheet."""
+    """The estimate after a step; None where the camera or a plate would become impossible."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     step = np.zeros(len(global_names(mirrors, estimate.shape.size)))
     step[model.free(mirrors)] = step_free

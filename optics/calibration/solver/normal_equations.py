@@ -1,8 +1,8 @@
 """NormalEquations equations of a calibration, summed over groups of corners that share frame and view.
 
-The derivatives of a corner's pixels are by the intrinsics, by its own mirror, by the sheet, by the board's modes and by
-the pose of its own frame: some 20 numbers, where a dense row would have hundreds. Each group's are multiplied out by
-themselves and added in their places. The poses are then eliminated by the Schur complement.
+The pixels of a corner depend on the intrinsics, its own mirror, the plate thickness, the board's modes and the pose of
+its own frame: some 20 parameters, where a dense row would have hundreds of columns. The products of each group are
+computed separately and added in their places. The poses are then eliminated by the Schur complement.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.mirror_imaging import images
 
 ROWS_AT_ONCE = 4096
-"""Corners that are linearized together: few enough that what is computed of them stays in the processor's cache."""
+"""Corners that are linearised together: few enough that their derivatives stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with the pixels (2, n) where they are.
+    """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with their pixels (2, n).
 
     `edges` (k + 1) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
     """
@@ -41,7 +41,7 @@ class Chunk:
 
     @classmethod
     def of(cls, observations: Observations, order: IntArray, bounds: IntArray) -> Chunk:
-        """The groups that start at `bounds` (k + 1,), the last of which is where they end, in an order of the rows."""
+        """The groups that start at `bounds` (k + 1,), whose last entry is their end, in an order of the rows."""
         rows = slice(int(bounds[0]), int(bounds[-1]))
         taken = order[rows]
         frame, view = observations.frame[taken], observations.view[taken]
@@ -66,7 +66,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Grouped:
-    """Observations in groups of one frame and one view each, the direct ones first; `order` (n,) are their rows."""
+    """Observations in groups of one frame and one view each, direct views first; `order` (n,) are their rows."""
 
     order: IntArray
     chunks: list[Chunk]
@@ -110,7 +110,7 @@ class NormalEquations:
         return matrix + damping * np.diag(np.diag(self.u)), solved
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray, float]:
-        """The damped step of globals (g,) and poses (f, 6), and by how much it should lower the cost.
+        """The damped step of globals (g,) and poses (f, 6), and the decrease of the cost that it predicts.
 
         Raises LinAlgError where the matrix is not definite.
         """
@@ -152,7 +152,7 @@ def normal_equations(
 
 @dataclass(frozen=True)
 class Places:
-    """Where the columns of a group stand among the free globals."""
+    """Indices of the columns of a group among the free globals."""
 
     intrinsics: int
     mirrors: int
@@ -173,7 +173,7 @@ class Places:
         return self.intrinsics + self.mirrors * sum(self.numbers_per_mirror) + self.rest
 
     def of_groups(self, view: IntArray) -> IntArray:
-        """Places (k, c) of the columns of groups of these views (k,), all direct or all mirrored."""
+        """Indices (k, c) of the columns of groups of these views (k,), all direct or all mirrored."""
         shared = [np.arange(self.intrinsics), np.arange(self.size - self.rest, self.size)]
         first, last = (np.broadcast_to(part, (len(view), len(part))) for part in shared)
         if view[0] == DIRECT:
@@ -186,7 +186,8 @@ class Places:
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
     """Derivatives (c, 2, n) of a chunk's pixels: by the pose (6), the residual itself (1), by the free globals.
 
-    These are the intrinsics, the centre and the curvature of the mirror (unless direct), the sheet, the modes.
+    These are the intrinsics, the centre and the curvature of the mirror (unless direct), the plate thickness, and the
+    modes.
     """
     turned, in_rig = _in_rig(estimate, chunk, corners)
     mirrors = None if chunk.direct else mirrors_of_views(estimate, chunk.view)
@@ -196,8 +197,8 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     if mirrors is not None:
         parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
     if model.thickness:
-        sheet = np.zeros_like(at.pixels) if mirrors is None else np.where(mirrors.thickness_mm > 0, at.thickness, 0.0)
-        parts.append(sheet[:, None])
+        plate = np.zeros_like(at.pixels) if mirrors is None else np.where(mirrors.thickness_mm > 0, at.thickness, 0.0)
+        parts.append(plate[:, None])
     if len(model.board.modes):
         parts.append(_by_modes(at, estimate, chunk, model.board.modes[:, chunk.corner]))
     columns = np.empty((sum(part.shape[1] for part in parts), 2, len(chunk.view)))
@@ -228,7 +229,7 @@ def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArra
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
-    """Predicted minus seen pixels (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen."""
+    """Predicted minus observed pixels (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen."""
     found = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:

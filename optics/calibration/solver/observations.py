@@ -1,4 +1,4 @@
-"""What a calibration sees: corners of a target, by frame and by view."""
+"""The observations of a calibration: corners of a target, by frame and by view."""
 
 from __future__ import annotations
 
@@ -32,9 +32,23 @@ class Corners:
 
 @dataclass(frozen=True)
 class Observations:
-    """Seen corners, one row each, sorted by frame.
+    """Observed corners, one row each, sorted by frame.
 
-    `frame`, `view` (mirror index, or DIRECT) and `corner` (id on the target) are (n,), `pixels` is (n, 2).
+    Attributes
+    ----------
+    frame
+        Frame number (n,).
+    view
+        Mirror index (n,), or DIRECT.
+    corner
+        Id on the target (n,).
+    pixels
+        Where the corner was found (n, 2).
+
+    Raises
+    ------
+    ValueError
+        Where shapes do not match, a pixel is not finite, or rows are not sorted by frame.
     """
 
     frame: IntArray
@@ -61,7 +75,7 @@ class Observations:
 
     @classmethod
     def none(cls) -> Self:
-        """No corner at all."""
+        """No rows."""
         empty = np.empty(0, dtype=np.int64)
         return cls(empty, empty, empty, np.empty((0, 2)))
 

@@ -1,4 +1,4 @@
-"""Which parameters of a calibration are free: a comparison of the model ladder."""
+"""The parameterisation of a calibration: which parameters a model leaves free."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 class Model:
     """What a fit may change besides the board's poses, which are always free.
 
-    Args:
-        intrinsics: free intrinsics, of `INTRINSIC_NAMES`; none is the paper's calibration.
-        sheet: one correction, in mm, to the thickness of all second-surface sheets. Their refractive index is held:
-            only t (1 - tan' / tan) is seen, in which thickness and index are nearly one number.
-        bend: three numbers per mirror, the curvature of its reflecting surface.
-        board: the corners as drawn and the modes by which they may differ; every mode is free.
-        mirrors: the virtual centres; held, a fit only finds where the board stood.
+    Attributes
+    ----------
+    intrinsics
+        Free intrinsics, of `INTRINSIC_NAMES`; none in the paper's calibration.
+    thickness
+        One correction, in mm, to the thickness of all plates of second-surface mirrors. Their refractive index is held:
+        only t (1 - tan' / tan) is observable, in which thickness and index are nearly one number.
+    curvature
+        Three numbers per mirror, the curvature of its reflecting surface.
+    board
+        The corners as drawn and the modes by which they may differ; every mode is free.
+    mirrors
+        The virtual centres; where they are held, a fit only finds the board's poses.
     """
 
     intrinsics: tuple[str, ...]
@@ -36,12 +42,12 @@ class Model:
             raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(INTRINSIC_NAMES)}")
 
     def parameters(self, mirrors: int) -> tuple[str, ...]:
-        """Names of the free globals of a layout with so many mirrors, in the order of `global_names`."""
+        """Names of the free globals of a layout with `mirrors` mirrors, in the order of `global_names`."""
         names = np.array(global_names(mirrors, len(self.board.modes)))
         return tuple(names[self.free(mirrors)].tolist())
 
     def free(self, mirrors: int) -> NDArray[np.int64]:
-        """Places (g,) of the free globals among `global_names`, increasing."""
+        """Indices (g,) of the free globals among `global_names`, increasing."""
 
         def is_free(name: str) -> bool:
             if name.startswith("mirror "):

@@ -1,7 +1,7 @@
-"""Reprojection residuals of corners seen directly or by way of one mirror, and their exact derivatives.
+"""Reprojection residuals of corners seen directly or through one mirror, and their exact derivatives.
 
 A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k) + t_f in rig in frame f. Seen
-directly it projects from X; by way of a mirror from its image (`optics.geometry.mirror_imaging`).
+directly it projects from X; through a mirror it projects from its image (`geometry.mirror_imaging`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ N_INTRINSICS = 9
 
 
 def global_names(mirrors: int, modes: int) -> tuple[str, ...]:
-    """Names of all that the frames of a calibration share, in the order of `Estimate.moved`."""
+    """Names of all parameters that the frames of a calibration share, in the order of `Estimate.moved`."""
     return (
         *INTRINSIC_NAMES,
         *(f"mirror {m} {axis}_mm" for m in range(mirrors) for axis in "xyz"),
@@ -55,7 +55,7 @@ class Board:
 
     @classmethod
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
-        """Every corner free in x, y and z, less the seven ways that only move, turn or scale the whole board.
+        """Every corner free in x, y and z, less the seven directions that move, rotate or scale the whole board.
 
         After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
         """
@@ -78,11 +78,25 @@ class Board:
 class Estimate:
     """Everything that a calibration solves for, and what it takes as given about the mirrors.
 
-    Camera, virtual centres (m, 3) mm, board poses (f, 4, 4) and coefficients (k,) mm of the board's modes. Of the
-    mirrors besides: thickness (m,) mm of the sheet before the reflecting surface, 0 for a first-surface mirror, and its
-    refractive index (m,); curvature (m, 3) 1/m as `Mirror.curvature_per_m`; and the point (m, 3) mm, the middle of the
-    outline as designed, whose foot on the plane is the origin of the mirror's own frame. Without them the mirrors are
-    flat and coated in front.
+    Attributes
+    ----------
+    camera
+        Intrinsics and distortion.
+    virtual_centres_in_rig_mm
+        (m, 3).
+    rig_from_board
+        Board poses (f, 4, 4), mm.
+    shape
+        Coefficients (k,) of the board's modes, mm.
+    thickness_mm
+        Thickness (m,) of the plate in front of the reflecting surface; 0 for a first-surface mirror. Default: 0.
+    refractive_index
+        Of the plates (m,). Default: 1.
+    curvature_per_m
+        (m, 3), as `Mirror.curvature_per_m`. Default: flat.
+    middles_in_rig_mm
+        Points (m, 3), the middles of the outlines as designed, whose feet on the planes are the origins of the mirrors'
+        own frames. Default: the feet of the pupil.
     """
 
     camera: Camera
@@ -110,7 +124,7 @@ class Estimate:
 
     @classmethod
     def of(cls, camera: Camera, mirrors: tuple[Mirror, ...], rig_from_board: FloatArray) -> Self:
-        """A camera, the mirrors of a layout as they are described there, and board poses (f, 4, 4)."""
+        """The estimate of a camera, mirrors as a layout describes them, and board poses (f, 4, 4)."""
         return cls(
             camera,
             np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
@@ -122,16 +136,16 @@ class Estimate:
         )
 
     def moved(self, step_global: FloatArray, step_poses: FloatArray) -> Estimate:
-        """Add a step of all globals, in the order of `global_names`, and twists (f, 6): rotation, translation.
+        """Apply a step of all globals, in the order of `global_names`, and twists (f, 6): rotation, translation.
 
-        A rotation vector w turns the board's axes in place, R <- exp(w) R; the translation is added. The correction of
-        thickness goes to every sheet alike.
+        A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The correction
+        of thickness applies to every plate.
         """
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
         count = self.virtual_centres_in_rig_mm.size
-        intrinsics, centres, curvatures, sheet, shape = np.split(
+        intrinsics, centres, curvatures, thickness, shape = np.split(
             step_global, np.cumsum([N_INTRINSICS, count, count, 1])
         )
         return replace(
@@ -140,7 +154,7 @@ class Estimate:
             virtual_centres_in_rig_mm=self.virtual_centres_in_rig_mm + centres.reshape(-1, 3),
             rig_from_board=poses,
             shape=self.shape + shape,
-            thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + sheet, 0.0),
+            thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
         )
 
@@ -150,8 +164,14 @@ def points_at_camera(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the base camera sees each observed corner.
 
-    Returns the corner turned into rig axes about the board's origin (n, 3), the corner in rig (n, 3), and its image by
-    way of the mirror of its view (n, 3), exact in direction; all mm.
+    Returns
+    -------
+    turned
+        The corners about their board's origin, in rig axes (n, 3), mm.
+    in_rig
+        The corners in rig (n, 3), mm.
+    seen
+        Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` where seen directly.
     """
     poses = estimate.rig_from_board[observations.frame]
     turned = np.einsum("nij,nj->ni", poses[:, :3, :3], board.shaped(estimate.shape)[observations.corner])
@@ -175,7 +195,7 @@ def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
 
 
 def residuals(estimate: Estimate, observations: Observations, board: Board) -> FloatArray:
-    """Predicted minus seen pixels (n, 2); NaN where a corner is predicted behind the camera or a mirror."""
+    """Predicted minus observed pixels (n, 2); NaN where a corner is predicted behind the camera or a mirror."""
     _, _, seen = points_at_camera(estimate, observations, board)
     return estimate.camera.project(seen) - observations.pixels
 
@@ -184,8 +204,9 @@ def residuals(estimate: Estimate, observations: Observations, board: Board) -> F
 class Linearized:
     """Predicted pixels (2, n) and their derivatives, component first.
 
-    By the intrinsics (2, 9, n), the virtual centre (2, 3, n), thickness (2, n) and curvature (2, 3 or 0, n) of the
-    mirror, the corner in rig axes (2, 3, n), and the turn of the board about its origin (2, 3, n).
+    The derivatives are with respect to the intrinsics (2, 9, n), the mirror's virtual centre (2, 3, n), thickness
+    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), and the rotation of the board about its
+    origin (2, 3, n).
     """
 
     pixels: FloatArray
@@ -200,9 +221,18 @@ class Linearized:
 def linearized(
     camera: Camera, turned: FloatArray, in_rig: FloatArray, mirrors: MirrorArrays | None, *, bent: bool
 ) -> Linearized:
-    """Corners (3, n) seen by way of mirrors, or directly where there are none (None).
+    """Linearise the projection of corners through mirrors, or directly.
 
-    `turned` are the corners about their board's origin, in rig axes. `bent`: also by curvature.
+    Parameters
+    ----------
+    camera
+        The base camera.
+    turned, in_rig
+        The corners (3, n), mm: about their board's origin in rig axes, and in rig.
+    mirrors
+        The mirror of each corner; None where they are seen directly.
+    bent
+        Whether the derivatives by curvature are needed.
     """
     found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
     pixels, by_seen, by_intrinsics = camera.project_with_jacobians((in_rig if found is None else found.image_mm).T)
@@ -227,9 +257,10 @@ def linearized(
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), their derivatives by the globals (n, 2, g) and by the frame's own twist (n, 2, 6).
+    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's own twist (n, 2, 6).
 
-    The globals are those of `global_names`. All at once and mostly zeros: the solver sums the same blocks by groups.
+    The globals are those of `global_names`. The result is dense and mostly zeros; the solver itself sums the same
+    blocks by groups (`normal_equations`).
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -142,6 +143,15 @@ def test_same_pictures_same_bytes(
 ) -> None:
     again = calibrate_corners(*corners, small_set.nominal, BOARD.corners_in_board_mm)
     assert again.layout.model_dump_json() == calibrated.layout.model_dump_json()
+
+
+def test_picture_files_are_read_as_they_are_needed(small_set: Set, tmp_path: Path) -> None:
+    picture = tmp_path / "small.png"
+    write_image(picture, np.zeros((30, 40), dtype=np.uint8))
+    with pytest.raises(InputError, match="frame 0 is 40x30 px, the layout's camera 960x540"):
+        calibrate([picture, tmp_path / "missing.png"], [], small_set.nominal, BOARD)
+    with pytest.raises(InputError, match=r"missing\.png"):
+        calibrate([tmp_path / "missing.png"], [], small_set.nominal, BOARD)
 
 
 def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:

@@ -70,7 +70,7 @@ def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPos
     assert len({hint.depth_mm for hint in told}) >= 2
     for hint, following in pairwise(told):
         # The pose is found again from the corners, the promise holds up to how exactly it is.
-        assert following.sigma_deg == pytest.approx(hint.promised_deg, rel=0.02)
+        assert following.sigma_deg == pytest.approx(hint.predicted_deg, rel=0.02)
     random, by_chance = np.random.default_rng(4), []
     poses = [pose for pose, _, _ in poses_of(LAYOUT, BOARD)]
     for _ in range(5):
@@ -125,8 +125,8 @@ def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose]
     assert not last.enough
     assert last.sigma_deg[2] > 0.5
     assert last.sentence.startswith("next: the board at about ")
-    assert "it would bring mirror 2 (upper left of the picture), known worst, from ±" in last.sentence
-    assert last.promised_deg[2] < 0.1 * last.sigma_deg[2]
+    assert "it would improve mirror 2 (upper left of the picture), the least certain one, from ±" in last.sentence
+    assert last.predicted_deg[2] < 0.1 * last.sigma_deg[2]
     after = shown(last.rig_from_board)
     assert after.where(after.view == 2).view.size > 20
 

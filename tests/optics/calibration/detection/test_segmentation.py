@@ -158,7 +158,7 @@ def test_an_outline_over_another_mirror_is_not_believed() -> None:
     assert [note[: note.index(",")] for note in notes] == [
         "mirror 0: 1 of 4 edges are seen up to 31 px beside their places"
     ]
-    assert "not believed: " in notes[0]
+    assert "not moved: " in notes[0]
     assert "outlines of mirrors 0 and 1 overlap" in notes[0]
 
 
