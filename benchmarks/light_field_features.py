@@ -138,7 +138,7 @@ def flagged(features: Features, desk: Desk) -> tuple[int, int, int, int]:
 
 def baseline(desk: Desk, light_field: LightField, name: DetectorName, keypoints: int) -> dict[str, tuple[int, ...]]:
     """Counts of every way to match, of the view with the most inliers."""
-    pupil_mm = light_field.reference_depth_mm - light_field.reference_distance_mm
+    pupil_mm = light_field.reference_view_depth_mm
     found = {}
     for way, (pixels, views) in pairs(light_field, name, keypoints).items():
         each = [

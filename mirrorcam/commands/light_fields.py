@@ -35,7 +35,10 @@ class GeometryOptions(Value):
         default=None, gt=0, allow_inf_nan=False, description="focal length of the views where a file has none"
     )
     reference_depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="distance of zero disparity where a file has none"
+        default=None,
+        gt=0,
+        allow_inf_nan=True,
+        description="distance of zero disparity where a file has none; inf is one",
     )
 
     @property

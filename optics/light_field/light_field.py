@@ -33,7 +33,7 @@ class Views:
         u = f_i (X - x_i) / (Z - z_i) + cx + f x_i / Z0,    f_i = f (1 - z_i / Z0)
 
     (v alike, with y), and u = f X / Z + cx + f x_i (1 / Z0 - 1 / Z) where z_i is zero. Disparity is zero on the whole
-    reference plane, however uneven the grid.
+    reference plane, however uneven the grid. Z0 may be infinite: views are then pinholes with one principal point.
 
     "Depth" is measured from the pupil along view z (the plane y_rig = depth of the 90 degree fold) here as everywhere;
     the Z of the formulas is `distance`, measured from the reference view.
@@ -49,7 +49,7 @@ class Views:
     width_px, height_px : int
         Size of every view.
     reference_depth_mm : float
-        Depth of the plane of zero disparity.
+        Depth of the plane of zero disparity; infinity is one.
     reference_view_in_rig_mm : ndarray
         Position (3,) of the reference view in rig.
     view_from_rig : ndarray
@@ -73,8 +73,8 @@ class Views:
             object.__setattr__(self, name, Shaped(shape).check(getattr(self, name)))
         if not (np.isfinite(self.focal_px) and self.focal_px > 0):
             raise ValueError(f"{self.focal_px=}, expected a positive number")
-        if not np.isfinite(self.reference_depth_mm):
-            raise ValueError(f"{self.reference_depth_mm=}, expected a finite number")
+        if np.isnan(self.reference_depth_mm):
+            raise ValueError(f"{self.reference_depth_mm=}, expected a number or infinity")
         if self.reference_distance_mm <= self.positions_mm[..., 2].max():
             raise ValueError(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
 
@@ -87,20 +87,23 @@ class Views:
         return self.positions_mm.shape[1]
 
     @cached_property
-    def _depth_of_reference_view_mm(self) -> float:
+    def reference_view_depth_mm(self) -> float:
+        """Depth of the reference view itself: its depths are this much more than distances from it."""
         return float(self.view_from_rig[2] @ self.reference_view_in_rig_mm)
 
     @property
     def reference_distance_mm(self) -> float:
         """Z0: distance of the reference plane from the reference view along view z."""
-        return self.reference_depth_mm - self._depth_of_reference_view_mm
+        return self.reference_depth_mm - self.reference_view_depth_mm
 
     @cached_property
     def matrices(self) -> FloatArray:
         """The exact intrinsic matrices (t, s, 3, 3) of the views."""
-        scale = self.focal_px / self.reference_distance_mm
+        distance_mm = self.reference_distance_mm
+        scale = self.focal_px / distance_mm
+        focal = self.focal_px if np.isinf(distance_mm) else scale * (distance_mm - self.positions_mm[..., 2])
         matrices = np.zeros((self.rows, self.cols, 3, 3))
-        matrices[..., 0, 0] = matrices[..., 1, 1] = scale * (self.reference_distance_mm - self.positions_mm[..., 2])
+        matrices[..., 0, 0] = matrices[..., 1, 1] = focal
         matrices[..., :2, 2] = self.centre_px + scale * self.positions_mm[..., :2]
         matrices[..., 2, 2] = 1.0
         return matrices
@@ -125,7 +128,7 @@ class Views:
 
         Without a view, the reference view. Pixels of all views see the same points of the reference plane.
         """
-        distance = depth_mm - self._depth_of_reference_view_mm
+        distance = depth_mm - self.reference_view_depth_mm
         place, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
         matrix[:2, 2] = self.centre_px
         if view is not None:
@@ -151,7 +154,7 @@ class Views:
 
         That of the paper's point-plane law, with its zero on the reference plane; exact where z_i is zero.
         """
-        distance = np.asarray(depth_mm, dtype=np.float64) - self._depth_of_reference_view_mm
+        distance = np.asarray(depth_mm, dtype=np.float64) - self.reference_view_depth_mm
         return np.asarray(self.focal_px * (1.0 / self.reference_distance_mm - 1.0 / distance))
 
     def depth_mm_from_slope(self, slope_px_per_mm: FloatArray | float) -> FloatArray:
@@ -159,7 +162,7 @@ class Views:
         slope = np.asarray(slope_px_per_mm, dtype=np.float64)
         inverse = 1.0 / self.reference_distance_mm - slope / self.focal_px
         distance = np.divide(1.0, inverse, out=np.full_like(inverse, np.nan), where=inverse > 0)
-        return np.where(inverse == 0, np.inf, distance + self._depth_of_reference_view_mm)
+        return np.where(inverse == 0, np.inf, distance + self.reference_view_depth_mm)
 
     def disparity_px_from_depth(self, depth_mm: FloatArray | float, axis: Axis = "s") -> FloatArray:
         """Disparity (...) in px per mean view step along `axis`, positive nearer than the reference plane: -du/ds."""

@@ -194,7 +194,7 @@ class DepthEstimator:
         deviation = np.minimum(deviation, flat)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / found
-            behind = np.float32(self.views.reference_depth_mm - self.views.reference_distance_mm)
+            behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
         agreeing = np.minimum(2.0 * evidence.agreeing / len(self.others), 1.0)
         sharp = 1.0 / (1.0 + np.square(deviation / np.float32(step)))
@@ -221,8 +221,10 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
         raise InputError(
             f"views are {views.width_px}x{views.height_px} px, expected {SMALLEST_PX} or more along each side"
         )
-    behind = views.reference_depth_mm - views.reference_distance_mm
+    behind = views.reference_view_depth_mm
     least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
+    if np.isinf(near_mm):
+        raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
     if not least < near_mm < far_mm:
         raise InputError(f"depths {near_mm:g} to {far_mm:g} mm, expected two that grow, beyond {least:.0f} mm")
 

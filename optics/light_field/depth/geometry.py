@@ -92,7 +92,7 @@ def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px
 
     Evenly spaced, so that disparity is, too; far first. Raises InputError where that takes more than `MOST_PLANES`.
     """
-    behind = views.reference_depth_mm - views.reference_distance_mm
+    behind = views.reference_view_depth_mm
     low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
     reach_mm = np.abs(views.positions_mm[..., :2]).max()
     count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1

@@ -147,7 +147,7 @@ class FeatureFinder:
             raise InputError(f"at most {keypoints} keypoints a view, expected at least 1")
         if not two_slope_sigma > 0:
             raise InputError(f"two slopes {two_slope_sigma:g} standard deviations apart, expected a positive number")
-        pupil_mm = views.reference_depth_mm - views.reference_distance_mm
+        pupil_mm = views.reference_view_depth_mm
         nearest = pupil_mm + views.reference_distance_mm / 2.0 if nearest_mm is None else nearest_mm
         if not max(views.positions_mm[..., 2].max(), 0.0) < nearest - pupil_mm < farthest_mm - pupil_mm:
             raise InputError(
@@ -284,7 +284,7 @@ class FeatureFinder:
             disparity_px=px_mm * (solved.inverse_mm - 1.0 / views.reference_distance_mm),
             disparity_sigma_px=px_mm * sigma_w,
             points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
-            depth_mm=distance + views.reference_depth_mm - views.reference_distance_mm,
+            depth_mm=distance + views.reference_view_depth_mm,
             depth_sigma_mm=sigma_w * distance**2,
             residual_px=np.sqrt(solved.squares_px2 / used.sum(axis=0)),
             seen=used.T.reshape(-1, *grid),

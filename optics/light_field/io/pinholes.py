@@ -7,6 +7,8 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
+SAME_PX = 1e-6
+"""Differences of principal points and focal lengths that are none: zero disparity is at infinity."""
 WITHIN_PX = 0.01
 """By how much principal points and focal lengths may differ from those of views that share a plane."""
 
@@ -37,10 +39,12 @@ def views_of_pinholes(
     told = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
     moves = focal_px * positions * [1.0, 1.0, -1.0]
     inverse = float((told * moves).sum() / max(np.square(moves).sum(), np.finfo(float).tiny))
+    if float(np.abs(told).max()) < SAME_PX:
+        inverse = 0.0
     wrong_px = float(np.abs(told - inverse * moves).max())
     skewed_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
-    if inverse <= 0 or max(wrong_px, skewed_px) > WITHIN_PX:
-        reason = f"off by {max(wrong_px, skewed_px):.3g} px" if inverse > 0 else "none in front of them"
+    if inverse < 0 or max(wrong_px, skewed_px) > WITHIN_PX:
+        reason = f"off by {max(wrong_px, skewed_px):.3g} px" if inverse >= 0 else "none in front of them"
         raise InputError(f"{where}: views do not share a plane of zero disparity, {reason}")
     reference = centres_mm[middle]
     return Views(
@@ -49,7 +53,7 @@ def views_of_pinholes(
         centre_px=centre,
         width_px=size[0],
         height_px=size[1],
-        reference_depth_mm=1.0 / inverse + float(view_from_world[2] @ reference),
+        reference_depth_mm=(1.0 / inverse if inverse else np.inf) + float(view_from_world[2] @ reference),
         reference_view_in_rig_mm=reference,
         view_from_rig=view_from_world,
         layout_identity="",

@@ -24,9 +24,10 @@ VIEWS = "views.json"
 
 
 def fields_of_views(views: Views) -> dict[str, Any]:
-    """The geometry of views, as lists and numbers by the names of `Views`."""
+    """The geometry of views, as lists and numbers by the names of `Views`; JSON has no infinity, which is "inf"."""
     geometry = {field.name: getattr(views, field.name) for field in fields(Views)}
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in geometry.items()}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in geometry.items()}
+    return plain | ({"reference_depth_mm": "inf"} if np.isinf(views.reference_depth_mm) else {})
 
 
 def views_of_fields(given: Mapping[str, Any], where: str) -> Views:

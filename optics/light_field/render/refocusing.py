@@ -66,7 +66,7 @@ class FocalPlane:
         """
         if not all(abs(angle) <= STEEPEST_DEG for angle in tilt_deg):
             raise InputError(f"tilt of {tilt_deg[0]:g} and {tilt_deg[1]:g} degrees, expected {STEEPEST_DEG:g} at most")
-        behind = views.reference_depth_mm - views.reference_distance_mm
+        behind = views.reference_view_depth_mm
         least = behind + max(float(views.positions_mm[..., 2].max()), 0.0)
         if not depth_mm > least:
             raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, more than {least:.0f} mm")
@@ -85,7 +85,7 @@ class FocalPlane:
 
         Raises InputError where the pixels lie on a line.
         """
-        behind = views.reference_depth_mm - views.reference_distance_mm
+        behind = views.reference_view_depth_mm
         across = (np.asarray(pixels, dtype=np.float64) - views.centre_px) / views.focal_px
         ways = np.concatenate([across, np.ones((len(across), 1))], axis=1)
         normal, _, rank, _ = np.linalg.lstsq(ways, 1.0 / (np.asarray(depths_mm, dtype=np.float64) - behind), rcond=None)

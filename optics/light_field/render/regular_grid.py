@@ -24,7 +24,7 @@ def moved_to_regular_grid(light_field: LightField, depth_mm: NDArray[np.floating
     shape = light_field.height_px, light_field.width_px
     if depth_mm.shape != shape:
         raise InputError(f"depth map has shape {depth_mm.shape}, expected {shape} of the views")
-    behind_mm = light_field.reference_depth_mm - light_field.reference_distance_mm
+    behind_mm = light_field.reference_view_depth_mm
     distance = np.asarray(depth_mm, dtype=np.float64) - behind_mm
     regular = light_field.on_regular_grid()
     nearest = max(float(light_field.positions_mm[..., 2].max()), 0.0)

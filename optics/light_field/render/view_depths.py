@@ -35,7 +35,7 @@ class ViewDepths:
 
     def depth_mm(self, views: Views) -> Float32:
         """Depth (t, s, v, u) in mm from the pupil; NaN where not known."""
-        behind = np.float32(views.reference_depth_mm - views.reference_distance_mm)
+        behind = np.float32(views.reference_view_depth_mm)
         with np.errstate(divide="ignore"):
             return np.asarray(np.float32(1.0) / self.nearness + behind)
 
@@ -48,7 +48,7 @@ class ViewDepths:
         expected = views.rows, views.cols, views.height_px, views.width_px
         if depth_mm.shape != expected:
             raise InputError(f"depths have shape {depth_mm.shape}, expected {expected} of the views")
-        behind = views.reference_depth_mm - views.reference_distance_mm
+        behind = views.reference_view_depth_mm
         distance = np.asarray(depth_mm, dtype=np.float64) - behind
         if (distance <= 0).any():
             raise InputError(f"a depth of {np.nanmin(depth_mm):.4g} mm, expected all beyond {behind:.4g} mm")
@@ -87,7 +87,7 @@ def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float)
 
     Refocused or rendered, it shows what lies behind, as far as any view looks past (Vaish et al., CVPR 2006, by depth).
     """
-    behind = light_field.reference_depth_mm - light_field.reference_distance_mm
+    behind = light_field.reference_view_depth_mm
     if not depth_mm > behind:
         raise InputError(f"nothing lies nearer than {depth_mm:g} mm, expected a depth beyond {behind:.0f} mm")
     nearer = (depths.nearness > 1.0 / (depth_mm - behind)).astype(np.uint8)
@@ -132,18 +132,18 @@ def _seen_from(
 
     In both a pixel stands for a point (a, b, Z0) of the reference plane; that of the line through `start` is
     start + (a - x, b - y, Z0 - z) k with k = (Z - z) / (Z0 - z), and seen from `end` it lies on the plane before
-    (a', b') = end + (point - end) (Z0 - z') / (Z - z'). All divided by Z, so that infinity is a place.
+    (a', b') = end + (point - end) (Z0 - z') / (Z - z'). All divided by Z and by Z0, so that infinity is a place.
     """
-    plane = views.reference_distance_mm
-    first = (1.0 - start_mm[2] * nearness) / (plane - start_mm[2])
-    second = (plane - end_mm[2]) / (1.0 - end_mm[2] * nearness)
-    scale = views.focal_px / plane
+    plane = 1.0 / views.reference_distance_mm
+    first = (1.0 - start_mm[2] * nearness) / (1.0 - start_mm[2] * plane)
+    second = (1.0 - end_mm[2] * plane) / (1.0 - end_mm[2] * nearness)
     pixels = np.arange(views.width_px), np.arange(views.height_px)[:, None]
     seen = []
     for axis in (0, 1):
-        on_plane = (pixels[axis] - views.centre_px[axis]) / scale
-        point = (start_mm[axis] - end_mm[axis]) * nearness + (on_plane - start_mm[axis]) * first
-        seen.append(((end_mm[axis] + point * second) * scale + views.centre_px[axis]).astype(np.float32))
+        across = (pixels[axis] - views.centre_px[axis]) / views.focal_px
+        point = (start_mm[axis] - end_mm[axis]) * nearness + (across - start_mm[axis] * plane) * first
+        pixel = views.focal_px * (end_mm[axis] * plane + point * second) + views.centre_px[axis]
+        seen.append(pixel.astype(np.float32))
     return seen[0], seen[1]
 
 

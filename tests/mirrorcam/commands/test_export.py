@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
+from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
@@ -78,6 +79,28 @@ def test_geometry_that_a_file_lacks_is_given_with_the_command(
     assert main([*arguments, *geometry]) == 0
     with np.load(tmp_path / "views_tiles_epi.npz") as found:
         assert found["plane_depth_mm"] == 500.0
+
+
+def test_views_whose_disparity_is_zero_at_infinity_have_depth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pictures that nobody rectified, in a folder with names of rows and columns."""
+    views = grid_views(uneven=False)
+    positions = views.positions_mm
+    unrectified = grid_views(uneven=False, reference_depth_mm=1e7, reference_view_in_rig_mm=np.zeros(3))
+    light_field, distance_mm, _ = photograph(unrectified, [SURFACE])
+    for t, s in np.ndindex(3, 3):
+        write_image(tmp_path / "set" / f"2067_{t + 1:02d}_{s + 1:02d}.png", light_field.samples[t, s].astype(np.uint8))
+    geometry = ["--step-mm", f"{positions[1, 2, 0]:g}", "--focal-px", "400", "--reference-depth-mm", "inf"]
+    arguments = ["depth", str(tmp_path / "set"), *geometry, "--far-mm", "900", "--out", str(tmp_path)]
+    assert main(arguments) == 2
+    assert "the reference plane is at infinity, expected --near-mm" in capsys.readouterr().err
+    assert main([*arguments, "--near-mm", "350"]) == 0
+    with np.load(tmp_path / "set_depth.npz") as arrays:
+        found, sure = arrays["depth_mm"], arrays["confidence"] > 0.5
+    assert sure.mean() > 0.2
+    middle = np.s_[35:55, 50:70]
+    assert np.nanmedian(np.abs(found - distance_mm)[middle] / distance_mm[middle]) < 0.03
 
 
 def test_a_point_cloud_has_the_depth_measured_here(

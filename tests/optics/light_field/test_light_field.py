@@ -148,7 +148,7 @@ def test_views_refuse_what_cannot_be() -> None:
     with pytest.raises(ValueError, match="focal_px"):
         views(focal_px=-1.0)
     with pytest.raises(ValueError, match="reference_depth_mm"):
-        views(reference_depth_mm=np.inf)
+        views(reference_depth_mm=np.nan)
     with pytest.raises(ValueError, match=r"depth -79\.0 mm lies behind a view"):
         views(reference_depth_mm=-79.0)
 
@@ -251,3 +251,14 @@ def test_numpy_takes_a_light_field_for_its_samples() -> None:
     assert np.asarray(made) is made.samples or np.shares_memory(np.asarray(made), made.samples)
     assert np.mean(made) == 77
     assert np.asarray(made, dtype=np.float32).dtype == np.float32
+
+
+def test_a_reference_plane_at_infinity_is_the_limit_of_one_far_away() -> None:
+    far, infinite = views(reference_depth_mm=1e9), views(reference_depth_mm=np.inf)
+    points = np.array([[30.0, -20.0, 400.0], [-80.0, 10.0, 900.0]])
+    assert np.allclose(infinite.project_in_view(points), far.project_in_view(points), atol=1e-4)
+    assert np.ptp(infinite.matrices[..., :2, 2], axis=(0, 1)).max() == 0.0
+    depths = np.array([300.0, 700.0, np.inf])
+    assert np.allclose(infinite.disparity_px_from_depth(depths), far.disparity_px_from_depth(depths), atol=1e-4)
+    assert infinite.disparity_px_from_depth(np.inf) == 0.0
+    assert np.allclose(infinite.depth_mm_from_disparity(infinite.disparity_px_from_depth(depths)), depths)

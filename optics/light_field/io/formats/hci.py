@@ -89,7 +89,7 @@ def write_hci(folder: Path, light_field: LightField, depth_mm: Float32 | None = 
             mask = np.where(light_field.valid[t, s], 255, 0).astype(np.uint8)
             write_image(folder / f"mask_Cam{number:03d}.png", mask)
     if depth_mm is not None:
-        behind_mm = views.reference_depth_mm - views.reference_distance_mm
+        behind_mm = views.reference_view_depth_mm
         axis: Axis = "s" if views.cols > 1 else "t"
         write_pfm(
             folder / DISPARITY, views.disparity_px_from_depth(depth_mm.astype(np.float64), axis).astype(np.float32)
@@ -103,7 +103,7 @@ def _parameters(views: Views, channels: int, depth_mm: Float32 | None) -> str:
     step_mm = views.step_mm("s" if views.cols > 1 else "t")
     distance_mm = views.reference_distance_mm
     known = np.array([views.reference_depth_mm]) if depth_mm is None else depth_mm[np.isfinite(depth_mm)]
-    disparity = views.focal_px * step_mm * (1.0 / (known + distance_mm - views.reference_depth_mm) - 1.0 / distance_mm)
+    disparity = views.focal_px * step_mm * (1.0 / (known - views.reference_view_depth_mm) - 1.0 / distance_mm)
     parser = ConfigParser()
     parser.read_dict(
         {
@@ -170,7 +170,9 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
     except (Error, ValueError) as error:
         raise InputError(f"{path}: not the parameters of a light field: {' '.join(str(error).split())}") from None
-    wrong = next((key for key, value in numbers.items() if not 0 < value < 1e6), None)
+    # Focused at infinity, a scene has no disparity there.
+    beyond = {key: np.inf if key == "focus_distance_m" else 1e6 for key in numbers}
+    wrong = next((key for key, value in numbers.items() if not 0 < value <= beyond[key]), None)
     if wrong is not None:
         raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a positive number")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)

@@ -53,7 +53,7 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where:
     steps = np.array([h[axis, axis] + ahead_m[axis] * h[axis + 2, axis] for axis in (0, 1)])
     counts = np.array([grid[1], grid[0]])
     inverse = np.array([-h[axis + 2, axis] / steps[axis] for axis in (0, 1) if counts[axis] > 1])
-    if not inverse.size or not (inverse > 0).all() or np.ptp(inverse) > 0.02 * inverse.mean():
+    if not inverse.size or not (inverse >= 0).all() or np.ptp(inverse) > 0.02 * inverse.mean():
         raise InputError(
             f"{where}: H has no common plane of zero disparity in front: 1/distance {inverse.tolist()} 1/m"
         )
@@ -63,7 +63,13 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], where:
     ]
     down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
     places_mm = np.stack([across, down], axis=-1).astype(np.float64) * np.where(counts > 1, steps, 0.0) * 1000.0
-    return parallel_views(places_mm, size, 1.0 / float(h[2, 2]), 1000.0 / float(inverse.mean()), np.array(centre))
+    return parallel_views(
+        places_mm,
+        size,
+        1.0 / float(h[2, 2]),
+        float(1000.0 / inverse.mean()) if inverse.any() else np.inf,
+        np.array(centre),
+    )
 
 
 def write_lftoolbox(path: Path, light_field: LightField) -> None:

@@ -114,5 +114,5 @@ def photograph(
         samples[index] = np.rint(255.0 * np.clip(light, 0.0, 1.0))
     centre = (views.rows // 2, views.cols // 2)
     distance, number = met(views, centre, views.pixel_grid(), surfaces)[1:]
-    depth = distance + views.reference_depth_mm - views.reference_distance_mm
+    depth = distance + views.reference_view_depth_mm
     return LightField.of(views, samples, np.ones(shape, np.float32)), depth, number

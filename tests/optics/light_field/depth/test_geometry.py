@@ -59,7 +59,7 @@ def test_the_reference_view_is_the_one_at_the_origin() -> None:
 def test_from_plane_to_plane_no_view_moves_by_more_than_a_step() -> None:
     even = grid_views(uneven=False)
     q = plane_inverse_distances(even, 250.0, 800.0, 0.5)
-    behind = even.reference_depth_mm - even.reference_distance_mm
+    behind = even.reference_view_depth_mm
     assert np.allclose([1 / q[-1] + behind, 1 / q[0] + behind], [250.0, 800.0])
     moves = np.array([even.project_in_view(np.array([0.0, 0.0, 1 / each])) for each in q])
     steps = np.abs(np.diff(moves, axis=0)).max(axis=(1, 2, 3))

@@ -105,7 +105,7 @@ def of_planes(views: Views, planes: list[Plane], noise_grey: float = 0.0) -> tup
             shown[closer] = painted(points[..., 0], points[..., 1], plane[3])[closer]
         grey[t, s] = shown.mean(axis=-1)
         if not views.positions_mm[t, s].any():
-            true_mm = nearest.mean(axis=-1) * 1.0 + views.reference_depth_mm - views.reference_distance_mm
+            true_mm = nearest.mean(axis=-1) * 1.0 + views.reference_view_depth_mm
     return of_grey(views, grey + random.normal(0.0, noise_grey, shape)), true_mm
 
 

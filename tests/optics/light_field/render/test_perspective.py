@@ -23,7 +23,7 @@ POST = Surface(400.0, bounds=(-6.0, -60.0, 4.0, 60.0), seed=2, mean=0.65)
 
 
 def behind_mm(views: Views) -> float:
-    return views.reference_depth_mm - views.reference_distance_mm
+    return views.reference_view_depth_mm
 
 
 def true_depths(views: Views, surfaces: list[Surface]) -> ViewDepths:

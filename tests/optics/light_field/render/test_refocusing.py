@@ -57,7 +57,7 @@ def test_the_homography_takes_points_of_a_plane_where_views_see_them() -> None:
 
 def test_a_plane_is_told_by_the_depth_amid_the_picture_and_its_tilt() -> None:
     views = grid_views()
-    behind = views.reference_depth_mm - views.reference_distance_mm
+    behind = views.reference_view_depth_mm
     nearness = FocalPlane.at_depth(views, 400.0, (30.0, 0.0)).nearness(views)
     middle = (views.height_px - 1) / 2.0, (views.width_px - 1) / 2.0
     rows, columns = (slice(int(np.floor(each)), int(np.ceil(each)) + 1) for each in middle)
@@ -73,7 +73,7 @@ def test_a_plane_is_told_by_the_depth_amid_the_picture_and_its_tilt() -> None:
 
 def test_a_plane_is_found_through_pixels_and_depths() -> None:
     views, plane = grid_views(), FocalPlane.at_depth(grid_views(), 390.0, (-20.0, 35.0))
-    behind = views.reference_depth_mm - views.reference_distance_mm
+    behind = views.reference_view_depth_mm
     pixels = np.array([[5, 7], [110, 12], [60, 80], [20, 60]])
     depths = 1.0 / plane.nearness(views)[pixels[:, 1], pixels[:, 0]] + behind
     found = FocalPlane.through(views, pixels.astype(float), depths)

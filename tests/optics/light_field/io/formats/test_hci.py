@@ -76,7 +76,7 @@ def test_even_light_fields_survive_the_round_trip_without_what_is_ours(
     assert low <= read.disparity_px.min() <= low + 0.1
     assert high - 0.1 <= read.disparity_px.max() <= high
     near, far = read.depth_range_mm or (0.0, 0.0)
-    offset = light_field.reference_depth_mm - light_field.reference_distance_mm
+    offset = light_field.reference_view_depth_mm
     assert near <= depth.min() - offset
     assert far >= depth.max() - offset
 

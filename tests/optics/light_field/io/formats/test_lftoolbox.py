@@ -123,6 +123,7 @@ def test_files_of_matlab_7_3_are_read_as_the_toolbox_saves_them(written: tuple[P
 def test_files_that_are_not_of_the_toolbox_are_refused(written: tuple[Path, Any], tmp_path: Path) -> None:
     lf, h = loadmat(written[0])["LF"], np.diag([0.01, 0.01, 1 / 400, 1 / 400, 1.0])
     tall = np.diag([0.01, 0.01, 1 / 400, 1 / 300, 1.0])
+    h[2, 0] = h[3, 1] = 0.01  # the rays of neighbouring views meet behind them
     path = tmp_path / "a.mat"
     for said, message in (
         ({"other": 1}, "no array LF"),

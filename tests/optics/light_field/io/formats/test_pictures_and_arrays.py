@@ -72,7 +72,9 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     light_field = plane(2, 3, 1.0)
     for t, s in np.ndindex(2, 3):
         x, y = light_field.positions_mm[t, s, :2]
-        write_image(tmp_path / name.format(t=t + first, s=s + first, x=x, y=y), light_field.samples[t, s])
+        write_image(
+            tmp_path / name.format(t=t + first, s=s + first, x=x, y=y), light_field.samples[t, s].astype(np.uint8)
+        )
     (tmp_path / "cover.png").write_bytes(b"no view")
     given = Assumed(focal_px=400.0, reference_depth_mm=455.0, step_mm=None if places else 10.0)
     assert format_of(tmp_path).name == "stanford"

@@ -69,6 +69,23 @@ def test_grids_of_one_row_come_back(tmp_path: Path, to: Any) -> None:
     assert_same(open_light_field(path), expected)
 
 
+@pytest.mark.parametrize("to", READABLE)
+def test_a_reference_plane_at_infinity_comes_back(tmp_path: Path, to: Any) -> None:
+    near = noise(2, 2)
+    views = grid_views(2, 2, width_px=23, height_px=17, uneven=False, reference_depth_mm=np.inf)
+    expected = LightField.of(views, near.samples, (near.weights > 0).astype(np.float32))
+    path = tmp_path / f"a{formats()[to].ending}"
+    write_light_field(path, expected, to)
+    assert_same(open_light_field(path), expected)
+    for own in path.glob("views.json"):
+        # Cameras with one principal point, and files that leave it to the reader.
+        own.unlink()
+        given = Assumed(step_mm=20.0, focal_px=400.0, reference_depth_mm=np.inf)
+        found = open_light_field(path, assumed=given)
+        assert found.reference_depth_mm == np.inf
+        assert np.allclose(found.step_mm(), 20.0)
+
+
 @pytest.mark.parametrize("to", EXACT)
 def test_float_samples_come_back(tmp_path: Path, to: Any) -> None:
     expected = noise(3, 3, kind=np.float32)
