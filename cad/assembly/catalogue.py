@@ -10,11 +10,12 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.bed_placement import turn
 from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount, make_ring
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.hardware import Lips
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.splitting.split import Pieces, split
 from mirrorcam.optics.base.values import FloatArray
@@ -62,7 +63,7 @@ def _on_bed(device: Device) -> Pieces:
 
 
 def _whole(device: Device) -> tuple[PartPlan, ...]:
-    mount, clip, adapter, coupon = device.mount, device.clip, device.adapter, device.coupon
+    mount, clip, coupon = device.mount, device.clip, device.coupon
     return (
         _part(
             "mirror_holder",
@@ -83,26 +84,14 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             (0.16, 0.46, 0.62),
         ),
         _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
-        _part(
-            "adapter_saddle",
-            "Adapter saddle",
-            4,
-            adapter.saddle,
-            make_ring,
-            standing(Y_DOWN, -adapter.saddle.band_mm[1]),
-            (0.35, 0.60, 0.42),
-        ),
-        _part(
-            "adapter_cap",
-            "Adapter cap",
-            5,
-            adapter.cap,
-            make_ring,
-            standing(Y_DOWN, -adapter.cap.band_mm[1]),
-            (0.55, 0.74, 0.52),
-        ),
+        _half_of_adapter("Adapter saddle", 4, device.adapter.saddle, (0.35, 0.60, 0.42)),
+        _half_of_adapter("Adapter cap", 5, device.adapter.cap, (0.55, 0.74, 0.52)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
     )
+
+
+def _half_of_adapter(title: str, number: int, ring: RingPlan, rgb: Rgb) -> PartPlan:
+    return _part(ring.name, title, number, ring, make_ring, standing(Y_DOWN, -ring.band_mm[1]), rgb)
 
 
 def _part(
@@ -112,7 +101,7 @@ def _part(
     plan: Any,
     make: Any,
     print_from_rig: FloatArray,
-    rgb: tuple[float, float, float],
+    rgb: Rgb,
 ) -> PartPlan:
     return PartPlan(
         name=name,

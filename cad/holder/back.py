@@ -14,6 +14,7 @@ from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
 from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
+from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -54,18 +55,6 @@ def mount_axes(layout: Layout) -> FloatArray:
     return np.array([x_axis, np.cross(away, x_axis), away])
 
 
-def clip(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
-    """Clip a flat convex loop (n, 3) to a half-space, x @ direction <= most: a loop (m, 3), maybe empty."""
-    kept = []
-    for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
-        over_start, over_end = float(start @ direction) - most, float(end @ direction) - most
-        if over_start <= 0.0:
-            kept.append(start)
-        if over_start * over_end < 0.0:
-            kept.append(start + (end - start) * over_start / (over_start - over_end))
-    return np.array(kept).reshape(-1, 3)
-
-
 class FrontSurface:
     """The front of the holder as seen straight from its back: a seat behind every mirror, fillers in the gaps.
 
@@ -93,7 +82,7 @@ class FrontSurface:
         self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
         # What recedes into the slab is left to the slab.
         receded = (front + recess * axes[2] for front, recess in zip(grown, recesses, strict=True))
-        clipped = (clip(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
+        clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         # The slab bears the grounds of rims too, which are a little wider than fillers and lie a little lower.

@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import Frustum, outline_at
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -141,14 +142,7 @@ def _section(mirror: Mirror, outline: Polygon, volume: Frustum) -> Polygon:
     loop = get_coordinates(outline)[:-1]
     normals, offsets = volume.half_spaces
     for slope, most in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):
-        over = loop @ slope - most
-        kept = []
-        for start, end, a, b in zip(loop, np.roll(loop, -1, axis=0), over, np.roll(over, -1), strict=True):
-            if a <= 0.0:
-                kept.append(start)
-            if a * b < 0.0:
-                kept.append(start + (end - start) * a / (a - b))
-        if len(kept) < 3:
+        loop = clip_loop(loop, slope, most)
+        if len(loop) < 3:
             return Polygon()
-        loop = np.array(kept)
     return Polygon(loop)

@@ -7,20 +7,18 @@ plane along y; they print with the clamp's face on the bed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
-
-if TYPE_CHECKING:
-    from mirrorcam.cad.plan.dimension import Hole, Length
 
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
@@ -49,8 +47,6 @@ class RingPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The bore, the clamp's band, and the holes."""
-        from mirrorcam.cad.plan.hole_dimensions import holes, length
-
         middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
         across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
         ear = np.array([self.ears[:, 0].max(), self.band_mm[1], self.ears[0, 2]])

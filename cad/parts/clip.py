@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody, Hardware, Lips
+from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.prisms import along_y, box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
-
-if TYPE_CHECKING:
-    from mirrorcam.cad.plan.dimension import Hole, Length
 
 UP = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
@@ -69,8 +67,6 @@ class ClipPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The holes: of the slide screws, and of what holds the camera."""
-        from mirrorcam.cad.plan.hole_dimensions import holes
-
         return holes(self.cuts)
 
 

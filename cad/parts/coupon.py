@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-
-if TYPE_CHECKING:
-    from mirrorcam.cad.plan.dimension import Hole, Length
 
 MIRROR_MM = (20.0, 15.0)
 """The test mirror, cut from the layout's sheet."""
@@ -45,8 +43,6 @@ class CouponPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The gauges for the lens ring, and the screw's hole."""
-        from mirrorcam.cad.plan.hole_dimensions import holes
-
         return holes(self.cuts)
 
 

@@ -8,7 +8,6 @@ along its back.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from shapely import LineString, Polygon
@@ -20,16 +19,15 @@ from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, fo
 from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import overlap_mm, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
-
-if TYPE_CHECKING:
-    from mirrorcam.cad.plan.dimension import Hole, Length
 
 # Webs at this angle to the skins: less plastic than at 45 deg, and stiff enough.
 WEB_DEG = 36.0
@@ -76,8 +74,6 @@ class MountPlan:
 
         From the foot's corner at the slide along both axes of the bed, as its drawing is seen, and from row to row.
         """
-        from mirrorcam.cad.plan.hole_dimensions import holes, length
-
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
         ways = [np.array([0.0, *way]) for way in turn(self.bed_turn_deg)]

@@ -7,7 +7,7 @@ some). Lengths in mm.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -17,43 +17,46 @@ from mirrorcam.optics.base.values import InputError, Value
 CAMERAS = Path(__file__).parents[1] / "cameras"
 
 
+def _positive(default: float, description: str) -> Any:
+    """A field that is larger than 0."""
+    return Field(default=default, gt=0, description=description)
+
+
 class Fits(Value):
     """Gaps between parts, on each side: press, slide and free are one table for all printed parts."""
 
     press_mm: float = Field(default=0.1, ge=0, description="gap that holds by itself")
-    slide_mm: float = Field(default=0.2, gt=0, description="gap that just separates")
-    free_mm: float = Field(default=0.3, gt=0, description="gap that runs free: around a mirror in its pocket")
-    light_mm: float = Field(default=0.2, gt=0, description="gap between any part and the light, for print errors")
+    slide_mm: float = _positive(0.2, "gap that just separates")
+    free_mm: float = _positive(0.3, "gap that runs free: around a mirror in its pocket")
+    light_mm: float = _positive(0.2, "gap between any part and the light, for print errors")
 
 
 class Printer(Value):
     """The limits of the printer, and its plastic."""
 
     bed_mm: tuple[float, float, float] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
-    wall_mm: float = Field(default=1.2, gt=0, description="thinnest wall that prints: three lines of a 0.4 mm nozzle")
+    wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
     overhang_deg: float = Field(default=45.0, gt=0, lt=90, description="steepest overhang from upright without support")
-    bridge_mm: float = Field(default=10.0, gt=0, description="longest flat ceiling between two walls")
+    bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
     plastic: str = Field(default="PLA", description="what is printed")
-    plastic_g_per_cm3: float = Field(default=1.24, gt=0, description="its density")
-    plastic_mpa: float = Field(
-        default=2300.0, gt=0, description="its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
-    )
+    plastic_g_per_cm3: float = _positive(1.24, "its density")
+    plastic_mpa: float = _positive(2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)")
 
 
 class Fastening(Value):
     """M3 screws, and what holds them in a part: a heat-set insert or a captive nut."""
 
     kind: Literal["insert", "nut"] = Field(default="insert", description="what the screws are driven into")
-    clearance_hole_mm: float = Field(default=3.4, gt=0, description="hole that an M3 screw passes (ISO 273, normal)")
-    head_mm: float = Field(default=5.7, gt=0, description="diameter of a socket cap head (ISO 4762)")
-    head_height_mm: float = Field(default=3.0, gt=0, description="height of the head")
-    insert_hole_mm: float = Field(default=4.0, gt=0, description="hole for a heat-set insert (outer diameter 4.6)")
-    insert_mm: float = Field(default=5.7, gt=0, description="length of a heat-set insert")
-    insert_depth_mm: float = Field(default=6.7, gt=0, description="insert of 5.7 mm and room for melted plastic")
-    insert_wall_mm: float = Field(default=2.0, gt=0, description="material around an insert or a nut")
-    nut_flats_mm: float = Field(default=5.5, gt=0, description="nut across flats (ISO 4032)")
-    nut_height_mm: float = Field(default=2.4, gt=0, description="height of the nut")
-    engaged_mm: float = Field(default=4.0, gt=0, description="shortest thread in an insert that holds")
+    clearance_hole_mm: float = _positive(3.4, "hole that an M3 screw passes (ISO 273, normal)")
+    head_mm: float = _positive(5.7, "diameter of a socket cap head (ISO 4762)")
+    head_height_mm: float = _positive(3.0, "height of the head")
+    insert_hole_mm: float = _positive(4.0, "hole for a heat-set insert (outer diameter 4.6)")
+    insert_mm: float = _positive(5.7, "length of a heat-set insert")
+    insert_depth_mm: float = _positive(6.7, "insert of 5.7 mm and room for melted plastic")
+    insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
+    nut_flats_mm: float = _positive(5.5, "nut across flats (ISO 4032)")
+    nut_height_mm: float = _positive(2.4, "height of the nut")
+    engaged_mm: float = _positive(4.0, "shortest thread in an insert that holds")
     lengths_mm: tuple[float, ...] = Field(
         default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="screws that one can buy (ISO 4762)"
     )
@@ -62,69 +65,63 @@ class Fastening(Value):
 class HolderDimensions(Value):
     """The mirror holder, beside what the layout says."""
 
-    floor_mm: float = Field(
-        default=3.0, gt=0, description="thinnest material behind a mirror: stiff enough to stay flat"
-    )
-    rim_mm: float = Field(default=1.8, gt=0, description="width of the rim outside a pocket")
-    rim_length_mm: float = Field(default=3.0, gt=0, description="shortest piece of rim worth printing")
+    floor_mm: float = _positive(3.0, "thinnest material behind a mirror: stiff enough to stay flat")
+    rim_mm: float = _positive(1.8, "width of the rim outside a pocket")
+    rim_length_mm: float = _positive(3.0, "shortest piece of rim worth printing")
     rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
-    mount_step_mm: float = Field(default=2.0, gt=0, description="steps in which the rectangle of mount holes is tried")
+    mount_step_mm: float = _positive(2.0, "steps in which the rectangle of mount holes is tried")
     mount_of_width: float = Field(
         default=0.36, gt=0, lt=1, description="widest rectangle of them, of the holder's width: narrow mounts are light"
     )
-    cell_mm: float = Field(
-        default=36.0,
-        gt=0,
-        description="widest hollow behind the mirrors: the webs between narrower ones are more plastic than a slicer's "
+    cell_mm: float = _positive(
+        36.0,
+        "widest hollow behind the mirrors: the webs between narrower ones are more plastic than a slicer's "
         "infill in their place",
     )
-    ceiling_mm: float = Field(default=6.0, gt=0, description="width of the flat top of a hollow, which is bridged")
-    web_mm: float = Field(default=1.6, gt=0, description="thickness of the webs between hollows, and of the outer wall")
-    groove_mm: float = Field(default=1.0, gt=0, description="width of a groove that takes surplus glue")
-    groove_depth_mm: float = Field(default=0.6, gt=0, description="its depth below the seat")
-    groove_pitch_mm: float = Field(default=7.0, gt=0, description="distance of such grooves from one to the next")
-    shade_mm: float = Field(default=1.6, gt=0, description="thickness of the walls that keep stray light out")
+    ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which is bridged")
+    web_mm: float = _positive(1.6, "thickness of the webs between hollows, and of the outer wall")
+    groove_mm: float = _positive(1.0, "width of a groove that takes surplus glue")
+    groove_depth_mm: float = _positive(0.6, "its depth below the seat")
+    groove_pitch_mm: float = _positive(7.0, "distance of such grooves from one to the next")
+    shade_mm: float = _positive(1.6, "thickness of the walls that keep stray light out")
     shade_out_mm: float = Field(
         default=1.4, ge=0, description="how far they reach out of the rims: less than they are thick leaves no slit"
     )
-    shade_step_mm: float = Field(default=5.0, gt=0, description="length of their straight pieces")
+    shade_step_mm: float = _positive(5.0, "length of their straight pieces")
     pin_mm: tuple[float, float] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
-    depth_without_spec_mm: float = Field(default=500.0, gt=0, description="working distance of a layout without a spec")
+    depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 
 
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = Field(default=1.6, gt=0, description="thickness of both skins: what screw heads rest on")
-    web_mm: float = Field(default=1.2, gt=0, description="thickness of the webs between the skins")
-    deepest_mm: float = Field(default=80.0, gt=0, description="largest distance of the skins that is tried")
-    clearance_mm: float = Field(default=1.0, gt=0, description="gap to the mirror holder, off its back")
-    tilt_deg: float = Field(
-        default=0.05,
-        gt=0,
-        description="how far the mirrors may tilt by their weight when the device is turned: a sixth of the tolerance "
+    skin_mm: float = _positive(1.6, "thickness of both skins: what screw heads rest on")
+    web_mm: float = _positive(1.2, "thickness of the webs between the skins")
+    deepest_mm: float = _positive(80.0, "largest distance of the skins that is tried")
+    clearance_mm: float = _positive(1.0, "gap to the mirror holder, off its back")
+    tilt_deg: float = _positive(
+        0.05,
+        "how far the mirrors may tilt by their weight when the device is turned: a sixth of the tolerance "
         "of one mirror as a hobbyist builds it; what is constant of it, a calibration takes up",
     )
     cable_window_mm: tuple[float, float] = Field(
         default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"
     )
     tie_mm: tuple[float, float] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
-    tripod_hole_mm: float = Field(default=6.6, gt=0, description="hole for a 1/4 in tripod screw")
-    tripod_flats_mm: float = Field(default=11.11, gt=0, description="1/4 in nut across flats (7/16 in)")
-    tripod_height_mm: float = Field(default=5.56, gt=0, description="height of that nut (7/32 in)")
+    tripod_hole_mm: float = _positive(6.6, "hole for a 1/4 in tripod screw")
+    tripod_flats_mm: float = _positive(11.11, "1/4 in nut across flats (7/16 in)")
+    tripod_height_mm: float = _positive(5.56, "height of that nut (7/32 in)")
 
 
 class ClipDimensions(Value):
     """The camera clip and how far it slides along the mount."""
 
-    wall_mm: float = Field(default=2.8, gt=0, description="walls, lips and the floor under a bare board")
-    travel_mm: float = Field(
-        default=4.0, gt=0, description="how far the clip slides either way from the nominal depth of the pupil"
-    )
-    behind_mm: float = Field(default=1.0, gt=0, description="room behind the body, for the tips of the set screws")
-    rib_mm: float = Field(default=2.0, gt=0, description="height of the V rib that guides the clip")
-    screws_apart_mm: float = Field(default=40.0, gt=0, description="distance of the two screws that hold the clip")
-    set_screw_mm: float = Field(default=10.0, gt=0, description="length of the M3 set screws (ISO 4026)")
+    wall_mm: float = _positive(2.8, "walls, lips and the floor under a bare board")
+    travel_mm: float = _positive(4.0, "how far the clip slides either way from the nominal depth of the pupil")
+    behind_mm: float = _positive(1.0, "room behind the body, for the tips of the set screws")
+    rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
+    screws_apart_mm: float = _positive(40.0, "distance of the two screws that hold the clip")
+    set_screw_mm: float = _positive(10.0, "length of the M3 set screws (ISO 4026)")
 
 
 class Cutting(Value):
@@ -133,7 +130,7 @@ class Cutting(Value):
     sheet_mm: tuple[float, float] = Field(default=(300.0, 200.0), description="width and height of a sheet")
     kerf_mm: float = Field(default=0.2, ge=0, description="full width that the laser burns away")
     gap_mm: float = Field(default=3.0, gt=0.5, description="gap between mirrors on the sheet, and to its edge")
-    mark_mm: float = Field(default=5.0, gt=0, description="height of the mark engraved on the back of a mirror")
+    mark_mm: float = _positive(5.0, "height of the mark engraved on the back of a mirror")
 
 
 class Lips(Value):
@@ -152,8 +149,8 @@ class BoardHoles(Value):
     )
     hole_mm: float = Field(gt=0, description="diameter of the holes")
     post_mm: float = Field(gt=0, description="height of the posts: room for what is soldered to the board's back")
-    screw_mm: float = Field(default=2.0, gt=0, description="thread of the screws, which cut it in the posts themselves")
-    screw_length_mm: float = Field(default=6.0, gt=0, description="length of these screws")
+    screw_mm: float = _positive(2.0, "thread of the screws, which cut it in the posts themselves")
+    screw_length_mm: float = _positive(6.0, "length of these screws")
 
 
 class CameraBody(Value):
@@ -188,13 +185,13 @@ class Wrist(Value):
 
     name: str = Field(default="Kinova MICO", description="the arm")
     link: str = Field(default="mico_link_hand", description="the link of the arm's URDF that the shell belongs to")
-    diameter_mm: float = Field(default=63.0, gt=0, description="diameter of the shell")
-    band_mm: float = Field(default=8.0, gt=0, description="width of the clamp: the joint ring leaves 7 mm and a taper")
-    ring_mm: float = Field(default=4.0, gt=0, description="thickness of the clamp's ring")
-    gap_mm: float = Field(default=2.0, gt=0, description="gap between the clamp's halves, closed by its screws")
-    length_mm: float = Field(default=17.0, gt=0, description="length of the cylindrical shell")
-    riser_mm: float = Field(default=16.0, gt=0, description="material between the shell and the mount's foot")
-    joint_mm: float = Field(default=6.0, gt=0, description="room over the shell beside the clamp, for the joint's ring")
+    diameter_mm: float = _positive(63.0, "diameter of the shell")
+    band_mm: float = _positive(8.0, "width of the clamp: the joint ring leaves 7 mm and a taper")
+    ring_mm: float = _positive(4.0, "thickness of the clamp's ring")
+    gap_mm: float = _positive(2.0, "gap between the clamp's halves, closed by its screws")
+    length_mm: float = _positive(17.0, "length of the cylindrical shell")
+    riser_mm: float = _positive(16.0, "material between the shell and the mount's foot")
+    joint_mm: float = _positive(6.0, "room over the shell beside the clamp, for the joint's ring")
 
 
 def read_camera(name: str) -> CameraBody:

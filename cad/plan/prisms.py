@@ -48,6 +48,18 @@ def corners_of(solids: Iterable[Frustum]) -> FloatArray:
     return np.vstack([np.vstack([solid.base, solid.top]) for solid in solids])
 
 
+def clip_loop(loop: FloatArray, direction: FloatArray, most: float) -> FloatArray:
+    """Clip a flat convex loop (n, k) to the half-space x @ direction <= most: a loop (m, k), maybe empty."""
+    kept = []
+    over = np.array([point @ direction for point in loop]) - most
+    for start, end, a, b in zip(loop, np.roll(loop, -1, axis=0), over, np.roll(over, -1), strict=True):
+        if a <= 0.0:
+            kept.append(start)
+        if a * b < 0.0:
+            kept.append(start + (end - start) * a / (a - b))
+    return np.array(kept).reshape(-1, loop.shape[1])
+
+
 def volume_mm3(solid: Frustum) -> float:
     """Volume of a solid by the divergence theorem: a pyramid from the origin to each face."""
     return sum(
