@@ -1,1 +1,1 @@
-"""Values that check themselves, files written whole or not at all."""
+"""Values that validate themselves, and files that are written atomically."""

@@ -1,4 +1,4 @@
-"""Reading and writing the files users meet: whole or not at all, and refused in one line."""
+"""Reading and writing users' files: files are written atomically, and bad ones are refused in one line."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def atomic(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        # A disk that is full has no name; of another file we say nothing.
+        # An error of a full disk names no file; one that names another file is not about this one.
         if error.filename not in (None, name):
             raise
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
@@ -84,7 +84,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def one_line(error: ValidationError) -> str:
-    """What is wrong, where, in one line: the first of pydantic's findings and how many more there are."""
+    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others."""
     details = error.errors(include_url=False)
     where = ".".join(str(part) for part in details[0]["loc"])
     message = details[0]["msg"].removeprefix("Value error, ")
@@ -107,7 +107,7 @@ def read_model(model: type[Model], path: Path) -> Model:
 
 
 def _jpeg_ends(raw: bytes) -> bool:
-    """Whether a JPEG reaches its own end marker: not a thumbnail's, and whatever a phone appended after it."""
+    """Whether a JPEG is complete: it reaches its own end marker, not a thumbnail's; appended data is ignored."""
     at = 2
     while found := JPEG_MARKER.search(raw, at):
         if found.group() == b"\xff\xd9":
@@ -163,7 +163,7 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
 
 
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
-    """What the file of an RGB (h, w, 3) or grey (h, w) 8-bit image holds, in the format of the suffix."""
+    """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
     encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
     if not encoded:

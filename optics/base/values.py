@@ -1,4 +1,4 @@
-"""Frozen, self-checking values: the base of everything that MirrorCam writes to or reads from a file."""
+"""Frozen values that validate themselves: the base of everything that MirrorCam writes to or reads from a file."""
 
 from __future__ import annotations
 
@@ -54,7 +54,6 @@ class Shaped:
 
 
 Vector3 = Annotated[FloatArray, Shaped((3,))]
-Points2 = Annotated[FloatArray, Shaped((None, 2))]
 Points3 = Annotated[FloatArray, Shaped((None, 3))]
 Matrix3 = Annotated[FloatArray, Shaped((3, 3))]
 Matrix4 = Annotated[FloatArray, Shaped((4, 4))]
@@ -62,7 +61,7 @@ SquareMatrix = Annotated[FloatArray, Shaped((None, None))]
 
 
 def _hashable(data: Any) -> Any:
-    """Nested dumps as something that hashes alike where they compare equal (0.0 and -0.0, any order of keys)."""
+    """A hashable form of nested dumps: equal dumps have equal hashes (0.0 and -0.0, keys in any order)."""
     if isinstance(data, dict):
         return frozenset((key, _hashable(value)) for key, value in data.items())
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
@@ -82,7 +81,7 @@ class Value(BaseModel):
         return hash(_hashable(self.model_dump()))
 
     def replaced(self, **changes: Any) -> Self:
-        """Copy with some fields changed; the copy checks itself (unlike `model_copy`)."""
+        """Copy with some fields changed; the copy is validated (unlike `model_copy`)."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**(fields | changes))
 

@@ -1,1 +1,1 @@
-"""Design of a layout: seeds, figures of merit, the optimiser and a second opinion on what it returns."""
+"""Design of layouts: the optimiser (`program`), and independent figures of merit and verification (`assess`)."""

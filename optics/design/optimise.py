@@ -1,4 +1,4 @@
-"""The optimiser: virtual cameras near a rectangular grid, looking at the same thing, with buildable mirrors."""
+"""Design of a layout: optimal virtual cameras and buildable mirrors for a spec, verified independently."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
 
 MISSED, CLEARLY_MISSED = 1e-5, 1e-3
-"""What a search for feasibility may leave, in scales, of a limit that is met; and leaves of one that cannot be."""
+"""Violations, in scales, up to which a search for feasibility meets a limit and from which on it clearly misses it."""
 
 MEETINGS = (1.0, 3.0)
-"""Where chief rays of the first seeds meet, in multiples of the working depth; the best optimum is kept."""
+"""Depths where chief rays of the seeds meet, in multiples of the working depth; the best optimum is kept."""
 
 EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
-"""How much of what a spec asks is asked in each step of a continuation."""
+"""Fractions of a spec's demands in the steps of a continuation."""
 
 
 def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
-    """The constraint that is missed most, in words."""
+    """The error that names the constraint missed most."""
     worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
     by_mm = missed[worst] * spec.scale_mm
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
     finding = {
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
         "seen gap": f"sub-images cannot be {spec.seen_gap_mm:g} mm apart, they come {by_mm:.3g} mm too close",
-        "occlusion": f"sheets of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
+        "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
         "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
         f"it leaves some by {missed['overlap']:.0%} of a sub-image",
@@ -55,12 +55,12 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
 
 
 def _working_depth_mm(spec: DesignSpec) -> float:
-    """The harmonic mean of the depths, where parallax is as far from the one as from the others."""
+    """The harmonic mean of the depths: the middle of their disparities."""
     return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
 
 
 def _check_at_once(spec: DesignSpec) -> None:
-    """Refuse a depth that even the middles of the mirrors would lie beyond, and sheets that would reach the pupil."""
+    """Refuse a depth nearer than the middles of the seed's mirrors, and mirrors so thick that they reach the pupil."""
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
     beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
@@ -73,11 +73,13 @@ def _check_at_once(spec: DesignSpec) -> None:
         before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
     past_mm = before_mm - spec.scale_mm * cosine
     if past_mm >= 0:
-        raise InfeasibleDesign("occlusion", f"sheets of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil")
+        raise InfeasibleDesign(
+            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil"
+        )
 
 
 def _easier(spec: DesignSpec, part: float) -> DesignSpec:
-    """A spec that asks for `part` of what this one does: gaps, thickness, sizes, nearness and trade-off."""
+    """A spec with `part` of the demands of this one: gaps, thickness, sizes, nearness and trade-off."""
     return spec.replaced(
         spacing_mm=part * spec.spacing_mm,
         seen_gap_mm=part * spec.seen_gap_mm,
@@ -99,7 +101,7 @@ def _least(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
 
 
 def _from_seeds(spec: DesignSpec, problem: Problem, pairs: tuple[PairConstraint, ...]) -> SolverOutcome | None:
-    """The best of the optima next to the seeds; where that of `problem` leads to none, the others are not asked."""
+    """The best of the optima near the seeds; where `problem` has none, the other seeds are not tried."""
     first = problem.solver.optimise()
     if not first.solved:
         return None
@@ -107,9 +109,10 @@ def _from_seeds(spec: DesignSpec, problem: Problem, pairs: tuple[PairConstraint,
 
 
 def _by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
-    """The optimum next to the nearest feasible points or, where there seem to be none, at the end of easier specs.
+    """The optimum near the nearest feasible points or, where there seem to be none, after a continuation.
 
-    Raises InfeasibleDesign where both seeds lead to points that clearly miss something, or no way leads to an optimum.
+    Raises InfeasibleDesign where both seeds lead to points that clearly violate a constraint, or no start leads to an
+    optimum.
     """
     least: list[dict[str, float]] = []
     for solver, start in _searches(spec, pairs):
@@ -129,14 +132,14 @@ def _by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOu
 
 
 def _searches(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
-    """Where to look for a feasible point: around each seed and, long to come by, around the end of easier specs."""
+    """Starts of the search for a feasible point: each seed and then, which takes long, the end of a continuation."""
     for meeting in MEETINGS:
         yield _problem(spec, pairs, meeting).solver, None
     yield _problem(spec, pairs).solver, _continued(spec, pairs)
 
 
 def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
-    """Values of all unknowns at the last optimum on the way from an easy spec to this one."""
+    """Values of all unknowns at the last optimum of the continuation from an easy spec to this one."""
     values: FloatArray | None = None
     for part in EASIER:
         outcome = _problem(_easier(spec, part), pairs).solver.optimise(values)
@@ -148,9 +151,9 @@ def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArra
 def _optimum(
     spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None
 ) -> tuple[tuple[Mirror, ...], FloatArray]:
-    """Mirrors at the optimum when pairs of them keep out of each other's way, and the values of all unknowns.
+    """Mirrors at the optimum under constraints on pairs, and the values of all unknowns.
 
-    From earlier values, else from the seeds, else by detours.
+    Starts from earlier values, if any, then from the seeds, then by detours.
     """
     problem = _problem(spec, pairs)
     outcome = None if values is None else _least([problem.solver.optimise(values)])
@@ -163,7 +166,7 @@ def _optimum(
 def _stricter(
     spec: DesignSpec, mirrors: tuple[Mirror, ...], pairs: tuple[PairConstraint, ...]
 ) -> tuple[PairConstraint, ...]:
-    """What was kept and, after it, what was not kept all the same."""
+    """The constraints on pairs, followed by those that the mirrors violate."""
     found = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
     found |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2])

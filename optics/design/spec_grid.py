@@ -1,4 +1,4 @@
-"""Many designs: the grid of specs that a sweep asks for, what became of each, and all of them as rows of a table."""
+"""Many designs: the grid of specs of a sweep, the outcome of each, and all of them as rows of a table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Cell = str | int | float | list[float] | None
 
 
 class Outcome(Value):
-    """What became of one spec: its figures, the constraint that cannot hold, or why nobody knows."""
+    """The outcome of one spec: its figures, the constraint that cannot hold, or the error."""
 
     spec: DesignSpec
     status: Status
@@ -39,7 +39,7 @@ def grid(
 ) -> tuple[DesignSpec, ...]:
     """All combinations of counts (rows, cols), depths, scales and tradeoffs, in this order, the last varying fastest.
 
-    Everything else is as in `common`. Raises InputError for a value that no spec takes and for one that is named twice.
+    Everything else is as in `common`. Raises InputError for an invalid value and for one that is given twice.
     """
     axes: dict[str, list[dict[str, Any]]] = {
         "counts": [{"rows": rows, "cols": cols} for rows, cols in counts],
@@ -68,12 +68,12 @@ def grid(
 
 
 def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
-    """What specs of one optimisation problem share, whatever their numbers are."""
+    """What specs whose nonlinear programs have the same structure share."""
     return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface
 
 
 def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:
-    """Design one spec; the layout where there is one. Whatever goes wrong becomes the outcome and stops no sweep."""
+    """Design one spec; the layout where there is one. Any error becomes the outcome, so that it stops no sweep."""
     from mirrorcam.optics.design.optimise import design
 
     try:
@@ -113,9 +113,9 @@ def summary_figures(outcome: Outcome) -> dict[str, float | None]:
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Numbers of the points than which no other is better in one coordinate and as good in the other; more is better.
+    """Indices of the Pareto-optimal points, of which greater coordinates are better, by increasing first coordinate.
 
-    From the least first coordinate to the greatest. Of equal points, the first stands for all.
+    Of equal points, only the first is among them.
     """
     front: list[int] = []
     for number in sorted(range(len(points)), key=lambda k: (-points[k][0], -points[k][1], k)):
@@ -127,7 +127,7 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
     """A row for each outcome, all of the same columns: spec, outcome and every figure; None where there is none.
 
-    Names of figures hold their units. The camera stands there by its name.
+    Names of figures hold their units. The camera is given by its name.
     """
     names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.metrics))
     rows: list[dict[str, Cell]] = []

@@ -60,11 +60,11 @@ class Camera(Value):
 
     @cached_property
     def intrinsics(self) -> FloatArray:
-        """The nine numbers of `INTRINSIC_NAMES`."""
+        """The parameters (9,) named by `INTRINSIC_NAMES`."""
         return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> Self:
-        """The same sensor with the nine numbers of `INTRINSIC_NAMES` replaced."""
+        """The same sensor with other parameters (9,), in the order of `INTRINSIC_NAMES`."""
         fx, fy, cx, cy, *distortion = (float(v) for v in intrinsics)
         return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion)
 
@@ -74,7 +74,7 @@ class Camera(Value):
         k1, k2, _, _, k3 = self.distortion
         # Solved for 1 / r^2, whose polynomial has the leading coefficient 1 however small the distortion is.
         roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # beyond r = 1e6 is as good as never
+        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
         return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
 
     def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:

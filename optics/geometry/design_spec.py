@@ -1,4 +1,4 @@
-"""What a designer asks for."""
+"""The request for a design."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from mirrorcam.optics.geometry.camera import Camera
 
 
 class DesignSpec(Value):
-    """A request for a mirror layout; the optimiser answers with a `Layout` or says which constraint cannot hold."""
+    """A request for a mirror layout, which `design` answers with a `Layout` or the constraint that cannot hold.
+
+    Lengths are mm, angles degrees; each field has its own description.
+    """
 
     camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
     rows: int = Field(default=3, ge=1, le=12, description="rows of mirrors, one row of views each")
@@ -23,7 +26,7 @@ class DesignSpec(Value):
     depths_mm: tuple[float, ...] = Field(
         default=(300.0, 500.0), min_length=1, description="scene depths (along the views, from the pupil) to overlap at"
     )
-    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between the sheets of any two mirrors")
+    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between any two mirrors")
     seen_gap_mm: float = Field(
         default=0.5, ge=0, description="smallest gap between sub-images, in mm at the distance of scale_mm"
     )
@@ -34,12 +37,12 @@ class DesignSpec(Value):
         default=0.3, ge=0, le=1, description="0 asks for pixel efficiency alone, 1 for a perfect grid of views alone"
     )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirror is coated")
-    thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirror sheet")
-    refractive_index: float = Field(default=1.49, ge=1, description="index of the sheet (acrylic 1.49)")
+    thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirrors")
+    refractive_index: float = Field(default=1.49, ge=1, description="refractive index of the mirrors (acrylic 1.49)")
 
     @property
     def is_second_surface(self) -> bool:
-        """Whether the mirrors asked for are coated on the back, see `Mirror.is_second_surface`."""
+        """Whether second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property
@@ -61,7 +64,7 @@ class DesignSpec(Value):
 
 
 GAVE_UP = "every"
-"""The constraint named where the search found no layout and cannot say why: that shows nothing about the spec."""
+"""The constraint named where the search found no layout for unknown reasons, which proves nothing about the spec."""
 
 
 class InfeasibleDesign(InputError):

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
 
 SLIVER = 0.02
-"""Part of a sub-image that another may hide in a device as built; more means that the mirrors are not those meant."""
+"""Part of a sub-image that another may hide in a device as built; more means that the mirrors are wrong."""
 
 
 class Uncertainty(Value):
@@ -96,15 +96,12 @@ class Layout(Value):
         return self
 
     def _overlap_allowed(self, *areas: float) -> float:
-        """Of a design none; in a built device, a mirror may hide a sliver of another."""
+        """Largest area that two sub-images may share: none in a design, a sliver in a device as built."""
         return 1e-12 if self.kind == "nominal" else SLIVER * min(areas)
 
     @cached_property
     def identity(self) -> str:
-        """Sixteen hexadecimal digits of what light meets: camera, mirrors and view axes; nothing else changes it.
-
-        Names do not: not even the camera's.
-        """
+        """Hash (16 hexadecimal digits) of camera, mirrors and view axes. Nothing else changes it, not even names."""
         light = self.model_dump(
             mode="json",
             include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
@@ -114,7 +111,7 @@ class Layout(Value):
 
     @cached_property
     def virtual_centres_in_rig_mm(self) -> FloatArray:
-        """Virtual camera centres (rows*cols, 3); of second-surface mirrors, those of the apparent ones."""
+        """Virtual camera centres (rows*cols, 3); for second-surface mirrors, those of the apparent mirrors."""
         return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors])
 
     @cached_property
@@ -124,20 +121,20 @@ class Layout(Value):
 
     @property
     def central_index(self) -> int:
-        """Index of the central mirror (of an even count, the one after the centre)."""
+        """Index of the central mirror (with an even count, the one after the centre)."""
         return (self.rows // 2) * self.cols + self.cols // 2
 
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
-        """Pixels (..., 2) at which points (..., 3) appear by way of one mirror, whether or not the outline shows them.
+        """Pixels (..., 2) at which points (..., 3) in rig appear in one mirror, whether or not the outline shows them.
 
-        Exact, through a sheet and in a bent mirror too (`Mirror.image_of`).
+        Exact, also for second-surface and bent mirrors (`Mirror.image_of`).
         """
         return self.camera.project(self.mirrors[mirror_index].image_of(points_in_rig))
 
     def outline_px(self, mirror_index: int, points_per_edge: int = 16, *, usable: bool = False) -> FloatArray:
-        """The sub-image (n, 2) on the distorted sensor; edges are sampled because distortion bends them.
+        """The sub-image's outline (n, 2) on the distorted sensor; edges are sampled because distortion bends them.
 
-        `usable`: the part of it that shows the scene, see `Mirror.usable_normalized`.
+        With `usable`, that of the part that shows the scene, see `Mirror.usable_normalized`.
         """
         mirror = self.mirrors[mirror_index].apparent
         corners = self.mirrors[mirror_index].usable_normalized if usable else mirror.outline_normalized
@@ -154,5 +151,5 @@ class Layout(Value):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read `layout.json`; raises InputError with one line for anything that does not belong in it."""
+        """Read `layout.json`. Raises InputError, one line, for anything that does not belong in it."""
         return read_model(cls, path)

@@ -1,4 +1,4 @@
-"""A flat mirror is one point: the pupil reflected. Its plane is the perpendicular bisector of pupil and that point."""
+"""Mirrors, each given by its virtual camera centre: the mirror plane bisects the line from the pupil to that point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 ON_PLANE_TOLERANCE_MM = 1e-6
 NEARLY_FLAT = 0.1
-"""Distance over radius up to which a bent mirror's image is single and about where its plane shows it."""
+"""Largest ratio of distance to radius of curvature at which a bent mirror's image is single and near its plane's."""
 
 
 def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
@@ -35,14 +35,21 @@ def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
 
 
 class Mirror(Value):
-    """One mirror of a layout, flat or nearly so, in the rig frame (origin at the pupil of the base camera).
+    """One mirror of a layout, flat or nearly so, in the rig frame (origin at the pupil of the base camera), mm.
 
-    The plane is the *reflecting* surface: the front of a first-surface mirror, the coated back of a second-surface one.
-    The outline is where that surface is cut, a convex polygon of at least three corners on the plane. The camera sees a
-    second-surface mirror through its sheet, about as it would see the first-surface mirror `apparent`.
+    The plane is the *reflecting* surface: the front of a first-surface mirror, the back of a second-surface mirror,
+    which the camera sees through a plane-parallel plate of glass, about as it would see the first-surface mirror
+    `apparent`. A bent mirror stands off its plane, towards the pupil, by (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y)
+    of its own frame: the plane is tangent to it in the middle of the outline.
 
-    A bent mirror stands off its plane, towards the pupil, by (k_xx x^2 + k_yy y^2) / 2 + k_xy x y at (x, y) of its own
-    frame: the plane touches it in the middle of the outline. `curvature_per_m` is (k_xx, k_yy, k_xy), in 1/m.
+    Attributes
+    ----------
+    virtual_centre_in_rig_mm : the pupil reflected at the plane (3,).
+    outline_in_rig_mm : corners (n, 3) of the reflecting surface, a convex polygon on the plane.
+    surface : which face reflects, see `is_second_surface`.
+    thickness_mm : of the glass.
+    refractive_index : of the glass.
+    curvature_per_m : (k_xx, k_yy, k_xy), 1/m.
     """
 
     virtual_centre_in_rig_mm: Vector3
@@ -60,7 +67,7 @@ class Mirror(Value):
             raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
         if self.is_second_surface and self.distance_mm <= self.front_mm:
             past_mm = self.front_mm - self.distance_mm
-            raise ValueError(f"second-surface sheet reaches {past_mm:.3g} mm past the pupil, expected it before it")
+            raise ValueError(f"second-surface mirror reaches {past_mm:.3g} mm past the pupil, expected it before it")
         curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
         if curvature > limit:
             raise ValueError(
@@ -102,7 +109,7 @@ class Mirror(Value):
         thickness_mm: float,
         refractive_index: float,
     ) -> Self:
-        """The mirror coated behind whose `apparent` mirror has this virtual centre (3,) and this outline (n, 3)."""
+        """The second-surface mirror whose `apparent` mirror has this virtual centre (3,) and this outline (n, 3)."""
         distance_mm = float(np.linalg.norm(apparent_centre_in_rig_mm)) / 2.0
         normal = -apparent_centre_in_rig_mm / (2.0 * distance_mm)
         across = apparent_outline_in_rig_mm.mean(axis=0) + distance_mm * normal
@@ -118,7 +125,7 @@ class Mirror(Value):
 
     @cached_property
     def _chief(self) -> tuple[FloatArray, float]:
-        """Where the middle of the outline lies from the foot of the pupil (3,) in mm, and the chief ray's tangent."""
+        """Vector (3,) from the pupil's foot on the plane to the outline's middle, mm, and the chief ray's tangent."""
         across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
         across_mm = float(np.linalg.norm(across))
         if not self.is_second_surface:
@@ -130,8 +137,9 @@ class Mirror(Value):
     def apparent(self) -> Mirror:
         """The first-surface mirror that this one looks like at its chief ray, through the middle of the outline.
 
-        Of a first-surface mirror, itself. Else the plane and the outline moved towards the pupil by t (1 - tan' / tan),
-        where incoming and outgoing chief ray, made longer, meet; rays of another incidence stray a little from it.
+        A first-surface mirror is its own. Otherwise the plane and the outline are moved towards the pupil by
+        t (1 - tan' / tan), where the incoming and the outgoing chief ray, extended, meet; rays of another incidence
+        deviate a little from it.
         """
         if not self.is_second_surface:
             return self
@@ -145,10 +153,10 @@ class Mirror(Value):
 
     @cached_property
     def usable_normalized(self) -> FloatArray:
-        """The part (n, 2) of the outline that shows the scene, as the camera sees it; (0, 2) where there is none.
+        """The part (n, 2) of the outline that shows the scene, in normalized coordinates; (0, 2) where there is none.
 
-        All of a first-surface mirror. Light enters the front of a second-surface one t tan' before the point of the
-        coating that it meets and leaves as far behind it, and both must lie within the front, which is cut alike.
+        A first-surface mirror shows it all over. Light enters the front of a second-surface mirror t tan' before the
+        point of reflection and leaves it as far behind, and both must lie within the front, whose outline is the same.
         """
         if not self.is_second_surface:
             return self.outline_normalized
@@ -166,7 +174,7 @@ class Mirror(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """Whether light reaches the reflecting surface through the glass: it is coated on the back."""
+        """Whether the back reflects, which light reaches through the glass."""
         return self.surface == "second"
 
     @property
@@ -206,9 +214,9 @@ class Mirror(Value):
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
 
     def image_of(self, points_in_rig: FloatArray) -> FloatArray:
-        """Where points (..., 3) before the mirror appear to the pupil, exactly in direction; see `optics.image`.
+        """Where points (..., 3) before the mirror appear to the pupil (..., 3), in rig, mm; exact in direction.
 
-        NaN for points that are not before a sheet or a bent mirror.
+        NaN for points that are not before a second-surface or a bent mirror; see `optics.geometry.mirror_imaging`.
         """
         if not self.is_second_surface and not self.curvature_per_m.any():
             return self.reflect(points_in_rig)
@@ -222,7 +230,7 @@ class Mirror(Value):
         return images(points_in_rig.reshape(-1, 3).T, mirrors).image_mm.T.reshape(points_in_rig.shape)
 
     def sag_mm(self, points_in_rig: FloatArray) -> FloatArray:
-        """How far (...) the reflecting surface stands before the plane at points (..., 3) of the plane."""
+        """Heights (...) of the reflecting surface over its plane, towards the pupil, at points (..., 3) of it."""
         x, y = np.moveaxis((points_in_rig - self.rig_from_plane[:3, 3]) @ self.rig_from_plane[:3, :2], -1, 0)
         xx, yy, xy = self.curvature_per_m / 1e3
         return np.asarray((xx * x**2 + yy * y**2) / 2.0 + xy * x * y)
@@ -233,7 +241,7 @@ class Mirror(Value):
 
     @cached_property
     def outline_normalized(self) -> FloatArray:
-        """The outline (n, 2) as the camera sees it, in normalized image coordinates."""
+        """The outline (n, 2) in normalized image coordinates."""
         return self.outline_in_rig_mm[:, :2] / self.outline_in_rig_mm[:, 2:]
 
     @cached_property

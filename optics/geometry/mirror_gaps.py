@@ -1,4 +1,4 @@
-"""The sheets of mirrors as convex bodies, and how far apart they are, in space and as the camera sees them."""
+"""Distances between mirrors, of their solids in space and of their sub-images, and their edges and areas."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def hull_distance(first: FloatArray, second: FloatArray) -> float:
 
 
 def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
-    """Arrays (k_i, ...) as one (n, max k, ...); the shorter ones repeat their last row, which no extreme feels."""
+    """Arrays (k_i, ...) as one (n, max k, ...); shorter ones repeat their last row, which changes no extremum."""
     longest = max(len(array) for array in arrays)
     return np.stack([np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in arrays])
 
 
 def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
-    """For all pairs (n, n) a distance that their sheets keep at least: the best of their faces as a plane between."""
+    """Lower bounds (n, n) of the distances between solids, mm: the largest of those along a face's normal."""
     corners = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
@@ -46,14 +46,14 @@ def _least_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
 
 
 def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[int, int]]:
-    """Pairs i < j of mirrors whose sheets are less than `gap_mm` apart."""
+    """Pairs i < j of mirrors whose solids are less than `gap_mm` apart."""
     corners = [mirror.solid.corners_in_rig_mm for mirror in mirrors]
     candidates = np.argwhere(np.triu(_least_gaps_mm(mirrors) < gap_mm, 1))
     return [(int(i), int(j)) for i, j in candidates if hull_distance(corners[i], corners[j]) < gap_mm]
 
 
 def smallest_gap_mm(layout: Layout) -> float:
-    """Smallest distance between the sheets of any two mirrors, mm; 0 where two meet, infinite for a single mirror."""
+    """Smallest distance between the solids of any two mirrors, mm; 0 where two meet, infinite for a single mirror."""
     corners = [mirror.solid.corners_in_rig_mm for mirror in layout.mirrors]
     first, second = np.triu_indices(len(corners), 1)
     least = _least_gaps_mm(layout.mirrors)[first, second]
@@ -78,7 +78,7 @@ def area_mm2(mirror: Mirror) -> float:
 
 
 def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """All pairs i < j and how far their sub-images are apart, in normalized coordinates."""
+    """All pairs i < j and the distances of their sub-images, in normalized coordinates."""
     seen = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
     first, second = np.triu_indices(len(seen), 1)
     return first, second, shapely.distance(seen[first], seen[second])

@@ -1,4 +1,4 @@
-"""The camera as somebody built it: a layout strayed from its design by drawn tolerances."""
+"""Devices as built: layouts perturbed at random within tolerances."""
 
 from __future__ import annotations
 
@@ -21,37 +21,38 @@ DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens th
 
 @dataclass(frozen=True)
 class Perturbations:
-    """How far n devices of m mirrors stray from their design.
+    """Deviations of n devices of m mirrors from their design.
 
     Attributes:
         focal: relative error (n,) of the focal length.
         centre_px: error (n, 2) of the principal point.
         lens: error (n, 5) of k1 k2 p1 p2 k3.
-        tilts: rotation (n, m, 2) of each mirror about the x and y axis of its own plane, radians.
+        tilts_rad: rotation (n, m, 2) of each mirror about the x and y axis of its own plane.
         shifts_mm: shift (n, m) of each mirror along its normal.
-        sheets_mm: error (n,) of the thickness of the sheet that all mirrors of a device are cut from.
-        camera_shifts_mm: where the pupil is (n, 3), in the frame of the holder (the rig as designed).
-        camera_turns: rotation vector (n, 3) of holder_from_camera, radians.
+        thickness_mm: error (n,) of the thickness of the stock sheet that all mirrors of a device are cut from.
+        camera_shifts_mm: position (n, 3) of the pupil in the frame of the holder (the rig as designed).
+        camera_turns_rad: rotation vector (n, 3) of holder_from_camera.
     """
 
     focal: FloatArray
     centre_px: FloatArray
     lens: FloatArray
-    tilts: FloatArray
+    tilts_rad: FloatArray
     shifts_mm: FloatArray
-    sheets_mm: FloatArray
+    thickness_mm: FloatArray
     camera_shifts_mm: FloatArray
-    camera_turns: FloatArray
+    camera_turns_rad: FloatArray
 
 
 def draw_perturbations(
     tolerances: Tolerances, mirrors: int, devices: int, random: np.random.Generator
 ) -> Perturbations:
-    """Draw devices from normal distributions; the same generator and tolerances of other sizes: the same, scaled.
+    """Draw devices from normal distributions.
 
-    The first devices do not depend on how many follow.
+    With the same generator, tolerances of another size give the same draws, scaled, and the first devices do not depend
+    on the number of devices.
     """
-    # Sheet and camera have a generator of their own, so that what is drawn for all else does not depend on them.
+    # Thickness and camera have a separate generator, so that the other draws do not depend on them.
     placed = random.spawn(1)[0].standard_normal((devices, 7))
     drawn = random.standard_normal((devices, 8 + 3 * mirrors))
     by_mirror = drawn[:, 8:].reshape(devices, mirrors, 3)
@@ -59,16 +60,16 @@ def draw_perturbations(
         focal=tolerances.focal_percent / 100.0 * drawn[:, 0],
         centre_px=tolerances.centre_px * drawn[:, 1:3],
         lens=np.array(tolerances.distortion_mean) + np.array(tolerances.distortion_sigma) * drawn[:, 3:8],
-        tilts=np.deg2rad(tolerances.tilt_deg) * by_mirror[..., :2],
+        tilts_rad=np.deg2rad(tolerances.tilt_deg) * by_mirror[..., :2],
         shifts_mm=tolerances.offset_mm * by_mirror[..., 2],
-        sheets_mm=tolerances.sheet_thickness_mm * placed[:, 0],
+        thickness_mm=tolerances.sheet_thickness_mm * placed[:, 0],
         camera_shifts_mm=tolerances.camera_offset_mm * placed[:, 1:4],
-        camera_turns=np.deg2rad(tolerances.camera_turn_deg) * placed[:, 4:],
+        camera_turns_rad=np.deg2rad(tolerances.camera_turn_deg) * placed[:, 4:],
     )
 
 
 def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) -> Camera:
-    """The camera of one device; itself where it does not stray."""
+    """The camera of one device; the same object where it is not perturbed."""
     focal, centre, lens = 1.0 + perturbations.focal[device], perturbations.centre_px[device], perturbations.lens[device]
     if focal == 1.0 and not centre.any() and not lens.any():
         return camera
@@ -83,62 +84,63 @@ def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) 
 
 @dataclass(frozen=True)
 class Devices:
-    """Where the mirrors and the pupils of n devices are, in the frame of their holder: the rig as it was designed.
+    """The mirrors and the pupils of n devices in the frame of their holder, which is the rig frame as designed.
 
     Attributes:
         normals: unit normals (n, m, 3) on the reflecting side.
-        middles: means (n, m, 3) of the outlines' corners, which lie on the reflecting planes, mm.
+        middles_mm: means (n, m, 3) of the outlines' corners, which lie on the reflecting planes.
         axes: the x and y axis (n, m, 3, 2) of each mirror's own frame.
-        outlines: corners (n, m, k, 3), mm; those of mirrors with fewer than k repeat their last.
-        thicknesses_mm: of the sheets (n, m).
-        pupils: where the camera's pupil is (n, 3), mm.
-        holder_from_camera: how the camera is turned (n, 3, 3).
+        outlines_mm: corners (n, m, k, 3); those of mirrors with fewer than k repeat their last.
+        thicknesses_mm: of the mirrors (n, m).
+        pupils_mm: positions of the cameras' pupils (n, 3).
+        holder_from_camera: rotations of the cameras (n, 3, 3).
     """
 
     normals: FloatArray
-    middles: FloatArray
+    middles_mm: FloatArray
     axes: FloatArray
-    outlines: FloatArray
+    outlines_mm: FloatArray
     thicknesses_mm: FloatArray
-    pupils: FloatArray
+    pupils_mm: FloatArray
     holder_from_camera: FloatArray
 
 
 def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
-    """The devices that a layout becomes: each mirror tilted about its middle, then shifted along the normal it had.
+    """The devices built from a layout: each mirror is tilted about its middle, then shifted along its nominal normal.
 
-    The back of a sheet rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
-    second-surface one where it did, behind more glass.
+    The back of a mirror rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
+    second-surface mirror at the same place, behind more glass.
     """
     shape = perturbations.shifts_mm.shape
     designed = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
     frames = np.array([mirror.rig_from_plane for mirror in layout.mirrors])
     middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
     spokes = stacked([mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    thicknesses = np.array([mirror.thickness_mm for mirror in layout.mirrors])
     lifts = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
-    vectors = (frames[:, :3, :2] @ perturbations.tilts[..., None])[..., 0]
+    vectors = (frames[:, :3, :2] @ perturbations.tilts_rad[..., None])[..., 0]
     turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    shifts = (perturbations.shifts_mm + np.where(lifts, perturbations.sheets_mm[:, None], 0.0))[..., None] * designed
+    shifts = (perturbations.shifts_mm + np.where(lifts, perturbations.thickness_mm[:, None], 0.0))[..., None] * designed
     return Devices(
         normals=(turns @ designed[..., None])[..., 0],
-        middles=middles + shifts,
+        middles_mm=middles + shifts,
         axes=turns @ frames[:, :3, :2],
-        outlines=spokes @ np.swapaxes(turns, -1, -2) + middles[:, None] + shifts[..., None, :],
-        thicknesses_mm=np.array([mirror.thickness_mm for mirror in layout.mirrors]) + perturbations.sheets_mm[:, None],
-        pupils=perturbations.camera_shifts_mm,
-        holder_from_camera=Rotation.from_rotvec(perturbations.camera_turns).as_matrix(),
+        outlines_mm=spokes @ np.swapaxes(turns, -1, -2) + middles[:, None] + shifts[..., None, :],
+        thicknesses_mm=thicknesses + perturbations.thickness_mm[:, None],
+        pupils_mm=perturbations.camera_shifts_mm,
+        holder_from_camera=Rotation.from_rotvec(perturbations.camera_turns_rad).as_matrix(),
     )
 
 
 def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     """The first device as a layout in its own rig frame, which is that of its camera."""
     devices = perturbed_mirrors(layout, perturbations)
-    turn, pupil = devices.holder_from_camera[0], devices.pupils[0]
+    turn, pupil = devices.holder_from_camera[0], devices.pupils_mm[0]
     mirrors = tuple(
         Mirror.from_plane(
-            (devices.middles[0, k] - pupil) @ turn,
+            (devices.middles_mm[0, k] - pupil) @ turn,
             devices.normals[0, k] @ turn,
-            outline_in_rig_mm=(devices.outlines[0, k, : len(mirror.outline_in_rig_mm)] - pupil) @ turn,
+            outline_in_rig_mm=(devices.outlines_mm[0, k, : len(mirror.outline_in_rig_mm)] - pupil) @ turn,
             surface=mirror.surface,
             thickness_mm=float(devices.thicknesses_mm[0, k]),
             refractive_index=mirror.refractive_index,
@@ -166,15 +168,27 @@ def _covers_sensor(camera: Camera) -> bool:
 
 
 def _off_sensor(layout: Layout) -> int | None:
-    """The first mirror of which the sensor shows nothing."""
+    """The first mirror that does not appear on the sensor."""
     return next((index for index, shown in enumerate(sub_images(layout)) if shown.is_empty), None)
 
 
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
-    """A layout of kind "as-built", drawn around `layout`; drawn again (up to 20 times) when it could not exist.
+    """A device built from a layout, drawn at random; drawn again (up to 20 times) when it could not exist.
 
-    Its rig frame is that of the camera as it sits in the holder; its view axes stay those of the holder.
-    Raises InputError that names the tolerance when no draw can exist, and for mirrors that are bent.
+    Parameters
+    ----------
+    layout : the design, of flat mirrors.
+    tolerances : standard deviations.
+    random : the generator to draw from.
+
+    Returns
+    -------
+    A layout of kind "as-built" in the rig frame of the camera as it sits in the holder; its view axes stay those of the
+    holder.
+
+    Raises
+    ------
+    InputError : no draw can exist (it names the tolerance), or a mirror is bent.
     """
     bent = [number for number, mirror in enumerate(layout.mirrors) if mirror.curvature_per_m.any()]
     if bent:
@@ -202,5 +216,5 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
 
 
 def workmanship(tolerances: Tolerances) -> str:
-    """What printing and assembling is blamed for, in the words of an error: the tolerances that are not none."""
+    """The tolerances of printing and assembling that are not zero, for an error message."""
     return ", ".join(f"{name} {value}" for name in WORKMANSHIP if (value := getattr(tolerances, name)) > 0)

@@ -1,6 +1,6 @@
-"""Light in a plane-parallel slab that is coated behind: where it bends, and the plain mirror that it looks like.
+"""Refraction in the plane-parallel plate of a second-surface mirror, and the plain mirror that it looks like.
 
-Tangents are those of angles to the slab's normal, outside unless said otherwise. Snell's law: sin = n sin'.
+Tangents are those of angles to the plate's normal, in air unless stated otherwise. Snell's law: sin = n sin'.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ NEWTON_STEPS = 50
 
 
 def inner_tangent(tangent: FloatArray, refractive_index: FloatArray | float) -> FloatArray:
-    """Tangent inside the slab of rays (...) that meet it with `tangent` outside."""
+    """Tangents (...) in the plate of rays whose tangents in air are given."""
     squared = np.square(tangent)
     return np.asarray(tangent / np.sqrt(refractive_index**2 * (1.0 + squared) - squared))
 
@@ -24,10 +24,10 @@ def outer_tangent(
     glass_mm: FloatArray | float,
     refractive_index: FloatArray | float,
 ) -> FloatArray:
-    """Tangents outside of rays (...) that go `across_mm` while they pass `air_mm` > 0 and then `glass_mm` of a slab.
+    """Tangents (...) in air of rays that cover `across_mm` sideways in `air_mm` > 0 and then `glass_mm` of a plate.
 
-    Newton's method on air tan + glass tan' = across: the left side is concave and grows, so that steps from below the
-    root never overshoot it.
+    Newton's method on air tan + glass tan' = across: the left side is concave and increasing, so that steps from below
+    the root never overshoot it.
     """
     across, air = np.broadcast_arrays(np.asarray(across_mm, dtype=np.float64), air_mm)
     tangent = across / (air + glass_mm)
@@ -44,9 +44,9 @@ def outer_tangent(
 
 
 def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -> FloatArray:
-    """How far above its coating the slab looks like a plain mirror to rays (...): t (1 - tan' / tan).
+    """Height (...) over the reflecting surface at which the plate looks like a plain mirror: t (1 - tan' / tan).
 
-    The incoming and the outgoing ray, made longer, meet there, right above the point of the coating that they meet.
+    The incoming and the outgoing ray, extended, meet there, right above their point of reflection.
     """
     tangent = np.asarray(tangent, dtype=np.float64)
     straight = np.full_like(tangent, 1.0 / refractive_index)
@@ -55,7 +55,7 @@ def rise_mm(tangent: FloatArray, thickness_mm: float, refractive_index: float) -
 
 
 def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatArray:
-    """Part (...) of unpolarised light that the slab's bare front reflects (Fresnel)."""
+    """Fraction (...) of unpolarised light that the plate's uncoated front reflects (Fresnel's equations)."""
     tangent = np.asarray(tangent, dtype=np.float64)
     cosine = 1.0 / np.sqrt(1.0 + tangent**2)
     inner_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / refractive_index**2)

@@ -1,4 +1,4 @@
-"""What the views of a layout see of the scene and have in common, by polygon clipping.
+"""Fields of view of a layout and the region that all views share, by polygon clipping.
 
 Depths are along the view axis from the pupil; regions of the plane at a depth are polygons in (x, y) of the view axes,
 mm.
@@ -44,14 +44,14 @@ def sensor_polygon(camera: Camera) -> Polygon:
 
 
 def sub_images(layout: Layout) -> list[Polygon]:
-    """What of each mirror shows the scene, in normalized coordinates, as far as the sensor sees it."""
+    """The part of each sub-image that lies on the sensor and shows the scene, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
     shown = [sensor.intersection(Polygon(mirror.usable_normalized)) for mirror in layout.mirrors]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
 def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those that head for the scene."""
+    """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those towards the scene."""
     heights = polygon @ slope[:2] + slope[2] - 1e-6
     kept: list[FloatArray] = []
     for k in range(len(polygon)):
@@ -65,27 +65,32 @@ def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FieldsOfView:
-    """The light of all views: corner rays of each sub-image, from where they leave their mirrors, in view axes, mm.
+    """The fields of view of all mirrors, by the corner rays of their sub-images, in view axes.
 
-    `leaving` and `directions` (m, 3) hold the corners of one sub-image after the other, `corners_of` those of each
-    mirror that sees something. `reach_mm` is the depth to which the sheets of the mirrors reach.
+    Attributes
+    ----------
+    layout : whose mirrors they are.
+    reach_mm : depth to which the solids of the mirrors reach.
+    origins_mm : points (m, 3) where the rays leave their mirrors, one sub-image after the other.
+    directions : of the rays (m, 3), of any length.
+    corners_of : the rays of each mirror that sees something of the scene.
     """
 
     layout: Layout
     reach_mm: float
-    leaving: FloatArray
+    origins_mm: FloatArray
     directions: FloatArray
     corners_of: dict[int, slice]
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
-        """What each view sees of the plane at a depth; empty where nothing.
+        """The part of the plane at a depth that each view sees; empty where it sees nothing.
 
         Raises InputError for a depth nearer than the mirrors.
         """
         if depth_mm <= self.reach_mm:
             raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.reach_mm:.1f} mm")
-        steps = (depth_mm - self.leaving[:, 2]) / self.directions[:, 2]
-        corners = (self.leaving + steps[:, None] * self.directions)[:, :2]
+        steps = (depth_mm - self.origins_mm[:, 2]) / self.directions[:, 2]
+        corners = (self.origins_mm + steps[:, None] * self.directions)[:, :2]
         seen = [Polygon()] * len(self.layout.mirrors)
         for k, part in self.corners_of.items():
             seen[k] = Polygon(corners[part])
@@ -110,7 +115,7 @@ class FieldsOfView:
 
 
 def fields_of_view(layout: Layout) -> FieldsOfView:
-    """The light of all views of a layout; that which does not head for the scene is left out."""
+    """The fields of view of a layout; rays that are not reflected towards the scene are left out."""
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout), strict=True)):
@@ -127,7 +132,7 @@ def fields_of_view(layout: Layout) -> FieldsOfView:
 
 
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
-    """The outline (n, 3) in rig of a region at a depth, with points along edges where a lens bends them."""
+    """The outline (n, 3) in rig of a region at a depth, its edges sampled where the lens distorts them."""
     outline = vertices(region)
     if layout.camera.distortion.any():
         outline = _subdivided(outline)
@@ -140,7 +145,7 @@ def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int)
 
 
 def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
-    """The region of the plane at a depth that all views see, and what each view sees.
+    """The region of the plane at a depth that all views see, and the footprint of each view.
 
     The region is empty where there is none. Raises InputError for a depth nearer than the mirrors.
     """

@@ -1,4 +1,4 @@
-"""What of a board is ink, as outlines: for a print whose edges are as sharp as the printer's."""
+"""The printed ink of a board as outlines, for vector prints."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Target
 
 
 def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
-    """Black squares and markers in the board's frame, x and y in mm; what touches along an edge is one polygon.
+    """Black squares and markers in the board's frame, x and y in mm.
 
-    So no viewer shows seams between the modules of a marker. Squares that touch in a corner stay apart.
+    Modules of a marker that share an edge are one polygon, so that no viewer shows seams between them. Squares that
+    touch in a corner are separate polygons.
     """
     side = target.square_mm
     squares = [

@@ -1,4 +1,4 @@
-"""Calibration targets: what is printed on the board, and where its corners are.
+"""Calibration targets: the printed pattern and the positions of its corners.
 
 The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper:
 the printed side is seen from negative z. Corner ids run row by row from the top left.
@@ -31,7 +31,7 @@ DICTIONARIES = {
 
 
 class _Grid(Value):
-    """What every target of squares shares."""
+    """A target of squares."""
 
     cols: int = Field(ge=3, description="squares along x")
     rows: int = Field(ge=3, description="squares along y")
@@ -70,7 +70,7 @@ class Checkerboard(_Grid):
 
 
 class Charuco(_Grid):
-    """A checkerboard with an ArUco marker in each white square: every part of it names its own corners."""
+    """A checkerboard with an ArUco marker in each white square: any part of it identifies its corners."""
 
     kind: Literal["charuco"] = "charuco"
     marker_mm: float = Field(gt=0, description="side of a marker, smaller than a square")
@@ -99,6 +99,7 @@ class Charuco(_Grid):
         return np.asarray(self.opencv.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
 
 
+# Any board; read from a file, its `kind` says which.
 Target = Annotated[Checkerboard | Charuco, Field(discriminator="kind")]
 
 
@@ -107,7 +108,7 @@ class _BoardFile(RootModel[Target]):
 
 
 def default_board() -> Charuco:
-    """The board of the synthetic sets: fills the common field of the default layout at 300 to 500 mm."""
+    """The default board of rendered sets, which fills the common field of the default layout at 300 to 500 mm."""
     return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4)
 
 

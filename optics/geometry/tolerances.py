@@ -1,4 +1,4 @@
-"""How far a built camera strays from its design. Light to import: the command shows these options in its help."""
+"""How far built cameras deviate from their design. Light to import: the command shows these options in its help."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ Lens = tuple[float, float, float, float, float]
 
 NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 
-# What printing, gluing and screwing decide; all else comes with the camera.
+# Tolerances of printing, gluing and screwing; the others are the camera's.
 WORKMANSHIP = ("tilt_deg", "offset_mm", "sheet_thickness_mm", "camera_offset_mm", "camera_turn_deg")
 
 
 class Tolerances(Value):
-    """How far a built camera strays from its design: standard deviations, and the lens that a data sheet leaves out."""
+    """Standard deviations of built cameras from their design, and of the lens distortion that a data sheet omits."""
 
-    # The defaults are a hand-assembled mirror camera with a good webcam, seen from that webcam: where the holder
-    # carries it does not show in its pictures, so that the camera's place has no tolerance unless one is given.
+    # The defaults are a hand-assembled mirror camera with a good webcam, in the frame of that webcam: its pictures do
+    # not depend on where the holder carries it, so that the camera's place has no tolerance unless one is given.
     tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror about each of two axes in its plane")
     offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal")
     sheet_thickness_mm: float = Field(
-        default=0.0, ge=0, description="thickness of the sheet that all mirrors are cut from"
+        default=0.0, ge=0, description="thickness of the stock sheet that all mirrors are cut from"
     )
     camera_offset_mm: float = Field(
         default=0.0, ge=0, description="shift of the camera's pupil in the holder, along each axis"
@@ -59,7 +59,7 @@ class Tolerances(Value):
         return cls.none().replaced(**made_by_hand)
 
     def times(self, factor: float) -> Self:
-        """The same camera in a holder that is printed and assembled less (> 1) or more (< 1) precisely."""
+        """The same camera in a holder that is printed and assembled less (factor > 1) or more (< 1) precisely."""
         return self.replaced(**{name: factor * getattr(self, name) for name in WORKMANSHIP})
 
     def only(self, *names: str) -> Self:
@@ -68,7 +68,7 @@ class Tolerances(Value):
 
     @property
     def workmanship(self) -> str:
-        """Those of printing and assembling, as people read them."""
+        """The tolerances of printing and assembling, in words."""
         return (
             f"mirrors tilted {self.tilt_deg:g}° and shifted {self.offset_mm:g} mm, "
             f"sheet {self.sheet_thickness_mm:g} mm, "

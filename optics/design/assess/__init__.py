@@ -1,1 +1,1 @@
-"""What a layout is worth, measured by code that the optimiser does not use."""
+"""Assessment of layouts by code that the optimiser does not use: figures of merit, verification, tolerances."""

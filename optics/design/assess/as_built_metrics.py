@@ -1,4 +1,4 @@
-"""Figures of devices as built, held against their design: overlap and grid, and what decoding is worth."""
+"""Figures of devices as built, compared with their design: overlap, grid and errors of decoding."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Probe:
-    """Points of the scene in which the projection of a device is held against that of the design.
+    """Points of the scene at which the projection of a device is compared with that of the design.
 
     Triangle by triangle of the region that all views of the design share at a depth, the three points and equal
     weights that integrate squares of affine functions over it exactly (Strang and Fix, degree 2).
     """
 
     depth_mm: float
-    points: FloatArray  # (q, 3)
+    points_mm: FloatArray  # (q, 3)
     weights: FloatArray  # (q,), sum 1
-    pixels: FloatArray  # (m, q, 2) by way of the design
-    landings: FloatArray  # (m, q, 2) where the design takes those pixels to lie on the plane: the points, rounded
+    pixels: FloatArray  # (m, q, 2), predicted by the design
+    landings_mm: FloatArray  # (m, q, 2), where the design maps those pixels on the plane: the points, rounded
     px_per_mm: float  # of the median sub-image, on the plane at this depth
 
 
 @dataclass(frozen=True)
 class DesignReference:
-    """A design, and where devices are held against it.
+    """A design and the points at which devices are compared with it.
 
     Attributes:
         design: its views, n = 1.
         probes: one per working depth.
         reference_mm: depth of the reference plane of decoding, midway in disparity between the working depths.
-        window: what of it decoding takes the views to show: the box around what all views of the design share.
+        window: the part of it that decoded views show: the bounding box of what is common to all views of the design.
     """
 
     design: BuiltViews
@@ -66,17 +66,17 @@ class DesignReference:
     def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
         """Every figure (n,) of the devices, in the order of a report.
 
-        As those of `optics.design.metrics`, but in the view axes of the holder, where the plane at a depth does not
-        move when the camera does: grid error, baselines, pixel efficiency, overlap, field of view (at the farthest
-        depth). Besides:
+        Grid error, baselines, pixel efficiency, overlap and field of view (at the farthest depth) are as in
+        `layout_metrics`, but in the view axes of the holder, where the plane at a depth does not move when the camera
+        does. Further:
 
-        - `off_sensor`: part of the mirrors' pictures that falls beside the sensor.
-        - `uncalibrated_error`: who decodes with the design instead of calibrating looks for a point of the scene so far
-          from its pixel; rms over the region that all views of the design share, and over views.
-        - `misregistration`: what of that differs from view to view, and so blurs a refocused picture and falsifies
-          depth: where the design takes the pixel to lie on the plane, less the mean over views; in px of a decoded
+        - `off_sensor`: fraction of the sub-images that lies outside the sensor.
+        - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, which
+          decoding without calibration uses; rms over the region that all views of the design share, and over views.
+        - `misregistration`: the part of it that differs from view to view, and so blurs a refocused picture and
+          falsifies depth: where the design maps the pixel on the plane, less the mean over views; in px of a decoded
           view.
-        - `usable_window`: after calibration, the part of `window` that all views of the device see.
+        - `usable_window`: the part of `window` that all views of the device see, after calibration.
 
         Light that one mirror takes from another is not subtracted.
         """
@@ -102,7 +102,7 @@ class DesignReference:
 
 
 def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:
-    """What devices are held against at depths, mm. Raises InputError where the views of the design share nothing."""
+    """The reference of a design at depths, mm. Raises InputError where the views of the design share nothing."""
     reference_mm = harmonic_mean(depths_mm)
     for depth_mm in (*depths_mm, reference_mm):
         if fields_of_view(layout).common_region(depth_mm)[0].is_empty:
@@ -130,18 +130,18 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
     pixels = design.pixels(points, np.array(0), mirrors)
     return Probe(
         depth_mm=depth_mm,
-        points=points,
+        points_mm=points,
         weights=np.repeat(areas / areas.sum() / 3.0, 3),
         pixels=pixels,
-        landings=_landings(design, pixels, depth_mm),
+        landings_mm=_landings(design, pixels, depth_mm),
         px_per_mm=float(np.median(np.sqrt(design.seen_px(regions, depth_mm)[0] / areas.sum()))),
     )
 
 
 def _grids(views: BuiltViews) -> dict[str, FloatArray]:
-    """Grid error and baselines (n,), as `optics.design.metrics.fitted_grid` has them of one layout."""
+    """Grid error and baselines (n,), as `layout_metrics.fitted_grid` has them for one layout."""
     rows, cols = views.layout.rows, views.layout.cols
-    centres = views.centres.reshape(-1, rows, cols, 3)
+    centres = views.centres_mm.reshape(-1, rows, cols, 3)
     left = centres - centres.mean(axis=(1, 2), keepdims=True)
     spacings = {}
     for name, axis, count in (("x", 0, cols), ("y", 1, rows)):
@@ -159,7 +159,7 @@ def _grids(views: BuiltViews) -> dict[str, FloatArray]:
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
     """Angles (n, 2) that regions (n,) of the plane at a depth span at the mean virtual centre; 0 of empty ones."""
     points, of = shapely.get_coordinates(regions, return_index=True)
-    middles = views.centres.mean(axis=1)[of]
+    middles = views.centres_mm.mean(axis=1)[of]
     angles = np.degrees(np.arctan2(points - middles[:, :2], depth_mm - middles[:, 2:]))
     low, high = (np.full((len(regions), 2), start) for start in (np.inf, -np.inf))
     np.minimum.at(low, of, angles)
@@ -169,17 +169,17 @@ def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -
 
 def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tuple[FloatArray, FloatArray]:
     """`uncalibrated_error` and `misregistration` (n,) at one depth, without points that a lens model cannot see."""
-    devices, mirrors = np.arange(len(views.pupils))[:, None, None], np.arange(views.centres.shape[1])[:, None]
-    pixels = views.pixels(probe.points, devices, mirrors)
+    devices, mirrors = np.arange(len(views.pupils_mm))[:, None, None], np.arange(views.centres_mm.shape[1])[:, None]
+    pixels = views.pixels(probe.points_mm, devices, mirrors)
     error = _rms(pixels - probe.pixels, probe.weights)
-    taken = _landings(design, pixels, probe.depth_mm) - probe.landings
+    taken = _landings(design, pixels, probe.depth_mm) - probe.landings_mm
     return error, probe.px_per_mm * _rms(taken - _mean_over_views(taken), probe.weights)
 
 
 def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
-    """Where the design takes pixels (..., m, q, 2) of its sub-images to lie on the plane at a depth."""
+    """Points (..., m, q, 2), mm, of the plane at a depth that pixels of the design's sub-images see."""
     normalized = design.cameras[0].normalized_from_pixels(pixels)
-    return design.landing(normalized, np.array(0), np.arange(design.centres.shape[1])[:, None], depth_mm)
+    return design.landing(normalized, np.array(0), np.arange(design.centres_mm.shape[1])[:, None], depth_mm)
 
 
 def _rms(errors: FloatArray, weights: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
-"""What devices as built see of the scene, by polygon clipping: all of them at once.
+"""Fields of view of devices as built, by polygon clipping: of many devices at once.
 
-Everything is in the view axes of the holder, with its origin where the pupil was designed to be: depth is z, and the
+Everything is in the view axes of the holder, with its origin at the nominal pupil: depth is z, and the
 plane at a depth does not move when the camera does. Regions are polygons in (x, y), mm.
 """
 
@@ -34,29 +34,29 @@ class BuiltViews:
 
     Attributes:
         layout: the design.
-        cameras: the camera of each device, the same object where it does not stray.
-        pupils: where it is (n, 3).
-        view_from_camera: how it is turned (n, 3, 3).
-        normals: of the mirrors as they look (`Mirror.apparent`), (n, m, 3).
-        centres: virtual camera centres (n, m, 3).
+        cameras: the camera of each device, the same object where it is not perturbed.
+        pupils_mm: positions of the pupils (n, 3).
+        view_from_camera: rotations of the cameras (n, 3, 3).
+        normals: of the apparent mirrors (`Mirror.apparent`), (n, m, 3).
+        centres_mm: virtual camera centres (n, m, 3).
         outlines: the mirrors' outlines (n, m) in each camera's normalized coordinates.
         shown: the part of each that shows the scene.
-        sub_images: the part of that which the sensor sees, whose rays head for the scene.
+        sub_images: the part of those that lies on the sensor and whose rays are reflected towards the scene.
     """
 
     layout: Layout
     cameras: tuple[Camera, ...]
-    pupils: FloatArray
+    pupils_mm: FloatArray
     view_from_camera: FloatArray
     normals: FloatArray
-    centres: FloatArray
+    centres_mm: FloatArray
     outlines: Polygons
     shown: Polygons
     sub_images: Polygons
 
     def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) by way of mirrors (...) of devices (...); NaN where not seen."""
-        normals, offsets = self.normals[device, mirror], points - self.pupils[device]
+        normals, offsets = self.normals[device, mirror], points - self.pupils_mm[device]
         # The pupil's virtual centre is as far from the point as the pupil from the reflected point.
         distances = self._distances(device, mirror)
         reflected = offsets - 2.0 * (np.sum(offsets * normals, axis=-1) + distances)[..., None] * normals
@@ -70,18 +70,18 @@ class BuiltViews:
         return pixels
 
     def _distances(self, device: Indices, mirror: Indices) -> FloatArray:
-        return np.linalg.norm(self.centres - self.pupils[:, None], axis=-1)[device, mirror] / 2.0
+        return np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1)[device, mirror] / 2.0
 
     def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
         """Points (..., 2) of the plane at a depth that rays (..., 2) by way of mirrors (...) of devices (...) meet."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
         turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
-        normals, centres = self.normals[device, mirror], self.centres[device, mirror]
+        normals, centres = self.normals[device, mirror], self.centres_mm[device, mirror]
         leaving = turned - 2.0 * np.sum(turned * normals, axis=-1, keepdims=True) * normals
         return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
 
     def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
-        """What all views of each device see of the plane at a depth (n,), and what each sees (n, m)."""
+        """The regions (n,) of the plane at a depth that all views of a device see, and all footprints (n, m)."""
         count = self.sub_images.shape[1]
         footprints = _placed(
             self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
@@ -104,7 +104,7 @@ class BuiltViews:
         return np.abs(areas)
 
     def hidden(self) -> NDArray[np.bool_]:
-        """Of which devices (n,) one mirror hides part of another from the camera: their outlines overlap there."""
+        """Whether (n,) a mirror of a device hides part of another from the camera: their outlines overlap."""
         count = self.outlines.shape[1]
         first, second = np.triu_indices(count, 1)
         low, high = shapely.bounds(self.outlines).reshape(-1, count, 2, 2).transpose(2, 0, 1, 3)
@@ -117,19 +117,19 @@ class BuiltViews:
 
 
 def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
-    """The views of devices that stray from a layout.
+    """The views of perturbed devices of a layout.
 
-    Raises InputError where a device could not be built: a sheet without thickness, a mirror behind its camera, a lens
-    that folds inside the sensor.
+    Raises InputError where a device could not be built: a mirror without thickness or behind its camera, a lens that
+    folds inside the sensor.
     """
     devices = perturbed_mirrors(layout, perturbations)
     cameras = tuple(
         perturbed_camera(layout.camera, perturbations, device) for device in range(len(perturbations.focal))
     )
-    behind = (devices.pupils[:, None] - devices.middles)[..., None, :] @ devices.normals[..., None]
+    behind = (devices.pupils_mm[:, None] - devices.middles_mm)[..., None, :] @ devices.normals[..., None]
     distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
     if (thicknesses <= 0).any():
-        raise InputError(f"a drawn sheet is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
+        raise InputError(f"a drawn mirror is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
     second = np.array([mirror.is_second_surface for mirror in layout.mirrors])
     if (distances <= np.where(second, thicknesses, 0.0)).any():
         raise InputError("a drawn mirror reaches past the pupil, expected smaller tolerances")
@@ -138,15 +138,15 @@ def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
     sensors = {id(camera): sensor_polygon(camera) for camera in cameras}
     sensor = np.array([sensors[id(camera)] for camera in cameras])
     view_from_holder = layout.view_from_rig
-    pupils, normals = devices.pupils @ view_from_holder.T, devices.normals @ view_from_holder.T
+    pupils, normals = devices.pupils_mm @ view_from_holder.T, devices.normals @ view_from_holder.T
     view_from_camera = view_from_holder @ devices.holder_from_camera
     return BuiltViews(
         layout=layout,
         cameras=cameras,
-        pupils=pupils,
+        pupils_mm=pupils,
         view_from_camera=view_from_camera,
         normals=normals,
-        centres=pupils[:, None] - 2.0 * distances[..., None] * normals,
+        centres_mm=pupils[:, None] - 2.0 * distances[..., None] * normals,
         outlines=outlines,
         shown=shown,
         sub_images=_forward(_whole(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
@@ -154,32 +154,33 @@ def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
 
 
 def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[FloatArray, Polygons, Polygons]:
-    """How far mirrors look raised towards the pupil (n, m), their outlines and what of those shows the scene (n, m)."""
+    """Heights (n, m) of the apparent mirrors over the reflecting surfaces, outlines (n, m) and the parts that show the
+    scene (n, m)."""
     rises = np.zeros(distances.shape)
     shifts: dict[int, FloatArray] = {}
     for k, mirror in enumerate(layout.mirrors):
         if not mirror.is_second_surface:
             continue
         index, glass = mirror.refractive_index, devices.thicknesses_mm[:, k]
-        across = devices.middles[:, k] - devices.pupils + distances[:, k, None] * devices.normals[:, k]
+        across = devices.middles_mm[:, k] - devices.pupils_mm + distances[:, k, None] * devices.normals[:, k]
         lengths = np.linalg.norm(across, axis=1)
         cases = zip(lengths, distances[:, k] - glass, glass, strict=True)
         tangents = np.array([outer_tangent(float(a), float(b), float(c), index) for a, b, c in cases])
         rises[:, k] = glass * rise_mm(tangents, 1.0, index)
-        # Light enters the front so far before the point of the coating that it meets and leaves as far behind it.
+        # Light enters the front this far before the point of reflection and leaves it as far behind.
         along = across * (glass * inner_tangent(tangents, index) / np.maximum(lengths, 1e-12))[:, None]
         shifts[k] = (along[:, None] @ devices.axes[:, k])[:, 0]
-    raised = devices.outlines + (rises[..., None] * devices.normals)[..., None, :]
+    raised = devices.outlines_mm + (rises[..., None] * devices.normals)[..., None, :]
     outlines = shapely.polygons(_normalized(raised, devices))
     shown = outlines.copy()
     for k, shift in shifts.items():
         flat = layout.mirrors[k].outline_in_plane_mm
         inside = shapely.intersection(*(shapely.polygons(flat + side * shift[:, None]) for side in (1.0, -1.0)))
-        middles = devices.middles[:, k] + rises[:, k, None] * devices.normals[:, k]
+        middles = devices.middles_mm[:, k] + rises[:, k, None] * devices.normals[:, k]
 
         def place(points: FloatArray, of: Indices, k: int = k, middles: FloatArray = middles) -> FloatArray:
             corners = middles[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
-            seen = ((corners - devices.pupils[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
+            seen = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
             return seen[:, :2] / seen[:, 2:]
 
         shown[:, k] = _placed(_whole(inside), place)
@@ -188,14 +189,14 @@ def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[F
 
 def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
     """Normalized coordinates (n, m, k, 2) of points (n, m, k, 3) of each device in its own camera."""
-    seen = (points - devices.pupils[:, None, None]) @ devices.holder_from_camera[:, None]
+    seen = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
     if (seen[..., 2] <= 0).any():
         raise InputError("a drawn mirror reaches behind the camera, expected smaller tolerances")
     return seen[..., :2] / seen[..., 2:]
 
 
 def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArray) -> Polygons:
-    """Polygons (n, m) of normalized coordinates without the rays that do not head for the scene once reflected."""
+    """Polygons (n, m) of normalized coordinates, clipped to the rays that are reflected towards the scene."""
     reflected_z = np.array([0.0, 0.0, 1.0]) - 2.0 * normals[..., 2:] * normals
     slopes = (reflected_z[..., None, :] @ view_from_camera[:, None])[..., 0, :].reshape(-1, 3)
     flat = polygons.ravel().copy()
@@ -212,7 +213,7 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
 
 
 def _whole(shapes: Polygons) -> Polygons:
-    """The shapes with an empty polygon for all that has no area: a point or a line where two polygons touch."""
+    """The shapes; those without area (points or lines where polygons touch) are replaced by empty polygons."""
     kept = (shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON) & (shapely.area(shapes) > 0)
     return np.where(kept, shapes, Polygon())
 

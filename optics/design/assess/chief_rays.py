@@ -1,4 +1,4 @@
-"""Rays from the pupil by way of mirrors, through the glass of those coated behind, to the scene; what stops them."""
+"""Rays from the pupil by way of mirrors to the scene, refracted by second-surface mirrors, and what blocks them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Occlusion:
 
 
 def length_inside_mm(starts: FloatArray, ends: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Length (n,) of each segment from `starts` to `ends` (n, 3) inside the convex body n.x <= d (k faces)."""
+    """Length (n,) of each segment from `starts` to `ends` (n, 3) inside the convex solid n.x <= d (k faces)."""
     heights, slopes = starts @ normals.T - offsets, (ends - starts) @ normals.T
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = -heights / slopes
@@ -40,7 +40,7 @@ def length_inside_mm(starts: FloatArray, ends: FloatArray, normals: FloatArray, 
 
 
 def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
-    """Points (n, 2) that cover a convex polygon (k, 2) evenly, its border included; none where it has no corners."""
+    """Points (n, 2) that cover a convex polygon (k, 2) evenly, with its border; none for a polygon without corners."""
     i, j = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1))
     weights = np.stack([i, j], axis=-1)[i + j <= steps] / steps
     fans = [
@@ -53,8 +53,8 @@ def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
 def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where viewing rays (n, 2) meet a mirror's front and where they leave it (n, 3), mm; their directions then (n, 3).
 
-    Exact, also through a slab: the ray bends at the front by Snell's law, runs to the coating and back, and leaves
-    2 t tan' further along the front, as if reflected there.
+    Exact, also for second-surface mirrors: the ray is refracted at the front by Snell's law, runs to the back and
+    returns, and leaves 2 t tan' further along the front, as if reflected there.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal = mirror.normal_in_rig
@@ -76,9 +76,9 @@ def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def apparent_offset_mm(mirror: Mirror) -> float:
-    """How far the light of a mirror, at most, runs beside that of its apparent mirror, mm; both run in parallel.
+    """Largest lateral offset of the light of a mirror from that of its apparent mirror, mm; the rays are parallel.
 
-    A ray of incidence i that meets the slab where it looks d higher than at the chief ray leaves 2 d sin(i) aside.
+    A ray of incidence i for which the apparent plane is d higher than for the chief ray is offset by 2 d sin(i).
     """
     normalized = sampled(mirror.usable_normalized)
     if not mirror.is_second_surface or len(normalized) == 0:
@@ -92,9 +92,9 @@ def apparent_offset_mm(mirror: Mirror) -> float:
 
 
 def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
-    """Whether (n,) bodies with corners (n, k, 3) may meet the convex hull of points (m, 3).
+    """Whether (n,) solids with corners (n, k, 3) may meet the convex hull of points (m, 3).
 
-    They cannot where a plane of given normal (p, 3) parts them.
+    They cannot where a plane of given normal (p, 3) separates them.
     """
     beyond = (points @ planes.T).max(axis=0)
     return ~((bodies @ planes.T).min(axis=1) >= beyond).any(axis=1)
@@ -107,12 +107,20 @@ def blocked_light(
     *,
     view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
 ) -> list[Occlusion]:
-    """Which mirrors stand in the light of which, by casting rays from the pupil through sub-images to a depth.
+    """Which mirrors block the light of which, by ray casting from the pupil through sub-images to a depth.
 
-    The depth is along the view axis (3,) in rig: of a layout, `layout.view_from_rig[2]`; by default that of a fold by
-    90 degrees.
+    Rays go through the part of a mirror that shows the scene, and the whole solid of another blocks them.
 
-    Rays go through what of a mirror shows the scene, and are stopped by the whole sheet of another.
+    Parameters
+    ----------
+    mirrors : of a layout.
+    depth_mm : to which the light must be free.
+    steps : rays along an edge of a sub-image.
+    view_axis : direction (3,) in rig of depths, `layout.view_from_rig[2]`; by default that of a fold by 90 degrees.
+
+    Returns
+    -------
+    Each pair of mirrors and leg of the light where some is blocked.
     """
     found, axis = [], np.asarray(view_axis, dtype=np.float64)
     faces = [mirror.solid.half_spaces for mirror in mirrors]
@@ -130,7 +138,7 @@ def blocked_light(
             ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
         )
         for leg, starts, ends, source in legs:
-            # Planes that bound the light: through its source and an edge, and the mirror's own.
+            # Planes that bound the light: through its source and an edge, and the mirror plane.
             sides = np.cross(outline - source, np.roll(outline, -1, axis=0) - source)
             planes = np.concatenate([sides, -sides, -mirror.normal_in_rig[None]])
             close = _may_meet(np.concatenate([starts, ends]), planes, bodies)

@@ -1,4 +1,4 @@
-"""What a layout is worth. Shares no code with the constraints of the optimiser."""
+"""Figures of merit of a layout. They share no code with the constraints of the optimiser."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_g
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
 HALF = 0.5
-"""Views overlap where pixel efficiency is at least this part of what it is at the working depth where it is best."""
+"""Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
 
 FARTHEST_MM = 1e5
-"""A depth range that reaches 100 m is not followed any further: to a webcam that is as good as infinitely far."""
+"""A depth range that reaches 100 m is not followed any further: for a webcam that is practically infinity."""
 
 DEPTH_STEP = 1.15
 SMALL_SHIFT_PX = 0.25
@@ -45,7 +45,7 @@ def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
 def grid_error(layout: Layout) -> float:
     """Root mean square distance of virtual centres to the best-fitting grid / geometric mean of its spacings.
 
-    Raises InputError where a spacing is 0: views in one place are no grid.
+    Raises InputError where a spacing is 0: views at one place are no grid.
     """
     grid, spacings = fitted_grid(layout)
     if layout.rows * layout.cols < 2:
@@ -68,10 +68,10 @@ def _crossing(inside: Callable[[float], bool], within: float, without: float) ->
 def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[float, float] | None:
     """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
 
-    The full width at half maximum, as a depth of field is measured: depths around the working depth where pixel
-    efficiency is best, without a break, at which it is at least half of what it is there. Relative to the best, it says
-    how quickly the overlap is lost and not, once more, how good it is. Sampled 15 % apart, then bisected; the farthest
-    is at most `FARTHEST_MM`, which then stands for infinity.
+    The full width at half maximum, as a depth of field is measured: contiguous depths around the working depth with the
+    best pixel efficiency at which it is at least half of that. Being relative, it measures how quickly the overlap is
+    lost, not how good it is. Sampled 15 % apart, then bisected; the farthest is at most `FARTHEST_MM`,
+    which then stands for infinity.
     """
 
     def efficiency(depth_mm: float) -> float:
@@ -139,12 +139,12 @@ def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, M
 
 
 def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Disparity and depth resolution at each depth, seen from the central view at the resolution of the sensor.
+    """Disparity and depth resolution at each depth, of the central view at the resolution of the sensor.
 
-    A view step b shifts what lies at the distance D from the central view by f b / D px against what is infinitely far
-    (docs/conventions.md, with the reference plane at infinity); two depths differ by the difference of their values.
-    A shift of p px between the outermost views, B apart, is a change of depth of p D^2 / (f B); of the two axes, that
-    which tells depths better.
+    A view step b shifts a point at the distance D from the central view by f b / D px against a point at infinity
+    (docs/conventions.md, with the reference plane at infinity); the disparity between two depths is the difference of
+    their values. A shift of p px between the outermost views, B apart, is a change of depth of p D^2 / (f B), given for
+    the axis with the better resolution.
     """
     _, spacings = fitted_grid(layout)
     steps_mm = np.abs(spacings)
@@ -182,23 +182,34 @@ def _sizes(layout: Layout) -> dict[str, Metric]:
     return sizes
 
 
-def _slab(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """How far light through second-surface sheets strays from the plain mirrors that stand for them; else nothing."""
+def _plate_offsets(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Offsets of light in second-surface mirrors from that in their apparent mirrors; none without such mirrors."""
     if not any(mirror.is_second_surface for mirror in layout.mirrors):
         return {}
-    stray_mm = max(apparent_offset_mm(mirror) for mirror in layout.mirrors)
+    offset_mm = max(apparent_offset_mm(mirror) for mirror in layout.mirrors)
     nearest_mm = min(depths_mm) - float(layout.virtual_centres_in_view_mm[..., 2].max())
     focal_px = max(layout.camera.fx_px, layout.camera.fy_px)
     return {
-        "slab_stray_mm": Metric(value=stray_mm, unit="mm"),
-        "slab_stray_px": Metric(value=focal_px * stray_mm / nearest_mm, unit="px"),
+        "slab_stray_mm": Metric(value=offset_mm, unit="mm"),
+        "slab_stray_px": Metric(value=focal_px * offset_mm / nearest_mm, unit="px"),
     }
 
 
 def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """The figures of a layout at depths, mm; the field of view is that of the common region at the farthest.
+    """Figures of a layout; docs/conventions.md defines them.
 
-    Raises InputError for a depth nearer than the mirrors, and where the views lie in one place.
+    Parameters
+    ----------
+    layout : of any kind.
+    depths_mm : working depths; the field of view is that of the region common to all views at the farthest.
+
+    Returns
+    -------
+    Figures by name, as in `metrics.json`.
+
+    Raises
+    ------
+    InputError : a depth is nearer than the mirrors, or the views lie in one place.
     """
     views = fields_of_view(layout)
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
@@ -211,4 +222,4 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     metrics |= _depth_range(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
     metrics |= _sizes(layout)
-    return metrics | _slab(layout, depths_mm)
+    return metrics | _plate_offsets(layout, depths_mm)

@@ -1,4 +1,4 @@
-"""What a maker can expect: the figures of many devices that stray from a design, drawn at random (Monte Carlo)."""
+"""Tolerance analysis: figures of many perturbed devices of a design, drawn at random (Monte Carlo)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CAUSES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Spread:
-    """One figure over many devices: of the design, then the median and the range that 90 % of the devices lie in."""
+    """One figure over many devices: its value for the design, its median and the range of 90 % of the devices."""
 
     nominal: float
     low: float
@@ -42,16 +42,16 @@ class Spread:
 
 @dataclass(frozen=True)
 class Study:
-    """What becomes of a layout at given tolerances.
+    """The tolerance analysis of a layout.
 
     Attributes:
-        tolerances: those that `spreads[1.0]` holds for.
-        devices: how many were drawn.
-        spreads: by accuracy (a factor on what printing and assembling decides; the camera's own tolerances stay), then
-            by figure.
-        hidden: by accuracy, the part of the devices in which a mirror hides a part of another from the camera.
-        shares: by cause, then by figure: the mean square departure from the design with that tolerance alone, as part
-            of the sum over causes. Of a figure that departs in proportion, that is the share of its variance.
+        tolerances: those of `spreads[1.0]`.
+        devices: the number drawn.
+        spreads: by accuracy (a factor on the tolerances of printing and assembling; those of the camera stay), then by
+            figure.
+        hidden: by accuracy, the fraction of devices in which a mirror hides a part of another from the camera.
+        shares: by cause, then by figure: the mean square deviation from the design with that tolerance alone, as a
+            fraction of the sum over causes. For a figure that depends linearly, that is its share of the variance.
     """
 
     tolerances: Tolerances
@@ -64,10 +64,20 @@ class Study:
 def study(
     layout: Layout, tolerances: Tolerances, depths_mm: Sequence[float], *, devices: int = DEVICES, seed: int = 0
 ) -> Study:
-    """Draw devices at each accuracy and with each cause alone, always the same ones but for their size.
+    """Draw devices at each accuracy and with each cause alone, each time from the same random numbers.
 
-    Raises InputError where views share nothing at a depth, or where what is drawn could not be built: also at the
-    coarsest accuracy, twice the tolerances.
+    Parameters
+    ----------
+    layout : the design.
+    tolerances : standard deviations.
+    depths_mm : working depths.
+    devices : number of devices.
+    seed : of the random generator.
+
+    Raises
+    ------
+    InputError : views share nothing at a depth, or a drawn device could not be built, also at the coarsest accuracy,
+        twice the tolerances.
     """
     ideal = design_reference(layout, depths_mm)
     nominal = {name: float(values[0]) for name, values in ideal.figures(ideal.design).items()}

@@ -1,4 +1,4 @@
-"""A second opinion on a layout, by polygon clipping and ray casting; shares nothing with the optimiser."""
+"""Independent verification of a layout by polygon clipping and ray casting; shares no code with the optimiser."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ FINDINGS = {
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too few"),
 }
-"""By name (before its depth, if it has one): the constraint that a failed figure belongs to, and what to say of it."""
+"""By name (without its depth): the constraint that a failed figure belongs to, and the finding to report."""
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
-    """Whether a mirror has more corners than asked for, or is not made of the sheet asked for."""
+    """Whether a mirror has more corners than asked for, another reflecting surface or other glass."""
     asked = (spec.surface, spec.thickness_mm, spec.refractive_index)
     found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
     return found != asked or len(mirror.outline_in_rig_mm) > spec.sides
@@ -50,7 +50,7 @@ def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
 
 
 def _outside_sensor_px(layout: Layout) -> float:
-    """How far any sub-image leaves the sensor; its diagonal where one goes where the lens model does not reach."""
+    """Largest distance by which a sub-image leaves the sensor; its diagonal where one leaves the lens model's range."""
     size = np.array([layout.camera.width_px, layout.camera.height_px], dtype=np.float64)
     outlines = np.concatenate([layout.outline_px(k, points_per_edge=64) for k in range(len(layout.mirrors))])
     outside = np.maximum(-0.5 - outlines, outlines - (size - 0.5)).max()
@@ -58,10 +58,19 @@ def _outside_sensor_px(layout: Layout) -> float:
 
 
 def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
-    """The verdict on a layout: each figure that a spec limits, measured, with its limit.
+    """Measure each figure that a spec limits.
 
-    Light is cast as far as the farthest depth. Gaps are those in space between whole sheets, which leave room for the
+    Rays are cast to the farthest depth. Gaps are those in space between the solids of mirrors, which leave room for the
     walls printed between them. Limits on lengths are looser by `LENGTH_TOLERANCE_MM`, far less than can be made.
+
+    Parameters
+    ----------
+    layout : the answer to the spec.
+    spec : what was asked for.
+
+    Returns
+    -------
+    Figures by name, with their limits; `require_passed` raises where one is missed.
     """
     mirrors = layout.mirrors
     verdict = {

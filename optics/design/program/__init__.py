@@ -1,1 +1,1 @@
-"""The nonlinear program that a design solves, and where it starts."""
+"""The nonlinear program of a design, and its seeds."""

@@ -1,4 +1,4 @@
-"""A nonlinear program made of terms, and how IPOPT is asked to solve it."""
+"""A nonlinear program made of terms, and its solution by IPOPT."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, 
 LARGEST_SLACK = 10.0
 
 HOLD = 1e-5
-"""Weight of the squared distance from the start: unknowns that nothing else decides, such as planes between mirrors
+"""Weight of the squared distance from the start: unknowns that nothing else determines, such as planes between mirrors
 far apart, stay where they were; IPOPT converges faster when no direction is free."""
 
 IPOPT: dict[str, Any] = {
@@ -86,9 +86,9 @@ class Program:
 
 @dataclass(frozen=True)
 class SolverOutcome:
-    """Where IPOPT stopped: values of all unknowns (n,), its own word for it, and whether that is an optimum.
+    """Where IPOPT stopped: values of all unknowns (n,), its status, and whether that is an optimum.
 
-    `objective` is that of the question asked: of the design, or how much a search for feasibility misses.
+    `objective` is that of the problem solved: of the design, or the violation that a search for feasibility minimises.
     """
 
     values: FloatArray
@@ -185,8 +185,8 @@ def _summed(shape: tuple[int, int], rows: list[Indices], cols: list[Indices], va
 class Solver:
     """IPOPT over a program, with exact first and second derivatives.
 
-    The same program answers two questions. `optimise` minimises the objective with every constraint held;
-    `find_feasible` minimises by how much the elastic families are missed, and stays near the start otherwise.
+    The same program solves two problems. `optimise` minimises the objective subject to every constraint;
+    `find_feasible` minimises the violation of the elastic families, and stays near the start otherwise.
     """
 
     def __init__(self, program: Program, slack_weights: dict[str, float]) -> None:
@@ -232,13 +232,13 @@ class Solver:
         )
 
     def optimise(self, start: FloatArray | None = None) -> SolverOutcome:
-        """The best values with all constraints held, from the program's own start or, as far as it goes, `start`."""
+        """The optimum from the program's own start, of which `start` replaces the first values."""
         first = self.program.start
         if start is not None:
             first[: len(start)] = start
         return self._solve(first, (0.0, 0.0), 0.0)
 
     def find_feasible(self, start: FloatArray | None = None) -> tuple[SolverOutcome, dict[str, float]]:
-        """The values that miss the elastic families least, and by how much each family is missed."""
+        """The values with the least violation of the elastic families, and the violation of each family."""
         outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

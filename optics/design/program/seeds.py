@@ -1,4 +1,4 @@
-"""Where a design starts: flat facets of a paraboloid (the paper's start) or of an ellipsoid, tiled over the sensor."""
+"""Seeds of a design: flat facets of a paraboloid (the paper's start) or of an ellipsoid, tiled over the sensor."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ OUTLINE_DECIMALS_MM = 9
 class Seed:
     """Mirrors to start from, row by row, in units of the scale.
 
-    Virtual centres (n, 3) in view axes; corners (n, sides, 2) in normalized coordinates; half the size (2,) of a tile.
+    Attributes:
+        centres: virtual centres (n, 3) in view axes.
+        corners: of the sub-images (n, sides, 2), normalized.
+        half_tile: half the size (2,) of a tile, normalized.
     """
 
     centres: FloatArray
@@ -36,11 +39,11 @@ class Seed:
 
     @cached_property
     def chief(self) -> FloatArray:
-        """Where the middles of the mirrors appear (n, 2), normalized."""
+        """Normalized coordinates (n, 2) of the chief rays, through the middles of the sub-images."""
         return self.corners.mean(axis=1)
 
     def middles(self, view_from_rig: FloatArray) -> FloatArray:
-        """Where chief rays meet the mirrors (n, 3), in view axes."""
+        """Points (n, 3) in view axes where chief rays meet the mirrors."""
         rays = np.column_stack([self.chief, np.ones(len(self.corners))]) @ view_from_rig.T
         reach = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
         return rays * reach[:, None]
@@ -49,8 +52,8 @@ class Seed:
 def sensor_rectangle(camera: Camera) -> FloatArray:
     """The largest upright rectangle ((u_low, v_low), (u_high, v_high)) in normalized coordinates inside the sensor.
 
-    Without distortion it is the sensor itself, out to the edges of its outermost pixels. Raises InputError where the
-    lens model does not reach the sensor's border.
+    Without distortion it is the sensor itself, to the edges of its outermost pixels. Raises InputError where the lens
+    model does not reach the sensor's border.
     """
     along = np.linspace(-0.5, 0.5, 65)
     x, y = along * camera.width_px, along * camera.height_px
@@ -149,8 +152,8 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
     """Mirrors that look like plain ones of virtual centres (n, 3), view axes, and corners (n, k, 2), normalized.
 
     The numbers are rounded first, so that noise in the last digits does not change a layout's identity; outlines are
-    cut from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign where a sheet coated
-    behind does not fit between its coating and the pupil.
+    cut from the rounded numbers and lie on their planes to a nanometre. Raises InfeasibleDesign where a second-surface
+    mirror does not fit between its reflecting surface and the pupil.
     """
     mirrors = []
     centres = (centres_in_view_mm @ spec.view_from_rig).round(CENTRE_DECIMALS_MM) + 0.0

@@ -1,7 +1,7 @@
 """Terms of a nonlinear program: small functions that many mirrors share, with derivatives made once for all of them.
 
-A program of n mirrors holds each kind of term many times, over other unknowns. Exact derivatives of the small function
-serve every one of them, so that making a program costs milliseconds, however many mirrors it has.
+A program of n mirrors holds each kind of term many times, over other unknowns. Exact derivatives of the small
+function serve all of them, so that making a program costs milliseconds, however many mirrors it has.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ Expression = Any
 Indices = NDArray[np.int64]
 
 ELASTIC = ("spacing", "seen gap", "occlusion", "depth", "overlap", "size")
-"""Families whose constraints a search for feasibility may miss, each by one slack that it drives to zero."""
+"""Families of constraints that a search for feasibility may violate, each by one slack that it minimises."""
 
 
 @dataclass(frozen=True)
 class Term:
     """A function of a few unknowns x and parameters p, with first and second derivatives.
 
-    `value` gives its share of the objective and its constraints g (m); `gradient` that of its objective, `jacobian` the
-    structural nonzeros of dg/dx at (`rows`, `cols`), `hessian` those of the upper half of the second derivative of
-    w f + l.g at (`upper_rows`, `upper_cols`). The constraints are at least 0, or 0 where `equality`; `family` holds
-    the index into ELASTIC of each, -1 for none.
+    `value` gives the term of the objective and the constraints g (m); `gradient` the gradient of the objective,
+    `jacobian` the structural nonzeros of dg/dx at (`rows`, `cols`), `hessian` those of the upper half of the second
+    derivative of w f + l.g at (`upper_rows`, `upper_cols`). The constraints are at least 0, or 0 where `equality`;
+    `family` holds the index into ELASTIC of each, -1 for none.
     """
 
     unknowns: int
@@ -69,7 +69,7 @@ class TermBuilder:
     def require(self, expression: Expression, family: str | None = None) -> None:
         """The expression (any shape) must be at least 0, or 0 in a term built for equality.
 
-        One of an elastic family may be missed in a search.
+        A constraint of an elastic family may be violated in a search for feasibility.
         """
         column = ca.vec(ca.SX(expression))
         self._constraints.append(column)

@@ -94,9 +94,11 @@ def test_numbers_are_drawn_in_the_order_of_the_sets_that_exist() -> None:
     lens = np.array(tolerances.distortion_sigma) * one_by_one.standard_normal(5)
     np.testing.assert_array_equal(perturbations.lens[0], np.array(tolerances.distortion_mean) + lens)
     for mirror in range(2):
-        np.testing.assert_array_equal(perturbations.tilts[0, mirror], np.deg2rad(0.3) * one_by_one.standard_normal(2))
+        np.testing.assert_array_equal(
+            perturbations.tilts_rad[0, mirror], np.deg2rad(0.3) * one_by_one.standard_normal(2)
+        )
         assert perturbations.shifts_mm[0, mirror] == 0.3 * one_by_one.standard_normal()
-    placed = np.concatenate([perturbations.sheets_mm / 0.1, perturbations.camera_shifts_mm[0] / 0.4])
+    placed = np.concatenate([perturbations.thickness_mm / 0.1, perturbations.camera_shifts_mm[0] / 0.4])
     assert not np.isin(placed, np.random.default_rng(3).standard_normal(40)).any()
 
 
@@ -136,7 +138,7 @@ def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_
 
 def test_a_turned_camera_sees_everything_turned(default_layout: Layout) -> None:
     tolerances = Tolerances.none().replaced(camera_turn_deg=1.0)
-    vector = draw_perturbations(tolerances, 9, 1, np.random.default_rng(6)).camera_turns[0]
+    vector = draw_perturbations(tolerances, 9, 1, np.random.default_rng(6)).camera_turns_rad[0]
     turn = Rotation.from_rotvec(vector).as_matrix()
     built = draw_as_built(default_layout, tolerances, np.random.default_rng(6))
     expected = default_layout.virtual_centres_in_rig_mm @ turn

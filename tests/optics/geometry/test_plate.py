@@ -138,5 +138,5 @@ def test_a_sheet_too_thick_for_its_size_shows_nothing() -> None:
 
 def test_a_sheet_that_holds_the_pupil_is_refused() -> None:
     stored = slab(np.array([3.0, -80.0, 82.0]))
-    with pytest.raises(ValidationError, match=r"second-surface sheet reaches 2\.5 mm past the pupil"):
+    with pytest.raises(ValidationError, match=r"second-surface mirror reaches 2\.5 mm past the pupil"):
         stored.replaced(thickness_mm=stored.distance_mm + 2.5)

@@ -84,7 +84,7 @@ def test_a_tilted_mirror_turns_its_view_by_twice_as_much() -> None:
     assert design["overlap_iou_300mm"] > 0.3
     for alpha in (1e-4, 0.01, 0.05):
         perturbations = exact(layout)
-        perturbations.tilts[0, 1, 0] = alpha
+        perturbations.tilts_rad[0, 1, 0] = alpha
         found = figures(layout, perturbations, (300.0,))
         shift_px = 1360.38 * 300.0 * np.sin(2 * alpha) / (80.0 + 300.0 * np.cos(2 * alpha))
         # One of three views is off; the region is small, not a point.
@@ -103,7 +103,7 @@ def test_a_principal_point_elsewhere_is_an_error_of_as_many_pixels(default_layou
 
 def test_a_thicker_sheet_moves_all_views_towards_the_pupil() -> None:
     layout = looking_at_one_point(half=0.001)
-    found = figures(layout, replace(exact(layout), sheets_mm=np.array([0.2])), (300.0,))
+    found = figures(layout, replace(exact(layout), thickness_mm=np.array([0.2])), (300.0,))
     target = np.array([0.0, 300.0, 80.0])
     shifts = [
         layout.camera.project(reflect(target, (1.0 - 0.2 / m.distance_mm) * m.virtual_centre_in_rig_mm))
@@ -153,10 +153,12 @@ def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
 def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None:
     """The lens folds just beyond the sensor, and a turn of the camera takes points there that the design can see."""
     perturbations = replace(
-        exact(default_layout), lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]), camera_turns=np.array([[0.0, 0.25, 0.0]])
+        exact(default_layout),
+        lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]),
+        camera_turns_rad=np.array([[0.0, 0.25, 0.0]]),
     )
     ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)
-    known = np.isfinite(views.pixels(ideal.probes[0].points, np.array(0), np.arange(9)[:, None]))
+    known = np.isfinite(views.pixels(ideal.probes[0].points_mm, np.array(0), np.arange(9)[:, None]))
     assert 0.3 < known.mean() < 0.97
     for name, values in ideal.figures(views).items():
         assert np.isfinite(values).all(), name

@@ -65,7 +65,7 @@ def layout(request: pytest.FixtureRequest, default_layout: Layout, crooked_layou
 def assert_same_views(layout: Layout, perturbations: Perturbations, built: Layout) -> None:
     """The first device sees what `fields_of_view` finds of its layout (whose rig is that of the holder)."""
     views, alone = built_views(layout, perturbations), fields_of_view(built)
-    assert_allclose(views.centres[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
+    assert_allclose(views.centres_mm[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
     for depth_mm in DEPTHS_MM:
         regions, footprints = views.common_regions(depth_mm)
         region, seen = alone.common_region(depth_mm)
@@ -103,7 +103,7 @@ def test_pixels_are_those_of_the_layout_as_built(layout: Layout) -> None:
     perturbations = draw_perturbations(tolerances, count, 1, np.random.default_rng(2))
     built = draw_as_built(layout, tolerances, np.random.default_rng(2))
     points = np.random.default_rng(11).normal([0.0, 450.0, 90.0], [40.0, 40.0, 30.0], (20, 3))
-    turn = Rotation.from_rotvec(perturbations.camera_turns[0]).as_matrix()
+    turn = Rotation.from_rotvec(perturbations.camera_turns_rad[0]).as_matrix()
     in_rig = (points - perturbations.camera_shifts_mm[0]) @ turn
     expected = np.array([built.camera.project(mirror.apparent.reflect(in_rig)) for mirror in built.mirrors])
     found = built_views(layout, perturbations).pixels(
@@ -127,7 +127,7 @@ def test_a_pixel_lands_on_the_point_that_it_shows(layout: Layout) -> None:
 def test_a_turn_of_the_camera_alone_moves_pictures_and_not_what_they_show(default_layout: Layout) -> None:
     wide = default_layout.camera.replaced(width_px=19200, height_px=10800, cx_px=9599.5, cy_px=5399.5)
     layout = default_layout.replaced(camera=wide)
-    turned = replace(exact(layout), camera_turns=np.array([[0.01, -0.02, 0.03]]))
+    turned = replace(exact(layout), camera_turns_rad=np.array([[0.01, -0.02, 0.03]]))
     views, design = built_views(layout, turned), built_views(layout, exact(layout))
     for depth_mm in DEPTHS_MM:
         region, before = views.common_regions(depth_mm)[0][0], design.common_regions(depth_mm)[0][0]
@@ -140,7 +140,7 @@ def test_light_that_does_not_head_for_the_scene_is_left_out(default_layout: Layo
     """A mirror at 45 degrees that is tilted by as much shows the camera itself, and beyond that what is behind it."""
     tilts = np.zeros((1, 9, 2))
     tilts[0, 1, 0], tilts[0, 4, 0] = -1.2, -0.75
-    views = built_views(default_layout, replace(exact(default_layout), tilts=tilts))
+    views = built_views(default_layout, replace(exact(default_layout), tilts_rad=tilts))
     assert shapely.is_empty(views.sub_images[0, 1])
     part, all_of_it = views.sub_images[0, 4], views.shown[0, 4]
     assert 0.1 < part.area / all_of_it.area < 0.9
@@ -162,10 +162,10 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "complaint"),
     [
-        ("sheets_mm", -1.2, r"a drawn sheet is -0\.2 mm thick"),
+        ("thickness_mm", -1.2, r"a drawn mirror is -0\.2 mm thick"),
         ("shifts_mm", 90.0, "a drawn mirror reaches past the pupil"),
-        ("tilts", 1.2, "a drawn mirror reaches past the pupil"),
-        ("camera_turns", 2.0, "a drawn mirror reaches behind the camera"),
+        ("tilts_rad", 1.2, "a drawn mirror reaches past the pupil"),
+        ("camera_turns_rad", 2.0, "a drawn mirror reaches behind the camera"),
     ],
 )
 def test_what_cannot_be_built_is_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
