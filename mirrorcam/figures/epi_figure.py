@@ -13,7 +13,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.epipolar_images import Epi
-from mirrorcam.optics.light_field.render.refocusing import Picture, to_bytes
+from mirrorcam.optics.light_field.render.refocusing import RenderedPicture, to_bytes
 
 WIDTH_IN, EPI_IN, TITLE_IN = 10.0, 2.2, 0.9
 LINES = 7
@@ -25,7 +25,7 @@ def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[f
     `depths_mm` are the nearest and the farthest that a slope is drawn of.
     """
     view = light_field.samples[reference_index(light_field)]
-    shown = to_bytes(Picture(found.samples, found.weights))
+    shown = to_bytes(RenderedPicture(found.samples, found.weights))
     if found.axis == "t":
         view = view.swapaxes(0, 1)
     height_in = WIDTH_IN * view.shape[0] / view.shape[1]

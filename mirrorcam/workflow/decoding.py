@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.frames import Device, Frame, Video
+from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame, Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames
@@ -134,12 +134,12 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
             yield from (decoder.decode(frame.pixels) for frame in islice(whole, MEASURED_FRAMES))
 
 
-def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | Device, str, dict[str, Any]]]:
+def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | CaptureDevice, str, dict[str, Any]]]:
     """Each video and the camera, with a name and what the recording says of where it is from."""
     for path in request.frames:
         if not is_picture(path):
             video = Video(path)
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
-        device = Device(request.device, layout.camera.width_px, layout.camera.height_px)
+        device = CaptureDevice(request.device, layout.camera.width_px, layout.camera.height_px)
         yield device, f"device{request.device}", {"device": request.device, "started": datetime.now(UTC).isoformat()}

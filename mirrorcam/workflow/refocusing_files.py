@@ -15,7 +15,7 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
-from mirrorcam.optics.light_field.render.refocusing import FocalPlane, Picture, aperture, refocus, to_bytes
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
 
@@ -111,7 +111,7 @@ def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list
     return grey
 
 
-def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> Picture:
+def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> RenderedPicture:
     """The picture in focus at a depth."""
     return refocus(
         light_field,
@@ -124,7 +124,7 @@ def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -
 
 def stills(
     light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
-) -> Iterator[tuple[str, Picture]]:
+) -> Iterator[tuple[str, RenderedPicture]]:
     """The pictures of a request, each with what its name ends in."""
     others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
     for depth_mm in request.depths_mm or (() if others else (light_field.reference_depth_mm,)):
@@ -145,7 +145,7 @@ def _focal_sweep(
     return [to_bytes(focused(light_field, request, depth_mm)) for depth_mm in sharp]
 
 
-def _save_picture(path: Path, picture: Picture, layout_identity: str) -> None:
+def _save_picture(path: Path, picture: RenderedPicture, layout_identity: str) -> None:
     with atomic(path) as temporary:
         np.savez_compressed(
             temporary, image=picture.image, weights=picture.weights, layout_identity=np.array(layout_identity)

@@ -14,7 +14,7 @@ from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
-from mirrorcam.optics.light_field.io.frames import Device, Video
+from mirrorcam.optics.light_field.io.frames import CaptureDevice, Video
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import record
 from mirrorcam.optics.light_field.io.views_picture import tiles
@@ -35,7 +35,7 @@ class StreamRecorder:
     regular_grid_at_mm: float | None
     reporter: Reporter
 
-    def record(self, source: Video | Device, name: str, origin: dict[str, Any]) -> None:
+    def record(self, source: Video | CaptureDevice, name: str, origin: dict[str, Any]) -> None:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
 
         Raises InputError for a stream without a frame that can be used, and where nothing can be written.
@@ -77,13 +77,13 @@ class StreamRecorder:
         kept = count_text(len(recording.entries.numbers), "frame")
         self.reporter.note("decode", f"{path} written: {kept}; the first in {picture}")
 
-    def _expected(self, source: Video | Device) -> int | None:
+    def _expected(self, source: Video | CaptureDevice) -> int | None:
         """How many frames a stream should give, as far as that is known."""
         count = source.count if isinstance(source, Video) else None
         return self.limit if count is None or (self.limit or count) < count else count
 
     def _decode(
-        self, source: Video | Device, name: str, recording: Recording, picture: Path, expected: int | None
+        self, source: Video | CaptureDevice, name: str, recording: Recording, picture: Path, expected: int | None
     ) -> None:
         with self.reporter.work("decode", name, "frames") as advance:
 

@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.depth.cost import Planes
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.geometry import halved, other_views, plane_inverse_distances, reference_index
 from mirrorcam.optics.light_field.depth.photometry import grey, normalised
-from mirrorcam.optics.light_field.depth.refine import Evidence, Refiner, enlarged, guided
+from mirrorcam.optics.light_field.depth.refine import MatchStatistics, Refiner, enlarged, guided
 from mirrorcam.optics.light_field.depth.semiglobal import aggregate
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -138,14 +138,14 @@ class DepthEstimator:
         reference = np.where(known, reference, np.float32(0.0))
         found = self._refiner.chosen(candidates, pictures, reference)
         step = float(self._inverse_distances[1] - self._inverse_distances[0])
-        found, evidence = self._refiner.stepped(found, pictures, reference, step)
+        found, statistics = self._refiner.stepped(found, pictures, reference, step)
         px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
         moved = found * np.float32(px)
         # Where nothing is told, a little trust lets the surroundings in.
-        usual = max(float(evidence.information.mean()), float(np.finfo(np.float32).tiny))
-        trust = evidence.information * np.float32(1.0 / usual) + np.float32(1e-3)
+        usual = max(float(statistics.information.mean()), float(np.finfo(np.float32).tiny))
+        trust = statistics.information * np.float32(1.0 / usual) + np.float32(1e-3)
         found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)
-        return self._told(found, evidence, distinct, known, step)
+        return self._told(found, statistics, distinct, known, step)
 
     def _coarse(self, reference: Float32, pictures: list[Float32]) -> tuple[Float32, Float32]:
         """Inverse distances (v, u) to part of a plane, at the size searched at, and how much worse the next best is."""
@@ -182,21 +182,23 @@ class DepthEstimator:
         return (first + step * (inner + part)).astype(np.float32), distinct
 
     def _told(
-        self, found: Float32, evidence: Evidence, distinct: Float32, known: NDArray[np.bool_], step: float
+        self, found: Float32, statistics: MatchStatistics, distinct: Float32, known: NDArray[np.bool_], step: float
     ) -> DepthMap:
         """The depth map of inverse distances (v, u) and what is known of them."""
         low, high = self._inverse_distances[[0, -1]]
         found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
-        known = known & (evidence.seeing >= min(2, len(self.others)))
+        known = known & (statistics.seeing >= min(2, len(self.others)))
         # Where nothing is told, any depth of the range is as likely as any other.
         flat = np.float32((high - low) / np.sqrt(12.0))
-        deviation = np.sqrt((evidence.variance + np.float32(QUANTISATION)) / np.maximum(evidence.information, 1e-30))
+        deviation = np.sqrt(
+            (statistics.variance + np.float32(QUANTISATION)) / np.maximum(statistics.information, 1e-30)
+        )
         deviation = np.minimum(deviation, flat)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / found
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
-        agreeing = np.minimum(2.0 * evidence.agreeing / len(self.others), 1.0)
+        agreeing = np.minimum(2.0 * statistics.agreeing / len(self.others), 1.0)
         sharp = 1.0 / (1.0 + np.square(deviation / np.float32(step)))
         confidence = agreeing * sharp * np.clip(distinct / DISTINCT, 0.0, 1.0)
         return DepthMap(

@@ -35,7 +35,7 @@ MEDIAN_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class MatchStatistics:
     """What the pictures say of an inverse distance (v, u), from the step towards it.
 
     Attributes:
@@ -130,7 +130,7 @@ class Refiner:
 
     def stepped(
         self, found: Float32, pictures: Sequence[Float32], reference: Float32, longest: float
-    ) -> tuple[Float32, Evidence]:
+    ) -> tuple[Float32, MatchStatistics]:
         """One Gauss-Newton step of the inverse distances (v, u) towards equal brightness in all views.
 
         Views that differ over the whole patch, since something hides the place, lose their say (Geman-McClure weights).
@@ -168,7 +168,7 @@ class Refiner:
         # A difference has the noise of two pictures.
         fake = cv2.boxFilter(motion, -1, size) * variance * np.float32(FAKE * NOISE_SLOPE / 2.0)
         information = np.maximum(curvature - fake, np.float32(0.0)) * np.float32(PATCH_PX**2)
-        return found - step, Evidence(information, variance, agreeing, seeing)
+        return found - step, MatchStatistics(information, variance, agreeing, seeing)
 
 
 def enlarged(small: Float32, shape: tuple[int, int]) -> Float32:

@@ -45,7 +45,7 @@ _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.flo
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
 
 
-class Pyramid:
+class ImagePyramid:
     """The views (t, s, v, u) in grey, side by side; pixel x of level l is pixel x * 2**l of the views.
 
     Views are framed by what is at their border, so that a patch amid a view's outermost pixels is of that view alone.
@@ -108,7 +108,7 @@ class Templates:
     leaning: Floats
 
 
-def templates(pyramid: Pyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
+def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
     """What alignment needs of keypoints (n, 2) of a view; those whose patch cannot tell where it is are left out."""
     level_of = pyramid.level_of(scale_px)
     return [
@@ -116,7 +116,7 @@ def templates(pyramid: Pyramid, view: int, pixels: FloatArray, scale_px: FloatAr
     ]
 
 
-def _templates(pyramid: Pyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
+def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
     offset = np.arange(-RADIUS_PX - 1, RADIUS_PX + 2, dtype=np.float32)
     across, down = (each.ravel() for each in np.meshgrid(offset, offset))
     centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
@@ -147,7 +147,7 @@ def _templates(pyramid: Pyramid, view: int, level: int, index: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
+class AlignedPatches:
     """Where views see the patches of keypoints.
 
     Attributes:
@@ -164,14 +164,14 @@ class Aligned:
 
 
 def align(
-    pyramid: Pyramid,
+    pyramid: ImagePyramid,
     given: list[Templates],
     views: NDArray[np.int64],
     start_px: FloatArray,
     across_mm: FloatArray,
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
-) -> Aligned:
+) -> AlignedPatches:
     """Move and slant the patches of keypoints until views look like them.
 
     Args:
@@ -193,7 +193,7 @@ def align(
         )
 
     list(run(one, parts))
-    return Aligned(pixels, alike, covariance)
+    return AlignedPatches(pixels, alike, covariance)
 
 
 def _parts(given: Templates) -> list[Templates]:
@@ -207,7 +207,7 @@ def _parts(given: Templates) -> list[Templates]:
 
 
 def _align_level(
-    pyramid: Pyramid,
+    pyramid: ImagePyramid,
     each: Templates,
     views: NDArray[np.int64],
     start_px: FloatArray,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.features.align import Pyramid, align, templates
+from mirrorcam.optics.light_field.features.align import ImagePyramid, align, templates
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
     Keypoints,
@@ -28,8 +28,8 @@ from mirrorcam.optics.light_field.features.keypoints import (
 )
 from mirrorcam.optics.light_field.features.match import candidates, vote
 from mirrorcam.optics.light_field.features.slope import (
-    Fit,
     Geometry,
+    SlopeFit,
     TwoSlopes,
     fit,
     fit_two_slopes,
@@ -203,7 +203,7 @@ class FeatureFinder:
         And what not knowing slants better adds to the covariance (n, 3, 3) of w, d, e.
         """
         geometry = self.geometry
-        pyramid = Pyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
+        pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
         given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
         others = np.delete(np.arange(len(images)), geometry.reference)
@@ -257,7 +257,7 @@ class FeatureFinder:
         chosen: NDArray[np.int64],
         seen_px: FloatArray,
         used: NDArray[np.bool_],
-        solved: Fit,
+        solved: SlopeFit,
         apart: TwoSlopes,
         covariance: FloatArray,
     ) -> Features:

@@ -67,7 +67,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SlopeFit:
     """Points by least squares over the views that see them.
 
     Attributes:
@@ -87,7 +87,7 @@ class Fit:
     freedom: NDArray[np.int64]
 
 
-def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_inverse_mm: FloatArray) -> Fit:
+def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_inverse_mm: FloatArray) -> SlopeFit:
     """The consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
 
     `about_inverse_mm` (n,) tells the units of the equations well enough: (1 - z_i w) hardly differs from one.
@@ -105,7 +105,7 @@ def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_
     directions = (fb - w[:, None] * fa) / ff[:, None]
     residual = b - focal[..., None] * directions - w[:, None] * a_
     squares = (residual**2).sum(axis=2)
-    return Fit(
+    return SlopeFit(
         directions=directions,
         inverse_mm=w,
         distances_px=np.where(np.isfinite(seen_px[..., 0]), np.sqrt(squares), np.nan),

@@ -162,7 +162,7 @@ def _moment(packet: Any, number: int) -> int:
     return int(next(moment for moment in (packet.pts, packet.dts, number) if moment is not None))
 
 
-class Device:
+class CaptureDevice:
     """A camera on this machine, asked for pictures of a size.
 
     Raises InputError for a camera that cannot be opened or gives pictures of another size.

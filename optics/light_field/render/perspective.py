@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.render.refocusing import Float32, Picture, premultiplied
+from mirrorcam.optics.light_field.render.refocusing import Float32, RenderedPicture, premultiplied
 from mirrorcam.optics.light_field.render.view_depths import AGREE_PX, ViewDepths, at, landed, px_per_nearness, sources
 
 UNKNOWN, OTHER = 0.01, 0.0001
@@ -29,12 +29,12 @@ STAND_IN = 0.1
 """A view this part of the views' distance away counts as one at the place itself."""
 
 
-def all_in_focus(light_field: LightField, depths: ViewDepths) -> Picture:
+def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture:
     """The reference view with less noise: each pixel is met where it is deep, by all views that see it alike."""
     return _rendered(light_field, depths, np.zeros(3), np.ones((light_field.rows, light_field.cols)))
 
 
-def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray) -> Picture:
+def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray) -> RenderedPicture:
     """What a pinhole at a place (3,) in the view frame sees, mm right, down and ahead of the reference view.
 
     Its pixels look at the same points of the reference plane as those of the views: what lies there stays in place.
@@ -66,7 +66,9 @@ def orbit(views: Views, frames: int) -> Iterator[FloatArray]:
         yield middle + np.array([radius[0] * np.cos(angle), radius[1] * np.sin(angle), 0.0])
 
 
-def _rendered(light_field: LightField, depths: ViewDepths, place: FloatArray, counts: NDArray[np.floating]) -> Picture:
+def _rendered(
+    light_field: LightField, depths: ViewDepths, place: FloatArray, counts: NDArray[np.floating]
+) -> RenderedPicture:
     known = np.where(depths.sure & (light_field.weights > 0), depths.nearness, np.float32(np.nan))
     nearness = _nearness_from(light_field, known, place)
     apart = np.float32(AGREE_PX / px_per_nearness(light_field))
@@ -88,7 +90,7 @@ def _rendered(light_field: LightField, depths: ViewDepths, place: FloatArray, co
         total += shown * np.float32(counts[index] / counts.max())
     weights[total[..., -1] < LEAST] = 0.0
     part = np.divide(1.0, total[..., -1:], out=np.zeros_like(total[..., -1:]), where=weights[..., None] > 0)
-    return Picture(total[..., :-1] * part, weights)
+    return RenderedPicture(total[..., :-1] * part, weights)
 
 
 def _softened(shown: Float32) -> Float32:

@@ -33,7 +33,7 @@ ROWS_AT_ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class RenderedPicture:
     """What was made of several views, in the frame of the reference view.
 
     Attributes:
@@ -125,7 +125,7 @@ def refocus(
     combine: Combine = "mean",
     view_weights: Float32 | None = None,
     scale: int = 1,
-) -> Picture:
+) -> RenderedPicture:
     """The picture in focus on a plane, in the frame of the reference view.
 
     Args:
@@ -148,7 +148,7 @@ def refocus(
     matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
     views = [premultiplied(light_field, index) for index in indices]
 
-    def gathered(parts: Sequence[Float32]) -> Picture:
+    def gathered(parts: Sequence[Float32]) -> RenderedPicture:
         def warped(part: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
             shown = _warped(part, matrix, size)
             if view_weights is not None:
@@ -168,7 +168,7 @@ def refocus(
             flat = np.concatenate([picture.image, picture.valid[..., None]], axis=-1, dtype=np.float32)
             soft = cv2.GaussianBlur(flat, (0, 0), scale / np.sqrt(12.0))
             missing = list(pool.map(_missing, views, [soft] * len(views), matrices))
-            picture = Picture(picture.image + gathered(missing).image, picture.weights)
+            picture = RenderedPicture(picture.image + gathered(missing).image, picture.weights)
     return picture
 
 
@@ -191,11 +191,11 @@ def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
     return np.concatenate([samples * (weights * whole), weights], axis=-1, dtype=np.float32)
 
 
-def picture_of(total: Float32) -> Picture:
+def picture_of(total: Float32) -> RenderedPicture:
     """The picture of sums (h, w, c + 1) of weighted samples and weights."""
     weights = total[..., -1]
     part = np.where(weights > SEEN, 1.0 / np.maximum(weights, np.float32(SEEN)), np.float32(0.0))
-    return Picture(total[..., :-1] * part[..., None].astype(np.float32), np.where(weights > SEEN, weights, 0.0))
+    return RenderedPicture(total[..., :-1] * part[..., None].astype(np.float32), np.where(weights > SEEN, weights, 0.0))
 
 
 def median_of(parts: list[Float32]) -> Float32:
@@ -248,7 +248,7 @@ def _seen(views: Views, plane: FocalPlane, coarse_from_fine: FloatArray, size: t
     return np.asarray((fine @ rows[0] >= 0) & (fine @ np.array(ahead).T > 0).all(axis=-1), dtype=np.float32)
 
 
-def to_bytes(picture: Picture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:
+def to_bytes(picture: RenderedPicture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:
     """A picture as 8-bit RGB (h, w, 3), dark grey where it shows nothing."""
     image = np.rint(np.clip(picture.image, 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
     return np.where(picture.valid[..., None], image, np.array(missing, dtype=np.uint8))

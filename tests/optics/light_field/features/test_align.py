@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.features import align as alignment
-from mirrorcam.optics.light_field.features.align import Aligned, Pyramid, align, templates
+from mirrorcam.optics.light_field.features.align import AlignedPatches, ImagePyramid, align, templates
 from mirrorcam.optics.light_field.features.keypoints import grey_views
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
@@ -34,8 +34,8 @@ def true_pixels(light_field: LightField, depth_mm: FloatArray, pixels: FloatArra
     return light_field.project_in_view(points).reshape(-1, len(pixels), 2)
 
 
-def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None = None) -> Aligned:
-    pyramid = Pyramid(grey(light_field) if images is None else images)
+def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None = None) -> AlignedPatches:
+    pyramid = ImagePyramid(grey(light_field) if images is None else images)
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     return align(pyramid, given, np.arange(9), start_px, across, np.full(len(PIXELS), 450.0))
@@ -118,13 +118,13 @@ def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
     picture[..., 90:, :] = 160
     picture[..., 30:40, 30:40] = 200
     pixels = np.array([[200.0, 40.0], [150.0, 90.0], [30.0, 30.0]])
-    made = templates(Pyramid(picture), 0, pixels, np.ones(3))
+    made = templates(ImagePyramid(picture), 0, pixels, np.ones(3))
     assert [each.index.tolist() for each in made] == [[2]]
 
 
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
-    pyramid = Pyramid(grey(light_field))
+    pyramid = ImagePyramid(grey(light_field))
     assert pyramid.level_of(np.array([1.0, 1.4, 1.5, 2.0, 4.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
     given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 2.0))
     assert [each.level for each in given] == [1]
@@ -136,7 +136,7 @@ def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, F
 
 def test_views_too_large_for_tables_are_refused() -> None:
     with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
-        Pyramid(np.zeros((100, 1, 400, 40), np.uint8))
+        ImagePyramid(np.zeros((100, 1, 400, 40), np.uint8))
 
 
 def test_views_and_parts_do_not_depend_on_each_other(
@@ -146,7 +146,7 @@ def test_views_and_parts_do_not_depend_on_each_other(
     whole = aligned(light_field, expected + 0.5)
     monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
     assert np.allclose(aligned(light_field, expected + 0.5).pixels, whole.pixels, rtol=0, atol=1e-3)
-    pyramid, views = Pyramid(grey(light_field)), np.array([8, 2])
+    pyramid, views = ImagePyramid(grey(light_field)), np.array([8, 2])
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[views, :2]
     with ThreadPoolExecutor(2) as pool:

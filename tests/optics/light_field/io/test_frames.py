@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.frames import AHEAD, PATIENCE, Device, Frame, Lost, Video, read_ahead
+from mirrorcam.optics.light_field.io.frames import AHEAD, PATIENCE, CaptureDevice, Frame, Lost, Video, read_ahead
 from tests.optics.light_field.io.videos import RATE, cut, damage, number_in, pictures, write_h264, write_mjpeg
 
 
@@ -206,7 +206,7 @@ def test_who_stops_listening_ends_the_thread_and_closes_the_source() -> None:
 
 
 class Camera:
-    """What cv2.VideoCapture is to `Device`: pictures in BGR, None for one that it fails to give."""
+    """What cv2.VideoCapture is to `CaptureDevice`: pictures in BGR, None for one that it fails to give."""
 
     def __init__(self, given: list[NDArray[np.uint8] | None], opened: bool = True) -> None:
         self.given, self.opened, self.released = iter(given), opened, False
@@ -234,7 +234,7 @@ def test_a_camera_gives_frames_until_nobody_asks(tmp_path: Path) -> None:
     shown = pictures(3)
     camera = Camera([shown[0][..., ::-1], None, shown[1][..., ::-1], shown[2][..., ::-1]])
     clock = iter(np.arange(100) / 30)
-    frames = Device(0, 160, 96, capture=camera, clock=lambda: float(next(clock))).frames()
+    frames = CaptureDevice(0, 160, 96, capture=camera, clock=lambda: float(next(clock))).frames()
     found = [next(frames) for _ in range(4)]
     assert found[1] == Lost(1, "was not given by the camera")
     for item, number, picture in zip([found[0], found[2], found[3]], [0, 2, 3], shown, strict=True):
@@ -249,15 +249,15 @@ def test_a_camera_gives_frames_until_nobody_asks(tmp_path: Path) -> None:
 
 def test_a_camera_that_cannot_be_used_is_refused() -> None:
     with pytest.raises(InputError, match=r"^camera 3 cannot be opened, expected one on this machine \(/dev/video3\)$"):
-        Device(3, 160, 96, capture=Camera([], opened=False))
+        CaptureDevice(3, 160, 96, capture=Camera([], opened=False))
     small = Camera([np.zeros((48, 80, 3), np.uint8)])
     with pytest.raises(InputError, match=r"^camera 0 gives 80x48 px, expected 160x96 of the layout's camera$"):
-        list(Device(0, 160, 96, capture=small).frames())
+        list(CaptureDevice(0, 160, 96, capture=small).frames())
     assert small.released
     gone = Camera([np.zeros((96, 160, 3), np.uint8)])
     found: list[Frame | Lost] = []
     with pytest.raises(InputError, match=rf"^camera 0 gave no picture {PATIENCE} times in a row"):
-        for item in Device(0, 160, 96, capture=gone).frames():
+        for item in CaptureDevice(0, 160, 96, capture=gone).frames():
             found.append(item)  # noqa: PERF402  # what came before the error
     assert [type(item) for item in found] == [Frame, *[Lost] * PATIENCE]
 
