@@ -21,15 +21,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder, choose_views
 from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.depth.benchmark_metrics import bad_pixels, mean_square_error
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 Disparity = NDArray[np.float32]
+# As the 4D Light Field Benchmark scores disparities (Honauer et al., ACCV 2016).
+BORDER_PX = 15
+BAD_PX = 0.07
+
+
+def _errors(disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray) -> FloatArray:
+    """Errors (n,) of all pixels with a truth, less the border; NaN where there is no estimate."""
+    inner = slice(BORDER_PX, -BORDER_PX)
+    error = (np.asarray(disparity_px, dtype=np.float64) - truth_px)[inner, inner]
+    return error[np.isfinite(truth_px[inner, inner])]
+
+
+def bad_pixels(
+    disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray, threshold_px: float = BAD_PX
+) -> float:
+    """BadPix: the part, 0 to 1, of pixels whose disparity (v, u) is wrong by more than a threshold, or unknown."""
+    return float(np.mean(~(np.abs(_errors(disparity_px, truth_px)) <= threshold_px)))
+
+
+def mean_square_error(disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray) -> float:
+    """MSE, times 100 as the benchmark states it: of the pixels with an estimate, px^2."""
+    return float(100.0 * np.nanmean(np.square(_errors(disparity_px, truth_px))))
 
 
 def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: int = 16, views: int = 9) -> None:

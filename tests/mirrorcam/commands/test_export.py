@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from mirrorcam.cli import main
 from mirrorcam.optics.base.files import write_image
@@ -13,7 +15,6 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
-from mirrorcam.optics.light_field.io.formats.ply import read_ply
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -24,6 +25,12 @@ SURFACE = Surface(520.0, slope=(0.25, -0.15))
 def scene() -> tuple[LightField, FloatArray]:
     light_field, depth, _ = photograph(grid_views(), [SURFACE])
     return light_field, depth
+
+
+def point_cloud_in(path: Path) -> tuple[FloatArray, Any]:
+    """Points (n, 3) and colours (n, 4) of a point cloud, as another program reads them."""
+    cloud: Any = trimesh.load(path)
+    return np.asarray(cloud.vertices, np.float64), cloud.colors
 
 
 def off_surface_mm(points_in_rig: FloatArray, light_field: LightField) -> FloatArray:
@@ -109,7 +116,7 @@ def test_a_point_cloud_has_the_depth_measured_here(
     save_npz(tmp_path / "desk.npz", scene[0])
     assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", "--out", str(tmp_path)]) == 0
     assert "depth measured: " in capsys.readouterr().out
-    points, _ = read_ply(tmp_path / "desk.ply")
+    points, _ = point_cloud_in(tmp_path / "desk.ply")
     assert len(points) > 5000
     assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
 
@@ -121,7 +128,7 @@ def test_a_point_cloud_has_the_depth_of_the_depth_command(
     assert main(["depth", str(tmp_path / "desk.npz"), "--out", str(tmp_path)]) == 0
     depth = ["--depth", str(tmp_path / "desk_depth.npz"), "--out", str(tmp_path)]
     assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", *depth]) == 0
-    points, _ = read_ply(tmp_path / "desk.ply")
+    points, _ = point_cloud_in(tmp_path / "desk.ply")
     assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
     assert main(["export", str(tmp_path / "desk.npz"), "--to", "hci", *depth]) == 0
     with np.load(tmp_path / "desk_depth.npz") as arrays:
@@ -142,7 +149,7 @@ def test_a_point_cloud_has_the_depth_of_the_depth_command(
 def test_a_scene_with_truth_brings_its_depth_along(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_hci(tmp_path / "scene", scene[0], scene[1].astype(np.float32))
     assert main(["export", str(tmp_path / "scene"), "--to", "ply", "--out", str(tmp_path)]) == 0
-    points, colours = read_ply(tmp_path / "scene.ply")
+    points, colours = point_cloud_in(tmp_path / "scene.ply")
     assert len(points) == len(colours) == scene[1].size
     assert np.abs(off_surface_mm(points, scene[0])).max() < 0.01
 

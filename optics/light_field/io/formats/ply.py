@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_bytes, write_bytes
+from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import Depth, Format
 from mirrorcam.optics.light_field.io.view_images import rgb
@@ -46,19 +46,6 @@ def write_ply(path: Path, points: FloatArray, colours: NDArray[np.uint8]) -> Non
     cloud = np.empty(len(points), _POINT)
     cloud["place"], cloud["colour"] = points, colours
     write_bytes(path, _HEADER.format(len(points)).encode() + cloud.tobytes())
-
-
-def read_ply(path: Path) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """The points and colours of a file that `write_ply` wrote; InputError in one line for any other."""
-    raw = read_bytes(path)
-    head, found, body = raw.partition(b"end_header\n")
-    count = next((line.split()[-1] for line in head.splitlines() if line.startswith(b"element vertex ")), b"")
-    if not found or not count.isdigit() or (head + found).decode("latin-1") != _HEADER.format(int(count)):
-        raise InputError(f"{path}: not a point cloud of mirrorcam, expected its PLY header")
-    if len(body) != int(count) * _POINT.itemsize:
-        raise InputError(f"{path}: {len(body)} bytes of points, expected {int(count) * _POINT.itemsize}")
-    cloud = np.frombuffer(body, _POINT)
-    return cloud["place"].astype(np.float64), cloud["colour"].copy()
 
 
 def _write(path: Path, light_field: LightField, depth_mm: Depth | None) -> None:

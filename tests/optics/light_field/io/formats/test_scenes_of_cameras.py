@@ -15,7 +15,7 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
 from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
-from mirrorcam.optics.light_field.io.formats.ply import point_cloud, read_ply, write_ply
+from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -214,25 +214,12 @@ def test_point_clouds_lie_on_the_scene_and_open_elsewhere(scene: tuple[LightFiel
     opened: Any = trimesh.load(tmp_path / "a.ply")
     assert np.allclose(opened.vertices, cloud, atol=1e-4)
     assert np.array_equal(opened.colors[:, :3], colours)
-    back, same = read_ply(tmp_path / "a.ply")
-    assert np.array_equal(back, cloud.astype(np.float32))
-    assert np.array_equal(same, colours)
     assert len(cloud) == 160 * 240
     # In the rig the depth from the pupil is y; pixels of the middle view show them.
     assert np.allclose(cloud[:, 1], depth[20:].ravel())
     assert np.allclose(light_field.project(cloud)[1, 1], light_field.pixel_grid()[20:].reshape(-1, 2), atol=1e-6)
 
 
-def test_clouds_of_others_and_depths_of_other_sizes_are_refused(
-    scene: tuple[LightField, FloatArray], tmp_path: Path
-) -> None:
+def test_depths_of_other_sizes_are_refused(scene: tuple[LightField, FloatArray]) -> None:
     with pytest.raises(InputError, match="expected 240x180"):
         point_cloud(scene[0], scene[1][1:])
-    path = tmp_path / "a.ply"
-    path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
-    with pytest.raises(InputError, match="not a point cloud"):
-        read_ply(path)
-    write_ply(path, *point_cloud(*scene))
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(InputError, match="bytes of points"):
-        read_ply(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.benchmark_metrics import BORDER_PX, bad_pixels, mean_square_error
+from benchmarks.light_field_depth import BORDER_PX, bad_pixels, mean_square_error
 
 
 def test_scores_count_what_is_inside_the_border() -> None:
