@@ -1,4 +1,4 @@
-"""What a rendered set says about itself: `dataset.json`, without any truth. Needs no renderer."""
+"""Manifest of a rendered set, `dataset.json`, without ground truth. Needs no renderer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MANIFEST = "dataset.json"
 
 
 class Reach(Value):
-    """The depths of the boards that a mirror shows, and how much they are tilted against its view; 0 without any."""
+    """Range of depths of the boards that a mirror shows, and their largest tilt against its view; 0 without boards."""
 
     nearest_mm: int
     farthest_mm: int
@@ -26,9 +26,9 @@ class Reach(Value):
 
 
 class Dataset(Value):
-    """The manifest of a rendered set: what a real user would know of it, and a checksum for each file written so far.
+    """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
 
-    `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
+    `request` is a digest of everything that determines the bytes of the set, the seed included.
     """
 
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
@@ -40,11 +40,13 @@ class Dataset(Value):
     height_px: int
     tolerances: Tolerances
     settings: RenderSettings
-    rate_hz: float | None = Field(default=None, description="frames in a second of one motion; none: each by itself")
-    parts: str | None = Field(default=None, description="checksum of the parts that stand around the mirrors; or none")
+    rate_hz: float | None = Field(default=None, description="frames per second of one motion; none: independent frames")
+    parts: str | None = Field(default=None, description="checksum of the parts around the mirrors; or none")
     renderer: str = Field(description="program, version and variant")
-    coverage: tuple[float, ...] = Field(description="part of each sub-image where the planned frames show corners")
-    reaches: tuple[Reach, ...] = Field(description="how near, far and tilted each mirror sees the planned boards")
+    coverage: tuple[float, ...] = Field(description="fraction of each sub-image where the planned frames show corners")
+    reaches: tuple[Reach, ...] = Field(
+        description="range of depths and tilts at which each mirror shows the planned boards"
+    )
     base_coverage: float = Field(description="the same of the whole sensor in the base frames")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
@@ -65,22 +67,22 @@ class Dataset(Value):
         return None if self.settings.video is None else f"video.{self.settings.video}"
 
     def map_of(self, name: str) -> str | None:
-        """The name of the maps that tell what every pixel of a picture shows; None where there are none."""
+        """Name of the ground-truth maps of a picture; None where there are none."""
         return f"truth/maps/{Path(name).with_suffix('.exr')}" if self.settings.maps else None
 
     @property
     def complete(self) -> bool:
-        """Whether every frame has been written, and the video of them."""
+        """Whether every frame, and the video, has been written."""
         return not self.missing
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Pictures, and the video of them, that have not been written."""
+        """Names of the pictures, and of the video, that have not been written."""
         wanted = (*self.frame_names, *self.base_names, self.video_name)
         return tuple(name for name in wanted if name is not None and name not in self.files)
 
     def intact(self, folder: Path, name: str) -> bool:
-        """Whether a file of the set is there and is what was written."""
+        """Whether a file of the set exists with the checksum of what was written."""
         path = folder / name
         return name in self.files and path.is_file() and file_digest(path) == self.files[name]
 

@@ -1,4 +1,4 @@
-"""One frame of a set as a worker makes it: a task goes in as text, the files to write come out as bytes."""
+"""Rendering one frame of a set in a worker: the task is text (JSON), the result is files as bytes."""
 
 from __future__ import annotations
 
@@ -35,28 +35,32 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
 )
 from mirrorcam.render_scenes.variant import use_variant
 
-# Of how far light has come, to blur what is out of focus, every sixteenth pixel tells enough.
+# Path lengths, for the blur out of focus, are computed at every sixteenth row and column.
 COARSE = 16
-# Rows that the reference takes at one moment of a rolling shutter: .2 ms of a webcam's.
+# Rows that the reference renders at one time of a rolling shutter: 0.2 ms of a webcam's readout.
 STRIP_PX = 8
 
 
 class CaptureSetup(Value):
-    """What the frames of a set share: the device as built (or, without mirrors, its camera), board and settings."""
+    """What the frames of a set share: the device as built (without mirrors: its camera), the board and the settings."""
 
     built: Layout
     mirrors: bool
     target: Target
     settings: RenderSettings
-    finishes: tuple[MirrorFinish, ...] = Field(default=(), description="of the mirrors; none: all alike")
-    parts: DeviceParts | None = Field(default=None, description="that stand around the mirrors")
-    variant: str | None = Field(default=None, description="of Mitsuba: whoever renders, by the same; None: the fastest")
+    finishes: tuple[MirrorFinish, ...] = Field(
+        default=(), description="surface finishes of the mirrors; empty: uniform"
+    )
+    parts: DeviceParts | None = Field(default=None, description="parts around the mirrors")
+    variant: str | None = Field(
+        default=None, description="Mitsuba's variant, the same for all workers; None: the fastest"
+    )
 
 
 class FrameTask(Value):
-    """One frame: where the board is, rig_from_board (1 or 3, 4, 4) in mm, and what its samples and noise follow from.
+    """One frame: poses of the board, rig_from_board (1 or 3, 4, 4) in mm, and the key of its random numbers.
 
-    Three poses are those at the first row of a rolling shutter, halfway, and at the last.
+    Three poses are those at the readout of the first, middle and last row of a rolling shutter.
     """
 
     setup: CaptureSetup
@@ -67,7 +71,7 @@ class FrameTask(Value):
 
 
 class _SetRenderer:
-    """A stage that is built: its renderer, and how the rays of its pixels go."""
+    """Renderer of a setup, and the traced rays of its pixels."""
 
     def __init__(self, setup: CaptureSetup) -> None:
         built, settings = setup.built, setup.settings
@@ -95,7 +99,7 @@ class _SetRenderer:
         self.coarse = follow(step=COARSE)
 
     def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
-        """Of a frame in which the board goes along poses (1 or 3, 4, 4); shape (h * subpixels, w * subpixels)."""
+        """Radiance (h * subpixels, w * subpixels) of a frame during which the board has poses (1 or 3, 4, 4)."""
         if isinstance(self.scene, FastScene):
             self.scene.place_board(*poses)
             return self.scene.render()
@@ -118,12 +122,12 @@ class _SetRenderer:
 
 @lru_cache(maxsize=2)
 def _set_renderer(setup_json: str) -> _SetRenderer:
-    # One for the frames and one for those of the camera alone.
+    # One setup for the frames by way of the mirrors and one for those of the bare camera.
     return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 
 def render_frame(task_json: str) -> dict[str, bytes]:
-    """The files of one frame, by their names in the set: the same for the same task, whoever renders it."""
+    """Render the files of one frame, by their names in the set; the bytes depend on the task alone."""
     task = FrameTask.model_validate_json(task_json)
     setup, settings = task.setup, task.setup.settings
     made = _set_renderer(setup.model_dump_json())
@@ -148,7 +152,7 @@ def render_frame(task_json: str) -> dict[str, bytes]:
 
 
 def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, FloatArray]:
-    """What pixels show of a board along poses (1 or 3, 4, 4): each row when it is read."""
+    """Maps of a board with poses (1 or 3, 4, 4): each row at the time of its readout."""
     if len(poses) == 1:
         return board_maps(rays, target, poses[0])
     fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.free_mm)
@@ -162,7 +166,7 @@ def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, Float
 
 
 def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
-    """`render_frame` for one of as many processes as there are cores."""
+    """`render_frame` in one of as many processes as there are cores."""
     use_variant(FrameTask.model_validate_json(task_json).setup.variant)
     import drjit
 
@@ -172,7 +176,7 @@ def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
 
 
 def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
-    """`render_frame` for a process of several threads that ask at once: a scene shows one pose at a time."""
+    """`render_frame` in a process with several threads, one after the other: a scene has one pose at a time."""
     return _turn().submit(render_frame, task_json).result()
 
 
@@ -182,11 +186,11 @@ def _turn() -> ThreadPoolExecutor:
 
 
 def _compressed(picture: NDArray[np.uint8], settings: RenderSettings) -> bytes:
-    """The file of a picture, with what the sensor's compression loses."""
+    """Encode a picture with the compression of the sensor."""
     sensor = settings.sensor
     if sensor.jpeg_quality is not None:
         return encoded_image(picture, settings.suffix, sensor.jpeg_quality)
-    # What comes as a video is compressed there, each frame with the help of those before.
+    # Frames of a video are compressed there, with prediction between frames.
     if sensor.h264_crf is not None and settings.video is None:
         picture = as_key_frame(picture, sensor.h264_crf)
     return encoded_image(picture, settings.suffix)

@@ -1,6 +1,6 @@
-"""Where to hold the board: poses that show it to every mirror, over all of its sub-image, near and far, tilted.
+"""Planning of board poses: coverage of every sub-image at near and far depths, with tilts.
 
-The plan knows the design alone, like the person who holds the board.
+The plan uses the design alone, like a person who holds the board.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 
 MOST_TILT_DEG = 38.0
 MOST_ROLL_DEG = 25.0
-CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, which cover all there is by their number
+CANDIDATES = 8  # poses tried for each one kept; fewer in large sets, whose number of poses covers everything
 MOST_TRIED = 800
 FEWEST_CANDIDATES = 2
 CELLS = 10  # coverage is counted on a grid of this many cells along each side of a sub-image
-FEWEST_CORNERS = 6  # that a view must show to tell where the board is
+FEWEST_CORNERS = 6  # that a view must show to determine the pose of the board
 SMALLEST_SQUARE_PX = 8.0
 ROOM_MM = 20.0  # between mirrors and board
 _ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
@@ -35,10 +35,10 @@ _ROOT = 1.1127756842787055  # the positive root of x^7 = x + 1
 
 @dataclass(frozen=True)
 class PosePlan:
-    """Board poses, rig_from_board (n, 4, 4) in mm, and what they show to views: the mirrors, or the bare camera.
+    """Board poses, rig_from_board (n, 4, 4) in mm, and their visibility in views: the mirrors, or the bare camera.
 
-    `coverage` (views,) is the part of each view's picture where some pose shows a corner, `corners` (n, views) how many
-    corners each pose shows.
+    `coverage` (views,) is the fraction of each view's picture where some pose shows a corner; `corners` (n, views) is
+    the number of visible corners of each pose.
     """
 
     poses: FloatArray
@@ -47,10 +47,10 @@ class PosePlan:
 
 
 def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
-    """How near, far and tilted each view of a plan shows `FEWEST_CORNERS` or more.
+    """Range of depths and largest tilt at which each view of a plan shows `FEWEST_CORNERS` corners or more.
 
-    Depth is that of the board's middle along a unit vector (3,) in rig, tilt that of its normal against it. In whole
-    mm and degrees, as one who held the board would know them.
+    Depth is that of the board's middle along a unit vector (3,) in rig, tilt the angle of its normal to that vector; in
+    whole mm and degrees, as a person who held the board would know them.
     """
     middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
     depths = (plan.poses @ middle)[:, :3] @ forward
@@ -67,7 +67,7 @@ def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach,
 
 
 def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
-    """Poses before the mirrors, at and around the depths of the spec, printed side toward them.
+    """Plan poses before the mirrors, at and around the depths of the spec, with the printed side toward the mirrors.
 
     Raises InputError when the board is too small or too large to be seen.
     """
@@ -77,11 +77,11 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
     half = np.array(target.size_mm) / 2.0
 
     def pose(numbers: FloatArray) -> FloatArray | None:
-        # Equal steps of 1 / depth are equal steps in the size of the picture.
+        # Equal steps of 1 / depth are equal steps in the size of the image.
         depth = 1.0 / np.interp(numbers[0], [0.0, 1.0], [1.0 / depths[0], 1.0 / depths[1]])
         field = common_bounds(layout, depth)
-        room = np.maximum(np.abs(np.diff(field, axis=0)[0] / 2.0 - half), 0.25 * half)
-        centre = np.array([*(field.mean(axis=0) + room * (2.0 * numbers[1:3] - 1.0)), depth])
+        play = np.maximum(np.abs(np.diff(field, axis=0)[0] / 2.0 - half), 0.25 * half)
+        centre = np.array([*(field.mean(axis=0) + play * (2.0 * numbers[1:3] - 1.0)), depth])
         found = _rig_from_board(layout.view_from_rig, target, centre, numbers[3:])
         outline = np.array([[x, y, 0.0, 1.0] for x in (0.0, 2 * half[0]) for y in (0.0, 2 * half[1])])
         return found if (outline @ found[:3].T @ layout.view_from_rig[2]).min() > nearest else None
@@ -93,7 +93,7 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
 
 
 def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
-    """Given poses, rig_from_board (n, 4, 4) in mm; raises InputError where no mirror shows a corner in any of them."""
+    """Evaluate given poses, rig_from_board (n, 4, 4) in mm; InputError where no mirror ever shows a corner."""
     oracle = Oracle(layout, target)
     cells = [_Cells(layout.outline_px(index)) for index in range(len(layout.mirrors))]
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
@@ -108,7 +108,7 @@ def plan_of(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
 
 
 def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
-    """Poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
+    """Plan poses before the bare camera that show corners over its whole sensor, at several distances and tilts.
 
     Raises InputError when the board is too small or too large to be seen.
     """
@@ -136,7 +136,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
 
 
 def _depths(layout: Layout) -> tuple[float, float]:
-    """Nearest and farthest depth of the board's middle: those of the spec and a little beyond."""
+    """Nearest and farthest depth of the board's middle: slightly beyond those of the spec."""
     if layout.spec is not None:
         return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
     scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)
@@ -146,7 +146,7 @@ def _depths(layout: Layout) -> tuple[float, float]:
 def _rig_from_board(
     view_from_rig: FloatArray, target: Target, centre_in_view: FloatArray, numbers: FloatArray
 ) -> FloatArray:
-    """A board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
+    """Pose of a board with its middle at a point, tilted about x and y and rolled by three numbers in [0, 1]."""
     tilts = (2.0 * numbers - 1.0) * [MOST_TILT_DEG, MOST_TILT_DEG, MOST_ROLL_DEG]
     view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
     turn = view_from_rig.T @ view_from_board
@@ -155,7 +155,7 @@ def _rig_from_board(
 
 
 class _Cells:
-    """The cells of a view's picture: a grid over its bounds, of which those with their middle inside count."""
+    """Coverage cells of a view's picture: a grid over its bounds; cells whose middle is inside the outline count."""
 
     def __init__(self, outline_px: FloatArray) -> None:
         self.low, high = outline_px.min(axis=0), outline_px.max(axis=0)
@@ -165,7 +165,7 @@ class _Cells:
         self.inside: BoolArray = shapely.contains_xy(shapely.Polygon(outline_px), middles[..., 0], middles[..., 1])
 
     def hit(self, px: FloatArray) -> BoolArray:
-        """Which cells (CELLS, CELLS) hold one of the pixels (n, 2)."""
+        """Cells (CELLS, CELLS) that contain one of the pixels (n, 2)."""
         at = np.floor((px - self.low) / self.step).astype(int)
         at = at[((at >= 0) & (at < CELLS)).all(axis=1)]
         found = np.zeros((CELLS, CELLS), dtype=np.bool_)
@@ -180,13 +180,13 @@ def _choose(
     count: int,
     random: np.random.Generator,
 ) -> PosePlan:
-    """Of several spread candidates for each frame, the one that shows corners where the frames before showed none.
+    """Choose, for each frame, the candidate pose that shows corners where the frames before showed none.
 
     A pose has six numbers in [0, 1]: depth, place (2), tilt (2), roll. The depths of the frames are spread evenly.
     """
     cells = [_Cells(outline) for outline in outlines_px]
     covered = np.zeros((len(cells), CELLS, CELLS), dtype=np.bool_)
-    # A shifted additive recurrence (Roberts): six numbers that fill the cube evenly however many there are.
+    # A shifted R6 sequence (Roberts): a low-discrepancy sequence for any number of points.
     steps = _ROOT ** -np.arange(1.0, 7.0)
     candidates = int(np.clip(MOST_TRIED // max(count, 1), FEWEST_CANDIDATES, CANDIDATES))
     numbers = (random.random(6) + np.arange(candidates * count)[:, None] * steps) % 1.0
@@ -202,7 +202,7 @@ def _choose(
                 continue
             px, visible = seen(rig_from_board)
             hits = np.array([cell.hit(px[i][visible[i]]) for i, cell in enumerate(cells)])
-            # First that no view goes without, then what is new.
+            # First enough corners in every view, then new cells.
             poorest = int(np.minimum(visible.sum(axis=1), FEWEST_CORNERS).sum())
             gain = (poorest, float((hits & ~covered).sum() + 0.05 * hits.sum()))
             if gain > best_gain:
@@ -216,7 +216,7 @@ def _choose(
 
 
 def _shares(cells: list[_Cells], covered: BoolArray) -> FloatArray:
-    """Part (views,) of the cells of each view's picture that is covered."""
+    """Fraction (views,) of the cells of each view's picture that is covered."""
     return np.array([float(hits[cell.inside].mean()) for hits, cell in zip(covered, cells, strict=True)])
 
 
@@ -227,7 +227,7 @@ def _check_visible(
     outlines_px: list[FloatArray],
     what: str,
 ) -> None:
-    """Refuse a board whose squares cannot be resolved, or of which nearly all frames show a view too few corners."""
+    """Raise InputError for a board whose squares are not resolved, or with too few corners of a view in most frames."""
     if not len(plan.poses):
         return
     enough: list[NDArray[np.bool_]] = []

@@ -1,4 +1,4 @@
-"""From radiance to the picture that a webcam delivers: lens, pixels, noise, eight bits."""
+"""Model of lens and sensor: from radiance to the 8-bit picture of a webcam, with blur, vignetting and noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 
-# Pictures of blurs that differ by at most so much (sigma, px) are mixed where the light came from between.
+# Largest step of sigma, px, between the blur levels that defocus interpolates.
 BLUR_STEP_PX = 0.25
 
 
@@ -25,12 +25,30 @@ def photograph(
     random: np.random.Generator,
     path_mm: FloatArray | None = None,
 ) -> NDArray[np.uint8]:
-    """A picture (h, w) or (h, w, 3) of radiance (h * subpixels, w * subpixels[, 3]).
+    """Expose a picture.
 
-    `path_mm` (h, w) is how far the light of each pixel has come, NaN or absent where that is not known: in focus.
+    The lens blurs before the pixels integrate. In the other order, detail that pixels cannot resolve would already be
+    aliased, and corners of boards that lie square to the pixels would err by 0.01 px.
 
-    The lens blurs before the pixels collect the light. The other way round, what pixels cannot resolve would already
-    have turned into false detail, and corners of boards that lie square to the pixels would err by .01 px.
+    Parameters
+    ----------
+    radiance
+        (h * subpixels, w * subpixels[, 3]).
+    subpixels
+        Squares along each side of a pixel.
+    camera
+        The camera, for defocus and vignetting.
+    model
+        Lens and sensor.
+    random
+        Generator of the noise.
+    path_mm
+        Path length (h, w) of the light of each pixel; NaN or absent: in focus.
+
+    Returns
+    -------
+    NDArray[np.uint8]
+        Picture (h, w) or (h, w, 3).
     """
     grey = _through_lens(radiance, subpixels, model, defocus_px(camera, model, path_mm))
     grey *= np.float32(255.0 * model.exposure)
@@ -40,7 +58,7 @@ def photograph(
     if model.full_well_electrons > 0 or model.read_noise_grey > 0:
         noise = random.standard_normal(grey.shape, dtype=np.float32)
         if model.full_well_electrons > 0:
-            # As many electrons as there are uncertain by their root; the read noise adds to their variance.
+            # Shot noise has the variance of the number of electrons; the read noise adds to it.
             electrons = np.maximum(grey, 0.0) * np.float32(255.0 / model.full_well_electrons)
             noise *= np.sqrt(electrons + np.float32(model.read_noise_grey**2))
         else:
@@ -50,9 +68,9 @@ def photograph(
 
 
 def defocus_px(camera: Camera, model: SensorModel, path_mm: FloatArray | None) -> FloatArray | None:
-    """Sigma (h, w) of the blur out of focus, of a Gaussian as wide as the disc of confusion; None where there is none.
+    """Sigma (h, w), px, of the defocus blur, with the variance of the circle of confusion; None without defocus.
 
-    The disc of a thin lens: f A |1 / focus - 1 / path| wide; a disc has the variance of a Gaussian of a quarter of it.
+    The circle of a thin lens has the diameter f A |1 / focus - 1 / path|; sigma is a quarter of it.
     """
     if model.aperture_mm == 0 or path_mm is None:
         return None
@@ -63,7 +81,7 @@ def defocus_px(camera: Camera, model: SensorModel, path_mm: FloatArray | None) -
 def _through_lens(
     radiance: NDArray[np.float32], subpixels: int, model: SensorModel, defocus: FloatArray | None
 ) -> NDArray[np.float32]:
-    """Light (h, w[, 3]) that pixels collect."""
+    """Irradiance (h, w[, 3]) of the pixels."""
     if defocus is None:
         return _pixels(radiance, subpixels, model.lens_blur_px)
     sigma = np.hypot(model.lens_blur_px, defocus).astype(np.float32)
@@ -72,7 +90,7 @@ def _through_lens(
     levels = np.linspace(low, high, steps + 1) if high > low else np.array([low])
     light = _pixels(radiance, subpixels, float(levels[0]))
     for before, level in pairwise(levels):
-        # Mixed so that the variance of the blur is that of the place.
+        # Interpolated in variance.
         part = np.clip((sigma**2 - before**2) / (level**2 - before**2), 0.0, 1.0).astype(np.float32)
         softer = _pixels(radiance, subpixels, float(level))
         light += (part[..., None] if light.ndim == 3 else part) * (softer - light)
@@ -96,11 +114,11 @@ def _pixels(radiance: NDArray[np.float32], subpixels: int, blur_px: float) -> ND
 def _vignette_of(key: str, exponent: float) -> NDArray[np.float32]:
     camera = Camera.model_validate_json(key)
     x, y = np.arange(camera.width_px), np.arange(camera.height_px)
-    # The lens model bends rays little: its loss of light is that of the straight ones.
+    # Distortion is small: vignetting is computed from undistorted angles.
     squared = ((x - camera.cx_px) / camera.fx_px) ** 2 + (((y - camera.cy_px) / camera.fy_px) ** 2)[:, None]
     return np.asarray((1.0 + squared) ** (-exponent / 2.0), dtype=np.float32)
 
 
 def _vignette(camera: Camera, exponent: float) -> NDArray[np.float32]:
-    """What is left (h, w) of the light away from the axis: cos to an exponent."""
+    """Vignetting factor (h, w): cos of the field angle to an exponent."""
     return _vignette_of(camera.model_dump_json(), exponent)

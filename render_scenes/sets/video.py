@@ -1,7 +1,7 @@
-"""A set's frames as a video, and what H.264 makes of a picture. Same pictures, same bytes, whoever encodes them.
+"""Frames of a set as a video, and H.264 compression of a picture. The bytes depend on the pictures alone.
 
-One thread, no date, and the settings of a camera's encoder (`zerolatency`: no frame waits for later ones). With frames
-that lean on later ones, x264 looks at memory that it has not written, and its output differs from run to run.
+One thread, no date, and the settings of a camera's encoder (`zerolatency`: no B-frames, no lookahead). With B-frames,
+x264 reads memory that it has not written, and its output differs from run to run.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures
 
 
 def write_mjpeg(path: Path, pictures: Iterable[Path], rate_hz: float, on_picture: Callable[[int], None]) -> None:
-    """Write an AVI of JPEG files as they are, atomically; `on_picture` hears how many are in it."""
+    """Write an AVI of unchanged JPEG files atomically; `on_picture` is called with the number written so far."""
     with atomic(path) as temporary, _open(temporary) as container:
         stream = None
         for number, picture in enumerate(pictures):
@@ -40,9 +40,9 @@ def write_mjpeg(path: Path, pictures: Iterable[Path], rate_hz: float, on_picture
 def write_h264(
     path: Path, pictures: Iterable[Path], rate_hz: float, crf: int, on_picture: Callable[[int], None]
 ) -> None:
-    """Write an MP4 of pictures with even sides, atomically; `crf` is x264's quality, 0 (all of it) to 51 (hardly any).
+    """Write an MP4 of pictures with even sides, atomically; `crf` is x264's constant rate factor, 0 (lossless) to 51.
 
-    `on_picture` hears how many are in it.
+    `on_picture` is called with the number of pictures written so far.
     """
     with atomic(path) as temporary, _open(temporary) as container:
         stream = None
@@ -58,7 +58,7 @@ def write_h264(
 
 
 def as_key_frame(picture: NDArray[np.uint8], crf: int) -> NDArray[np.uint8]:
-    """What H.264 leaves of a grey picture (h, w) with even sides that does not lean on others."""
+    """Compress and decompress a grey picture (h, w) with even sides as a key frame of H.264."""
     encoder, decoder = (_av().CodecContext.create(*codec) for codec in (("libx264", "w"), ("h264", "r")))
     encoder.options = _X264 | {"crf": str(crf)}
     encoder.framerate = Fraction(30)
@@ -83,7 +83,7 @@ def _open(path: Path) -> Any:
 
 
 def _rate(rate_hz: float) -> Fraction:
-    """Rates such as 29.97 as the fractions that videos count in."""
+    """Express rates such as 29.97 as the fractions of video time bases."""
     return Fraction(rate_hz).limit_denominator(1001)
 
 
@@ -95,10 +95,10 @@ def _prepare(encoder: Any, image: NDArray[np.uint8]) -> None:
 
 
 def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
-    """A picture, grey (h, w) or RGB (h, w, 3), as an encoder takes it."""
+    """Convert a picture, grey (h, w) or RGB (h, w, 3), to a frame of an encoder."""
     grey = image if image.ndim == 2 else image[..., 0]
     if image.ndim == 2 or (image == grey[..., None]).all():
-        # Exactly its brightness, and no colour.
+        # Exact luma and neutral chroma.
         colour = np.full((grey.shape[0] // 2, grey.shape[1]), 128, dtype=np.uint8)
         frame = _av().VideoFrame.from_ndarray(np.concatenate([grey, colour]), format="yuv420p")
     else:
