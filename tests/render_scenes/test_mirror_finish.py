@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -60,14 +59,6 @@ def test_mirrors_are_drawn_each_its_own_and_the_same_again() -> None:
     half = drawn(asked.replaced(finish=asked.finish.replaced(sag_mm=0.025)))
     np.testing.assert_allclose([2.0 * finish.sag_mm for finish in half], [finish.sag_mm for finish in found])
     assert drawn(RenderSettings()) == ()
-
-
-@pytest.mark.parametrize(
-    "finish", [SurfaceFinish(roughness=0.001), SurfaceFinish(sag_mm=0.01), SurfaceFinish(ripple_mm=0.001)]
-)
-def test_the_renderer_by_formula_refuses_what_it_cannot_show(finish: SurfaceFinish) -> None:
-    with pytest.raises(ValidationError, match=r"renderer fast: mirrors are smooth and flat, expected .* 0"):
-        RenderSettings(renderer="fast", finish=finish)
 
 
 @pytest.mark.parametrize("bend", ["sphere", "cylinder"])

@@ -9,13 +9,10 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
-from mirrorcam.render_scenes.boards.printed_board import board_from_texels
-from mirrorcam.render_scenes.fast.analytic_scene import FastScene, build_mipmap, map_to_print
-from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints, virtual_views
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene, build_mipmap
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR
 from tests.render_scenes.corners import MARGIN_PX, TARGET, errors_by_mirror, photographed, tilted_board, windows
 
@@ -66,47 +63,6 @@ def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
     errors = [errors_by_mirror(found, windows(distorted_layout), distorted_layout, pose) for found in pictures.values()]
     for index in crops:
         assert np.abs(errors[0][index] - errors[1][index]).max() <= 0.02
-
-
-def test_sheets_are_followed_like_rays_surface_by_surface(sheets: Layout, small_board: Charuco) -> None:
-    """Where every pixel's light left the board, by formula and by `render_scenes.truth.maps`."""
-    camera = sheets.camera.replaced(width_px=480, height_px=270).with_intrinsics(
-        sheets.camera.intrinsics * [0.25, 0.25, 0.25, 0.25, 1, 1, 1, 1, 1]
-    )
-    small = sheets.replaced(camera=camera)
-    pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
-    truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
-    views, board = virtual_views(small.mirrors), board_from_texels(small_board)
-    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92))
-    for footprints in picture:
-        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)))
-        rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
-        texels = (to_print.print @ rays - footprints.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
-        at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
-        same = truth["mirror"].ravel()[footprints.square] == footprints.view
-        same &= np.isfinite(truth["board.x"].ravel()[footprints.square])
-        assert same.sum() > 0.5 * len(footprints.square)
-        for name, found in zip(("board.x", "board.y"), at, strict=True):
-            np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.square][same], atol=2e-4)
-    # About 5 % at the front; what is left of it goes on; as much of that again at the front from within.
-    for layer, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
-        weights = np.concatenate([footprints.weight for footprints in layer])
-        assert low < np.median(weights) < high
-
-
-def test_no_square_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None:
-    """Also where one mirror hides a part of another: of a square, both together show no more than the whole."""
-    first, *others = distorted_layout.mirrors
-    nearer = first.moved(np.eye(3), 0.35 * first.virtual_centre_in_rig_mm * [-0.05, 0.0, 0.0])
-    built = distorted_layout.replaced(mirrors=(nearer, *others), kind="as-built")
-    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9))
-    assert len(layers) > 1
-    filled = np.zeros(built.camera.width_px * built.camera.height_px)
-    for layer in layers:
-        squares = np.concatenate([footprints.square for footprints in layer])
-        assert len(np.unique(squares)) == len(squares)
-        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in layer]))
-    assert filled.max() <= 1.0 + 1e-6
 
 
 def test_numpy_renders_the_same(small_layout: Layout, small_board: Charuco) -> None:

@@ -12,7 +12,6 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.boards.printed_board import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.settings import RenderSettings
 
@@ -109,34 +108,6 @@ def test_the_sheet_has_one_square_of_paper_around_the_print(default_layout: Layo
     assert radiance[top, left] == pytest.approx(SETTINGS.ink)  # the top left square is black
     left, top = default_layout.camera.project(np.array([[-72.0 - 26.0, -60.0 - 26.0, 400.0]]))[0].round().astype(int)
     assert radiance[top, left] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("target", "texels"),
-    [
-        (Checkerboard(cols=6, rows=5, square_mm=24.0), 1),
-        (Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=9.0), 8),
-        (Charuco(cols=6, rows=5, square_mm=10.0, marker_mm=7.0, dictionary="DICT_5X5_100"), 20),
-        (Charuco(cols=6, rows=5, square_mm=16.0, marker_mm=12.0, dictionary="DICT_4X4_50"), 8),
-    ],
-)
-def test_the_print_is_exact_with_few_texels(target: Target, texels: int) -> None:
-    sheet = print_on_paper(target)
-    assert sheet.shape == ((5 + 2) * texels, (6 + 2) * texels)
-    printed = sheet[texels:-texels, texels:-texels]
-    fine = target.image(8 * texels)
-    np.testing.assert_array_equal(np.kron(printed, np.ones((8, 8), dtype=np.uint8)), fine)
-    assert (np.delete(sheet, np.s_[texels:-texels], axis=0) == 255).all()
-
-
-def test_markers_that_fit_no_texels_keep_their_squares() -> None:
-    sheet = print_on_paper(Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=8.7))
-    texels = sheet.shape[0] // 7
-    assert 8 < texels <= 64
-    squares = sheet[texels:-texels, texels:-texels].reshape(5, texels, 6, texels)
-    black = (np.add.outer(np.arange(5), np.arange(6)) % 2) == 0
-    np.testing.assert_array_equal(squares.max(axis=(1, 3))[black], 0)
-    np.testing.assert_array_equal(squares[:, 0, :, 0][~black], 255)  # the white rim around a marker
 
 
 def test_a_moved_board_compiles_nothing(small_layout: Layout, small_board: Charuco) -> None:

@@ -20,8 +20,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop
-from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
+from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
 from mirrorcam.render_scenes.tabletop.tabletop_set import (
     MANIFEST,
     MAPS,
@@ -349,11 +348,6 @@ def test_one_mirror_has_a_true_view_and_no_disparity(asked: TabletopRequest, tmp
     manifest = render_tabletop(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
     views = {name for name in manifest.files if name.startswith("truth/") and name.count("/") == 2}
     assert views == {f"truth/{kind}/0_0{end}" for kind, end in KINDS.items() if kind != "disparity"}
-
-
-def test_without_a_compiler_a_desk_is_refused(small_layout: Layout) -> None:
-    with pytest.raises(InputError, match=r"^a scene in colour needs a GPU or an LLVM"):
-        TabletopScene(small_layout, arrange_tabletop(small_layout, (400.0,), 0), 0.9, variant=SCALAR)
 
 
 def test_depths_come_from_the_spec_where_there_is_one(default_layout: Layout) -> None:

@@ -1,0 +1,73 @@
+"""Footprints of subpixels: against traced rays, each covered once, and with their closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.render_scenes.boards.printed_board import board_from_texels
+from mirrorcam.render_scenes.fast.analytic_scene import map_to_print
+from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints, virtual_views
+from mirrorcam.render_scenes.sets.poses import plan_frames
+from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
+
+
+def test_plates_agree_with_rays_traced_surface_by_surface(sheets: Layout, small_board: Charuco) -> None:
+    """Where every pixel's light left the board, by formula and by `truth.pixel_maps`."""
+    camera = sheets.camera.replaced(width_px=480, height_px=270).with_intrinsics(
+        sheets.camera.intrinsics * [0.25, 0.25, 0.25, 0.25, 1, 1, 1, 1, 1]
+    )
+    small = sheets.replaced(camera=camera)
+    pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
+    truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
+    views, board = virtual_views(small.mirrors), board_from_texels(small_board)
+    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92))
+    for footprints in picture:
+        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)))
+        rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
+        texels = (to_print.print @ rays - footprints.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
+        at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
+        same = truth["mirror"].ravel()[footprints.square] == footprints.view
+        same &= np.isfinite(truth["board.x"].ravel()[footprints.square])
+        assert same.sum() > 0.5 * len(footprints.square)
+        for name, found in zip(("board.x", "board.y"), at, strict=True):
+            np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.square][same], atol=2e-4)
+    # About 5 % at the front; what is left of it goes on; as much of that again at the front from within.
+    for layer, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
+        weights = np.concatenate([footprints.weight for footprints in layer])
+        assert low < np.median(weights) < high
+
+
+def test_no_subpixel_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None:
+    """Also where one mirror hides a part of another: both together cover a subpixel at most once."""
+    first, *others = distorted_layout.mirrors
+    nearer = first.moved(np.eye(3), 0.35 * first.virtual_centre_in_rig_mm * [-0.05, 0.0, 0.0])
+    built = distorted_layout.replaced(mirrors=(nearer, *others), kind="as-built")
+    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9))
+    assert len(layers) > 1
+    filled = np.zeros(built.camera.width_px * built.camera.height_px)
+    for layer in layers:
+        squares = np.concatenate([footprints.square for footprints in layer])
+        assert len(np.unique(squares)) == len(squares)
+        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in layer]))
+    assert filled.max() <= 1.0 + 1e-6
+
+
+def test_the_bare_camera_covers_every_subpixel_once(small_layout: Layout) -> None:
+    camera = small_layout.camera
+    ((footprints,),) = pixel_footprints(camera, (), 2, np.zeros(0))
+    np.testing.assert_array_equal(footprints.square, np.arange(4 * camera.width_px * camera.height_px))
+    assert (footprints.weight == 1.0).all()
+    assert not footprints.slide_mm.any()
+    # The centre of the first subpixel is a quarter of a pixel before that of the first pixel.
+    assert footprints.x[0] == pytest.approx((-0.25 - camera.cx_px) / camera.fx_px, rel=1e-5)
+    assert footprints.y[0] == pytest.approx((-0.25 - camera.cy_px) / camera.fy_px, rel=1e-5)
+    np.testing.assert_allclose(footprints.steps, np.diag([0.5 / camera.fx_px, 0.5 / camera.fy_px]), atol=1e-8)
+
+
+def test_views_of_first_surface_mirrors_are_their_virtual_centres(small_layout: Layout) -> None:
+    for view, mirror in zip(virtual_views(small_layout.mirrors), small_layout.mirrors, strict=True):
+        np.testing.assert_allclose(view.centre_in_rig_mm, mirror.virtual_centre_in_rig_mm, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.det(view.turn), -1.0)

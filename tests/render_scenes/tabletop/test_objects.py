@@ -1,0 +1,84 @@
+"""Objects as shapes: as large as asked, where they are placed, under one light at any scale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.tabletop.objects import Kind, SceneObject, based, lights, shapes_of
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+
+@pytest.fixture(autouse=True)
+def _variant() -> None:
+    use_variant(SCALAR)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size_mm", "extent_mm"),
+    [
+        ("sphere", (20.0, 0.0, 0.0), (20.0, 20.0, 20.0)),
+        ("rectangle", (30.0, 10.0, 0.0), (30.0, 10.0, 0.0)),
+        ("box", (30.0, 10.0, 40.0), (30.0, 10.0, 40.0)),
+        ("cylinder", (20.0, 0.0, 50.0), (20.0, 20.0, 50.0)),
+    ],
+)
+def test_a_shape_is_as_large_as_asked_about_its_place(
+    kind: Kind, size_mm: tuple[float, ...], extent_mm: tuple[float, ...]
+) -> None:
+    place = np.array([5.0, -7.0, 300.0])
+    view_from_rig = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    item = SceneObject(
+        name="x", kind=kind, material="matte", view_from_object=rigid(np.eye(3), place), size_mm=np.array(size_mm)
+    )
+    boxes = [shape.bbox() for shape in shapes_of(item, view_from_rig)]
+    low = np.min([np.array(box.min) for box in boxes], axis=0)
+    high = np.max([np.array(box.max) for box in boxes], axis=0)
+    np.testing.assert_allclose(high - low, np.abs(view_from_rig.T @ extent_mm), atol=1e-3)
+    np.testing.assert_allclose((low + high) / 2.0, view_from_rig.T @ place, atol=1e-3)
+
+
+def test_a_mesh_stands_with_the_middle_of_its_base_at_the_origin(tmp_path: Path) -> None:
+    corners = [(2, 4, 7), (6, 4, 7), (6, 10, 7), (4, 7, 12)]
+    faces = [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+    text = "solid x\n" + "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*corners[index]) for index in face)
+        + "endloop\nendfacet\n"
+        for face in faces
+    )
+    (tmp_path / "x.stl").write_text(text + "endsolid x\n")
+    item = SceneObject(
+        name="x",
+        kind="mesh",
+        material="matte",
+        view_from_object=np.eye(4),
+        size_mm=np.zeros(3),
+        file=tmp_path / "x.stl",
+    )
+    points = based(item).points
+    np.testing.assert_allclose(points.min(axis=0), [-2.0, -3.0, 0.0])
+    np.testing.assert_allclose(points.max(axis=0), [2.0, 3.0, 5.0])
+
+
+def test_the_files_keep_the_key_of_an_objects_pose() -> None:
+    item = SceneObject(name="x", kind="box", material="matte", view_from_object=np.eye(4), size_mm=np.ones(3))
+    dumped = item.model_dump(mode="json", by_alias=True)
+    assert "view_from_thing" in dumped
+    assert "view_from_object" not in dumped
+
+
+def test_the_area_light_is_as_large_as_its_distance_at_any_scale() -> None:
+    import mitsuba as mi
+
+    target = np.array([0.0, 50.0, 400.0])
+    angles = []
+    for reach in (100.0, 1000.0):
+        box = mi.load_dict(lights(target, reach, np.eye(3))["lamp"]).bbox()
+        middle = (np.array(box.min) + np.array(box.max)) / 2.0
+        side = np.linalg.norm(np.array(box.max) - np.array(box.min))
+        angles.append(side / np.linalg.norm(middle - target))
+    assert angles[0] == pytest.approx(angles[1], rel=1e-4)

@@ -1,0 +1,41 @@
+"""Settings of sets: presets, and what does not go together."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel, SurfaceFinish
+
+
+def test_subpixels_divide_the_samples() -> None:
+    assert RenderSettings(spp=16).subpixels == 2
+    assert RenderSettings(spp=6).subpixels == 1
+    assert RenderSettings(spp=6, renderer="fast").subpixels == 2
+
+
+def test_pictures_are_jpeg_where_the_sensor_compresses_them_so() -> None:
+    assert {name: RenderSettings(sensor=sensor).suffix for name, sensor in SENSORS.items()} == {
+        "ideal": ".png",
+        "c920": ".jpg",
+        "poor": ".jpg",
+    }
+    assert RenderSettings(sensor=SensorModel(h264_crf=20)).suffix == ".png"
+
+
+def test_a_picture_is_compressed_once() -> None:
+    with pytest.raises(ValidationError, match="jpeg_quality and h264_crf: expected one of the two"):
+        SensorModel(jpeg_quality=90, h264_crf=20)
+
+
+def test_a_tint_is_not_negative() -> None:
+    with pytest.raises(ValidationError, match="expected numbers from 0 on"):
+        SurfaceFinish(tint=(1.0, 1.0, -0.1))
+
+
+@pytest.mark.parametrize(
+    "finish", [SurfaceFinish(roughness=0.001), SurfaceFinish(sag_mm=0.01), SurfaceFinish(ripple_mm=0.001)]
+)
+def test_the_analytic_renderer_refuses_what_it_cannot_show(finish: SurfaceFinish) -> None:
+    with pytest.raises(ValidationError, match=r"renderer fast: mirrors are smooth and flat, expected .* 0"):
+        RenderSettings(renderer="fast", finish=finish)

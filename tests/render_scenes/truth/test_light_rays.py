@@ -1,0 +1,72 @@
+"""Traced rays: against the laws of reflection and refraction in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
+
+CENTRE = np.array([4.0, -78.0, 82.0])
+BENT = MirrorFinish(reflectance=(0.9, 0.9, 0.9), sag_mm=0.02, ripple_mm=2e-4)
+
+
+def square_mirror(**kind: object) -> Mirror:
+    """A mirror of 30 mm squared about its chief ray."""
+    normal = -CENTRE / np.linalg.norm(CENTRE)
+    right = np.cross(normal, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    middle = np.array([0.0, 0.0, 0.5 * (CENTRE @ CENTRE) / CENTRE[2]])
+    up = np.cross(right, normal)
+    outline = [middle + 15.0 * (a * right + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return Mirror(virtual_centre_in_rig_mm=CENTRE, outline_in_rig_mm=np.array(outline), **kind)
+
+
+def unit_rays() -> FloatArray:
+    x, y = np.meshgrid(np.linspace(-0.05, 0.05, 5), np.linspace(-0.05, 0.05, 5))
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def test_a_plane_reflects_as_if_light_came_from_the_virtual_centre() -> None:
+    mirror = square_mirror()
+    entry, start, direction, path = reflected(mirror, unit_rays())
+    np.testing.assert_allclose(entry, path)
+    np.testing.assert_allclose(start, CENTRE + path[..., None] * direction, atol=1e-9)
+    np.testing.assert_allclose(direction, unit_rays() @ mirror.reflection.T, atol=1e-12)
+
+
+def test_a_ray_beside_the_outline_misses() -> None:
+    aside = np.array([0.6, 0.0, 0.8])
+    entry, start, direction, path = reflected(square_mirror(), aside)
+    assert entry == np.inf
+    assert np.isnan(start).all()
+    assert np.isnan(direction).all()
+    assert np.isnan(path)
+
+
+def test_a_plate_shifts_rays_along_its_front_by_snells_law() -> None:
+    plate, thick, index = square_mirror(surface="second", thickness_mm=2.0, refractive_index=1.5), 2.0, 1.5
+    rays = unit_rays()
+    entry, start, direction, path = reflected(plate, rays)
+    cosine = -(rays @ plate.normal_in_rig)
+    inner_sine = np.sqrt(1.0 - cosine**2) / index
+    inner_cosine = np.sqrt(1.0 - inner_sine**2)
+    met = entry[..., None] * rays
+    np.testing.assert_allclose(met @ plate.normal_in_rig, -(plate.distance_mm - thick), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(start - met, axis=-1), 2.0 * thick * inner_sine / inner_cosine)
+    np.testing.assert_allclose(path - entry, 2.0 * thick / inner_cosine)
+    np.testing.assert_allclose(direction, rays @ plate.reflection.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [{}, {"surface": "second", "thickness_mm": 2.0, "refractive_index": 1.5}])
+def test_points_along_a_traced_ray_are_imaged_where_it_came_from(kind: dict[str, object]) -> None:
+    camera, mirror = Camera.c920(), square_mirror(**kind)
+    px = np.array([[camera.cx_px + 30.0 * a, camera.cy_px + 20.0 * b] for a in (-1.0, 0.0, 2.0) for b in (-2.0, 1.0)])
+    rays = camera.unproject(px)
+    _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), BENT)
+    np.testing.assert_allclose(image_px(camera, mirror, start + 350.0 * direction, BENT), px, atol=1e-6)
