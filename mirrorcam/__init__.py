@@ -1,1 +1,83 @@
-"""The mirrorcam command and the pipeline that chains the rooms."""
+"""Design, build, render, calibrate and decode a light field camera made of a webcam and flat mirrors.
+
+The names of this package are the public API: `import mirrorcam`, then `mirrorcam.design(mirrorcam.DesignSpec())`.
+Importing it is cheap: a name is looked up in its module when it is first used. See docs/library.md.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__all__ = [
+    "Camera",
+    "Charuco",
+    "Checkerboard",
+    "Decoder",
+    "DesignSpec",
+    "InputError",
+    "Layout",
+    "LightField",
+    "RenderSettings",
+    "SetRequest",
+    "build_parts",
+    "calibrate",
+    "design",
+    "estimate_depth",
+    "open_light_field",
+    "read_image",
+    "render_set",
+    "validate",
+    "write_light_field",
+]
+
+if TYPE_CHECKING:
+    from mirrorcam.cad.build import build_parts
+    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.base.values import InputError
+    from mirrorcam.optics.calibration.calibration import calibrate
+    from mirrorcam.optics.design.optimise import design
+    from mirrorcam.optics.geometry.camera import Camera
+    from mirrorcam.optics.geometry.design_spec import DesignSpec
+    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+    from mirrorcam.optics.light_field.decoder import Decoder
+    from mirrorcam.optics.light_field.depth.estimate import estimate_depth
+    from mirrorcam.optics.light_field.io.formats.registry import open_light_field, write_light_field
+    from mirrorcam.optics.light_field.light_field import LightField
+    from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+    from mirrorcam.render_scenes.settings import RenderSettings
+    from mirrorcam.workflow.validation import validate
+else:
+    # The same for the interpreter, which imports a module when one of its names is first used.
+    _MODULES = {
+        "Camera": "optics.geometry.camera",
+        "Charuco": "optics.geometry.targets",
+        "Checkerboard": "optics.geometry.targets",
+        "Decoder": "optics.light_field.decoder",
+        "DesignSpec": "optics.geometry.design_spec",
+        "InputError": "optics.base.values",
+        "Layout": "optics.geometry.layout",
+        "LightField": "optics.light_field.light_field",
+        "RenderSettings": "render_scenes.settings",
+        "SetRequest": "render_scenes.sets.render_set",
+        "build_parts": "cad.build",
+        "calibrate": "optics.calibration.calibration",
+        "design": "optics.design.optimise",
+        "estimate_depth": "optics.light_field.depth.estimate",
+        "open_light_field": "optics.light_field.io.formats.registry",
+        "read_image": "optics.base.files",
+        "render_set": "render_scenes.sets.render_set",
+        "validate": "workflow.validation",
+        "write_light_field": "optics.light_field.io.formats.registry",
+    }
+
+    def __getattr__(name):
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        return sorted({*globals(), *_MODULES})

@@ -205,10 +205,15 @@ print(len(names))
 
 def test_type_checkers_see_the_types_of_the_installed_package(installed: Installation, tmp_path: Path) -> None:
     snippet, settings = tmp_path / "snippet.py", tmp_path / "mypy.ini"
-    snippet.write_text("import mirrorcam.optics.geometry.layout as m\nreveal_type(m.Layout)\n")
+    snippet.write_text("import mirrorcam\nreveal_type(mirrorcam.Layout)\nreveal_type(mirrorcam.design)\nmirrorcam.x\n")
     # What others ship is not followed: whether ours is typed does not hang on it, and most of the time does.
     settings.write_text("[mypy]\nfollow_imports = skip\n[mypy-mirrorcam.*]\nfollow_imports = silent\n")
     options = ("--config-file", str(settings), "--cache-dir", str(tmp_path / "cache"))
     seen_from = ("--python-executable", str(installed.python))
     told = python(sys.executable, "-m", "mypy", *options, *seen_from, str(snippet), cwd=tmp_path, check=False).stdout
-    assert "-> mirrorcam.optics.geometry.layout.Layout" in told, told
+    layout, design = (line for line in told.splitlines() if "Revealed type" in line)
+    assert "-> mirrorcam.optics.geometry.layout.Layout" in layout
+    assert (
+        "(spec: mirrorcam.optics.geometry.design_spec.DesignSpec) -> mirrorcam.optics.geometry.layout.Layout" in design
+    )
+    assert 'snippet.py:4: error: Module has no attribute "x"' in told

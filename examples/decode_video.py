@@ -1,0 +1,41 @@
+"""Decode a video of a mirror camera into light fields, frame by frame.
+
+    python examples/decode_video.py [OUT]
+
+Needs the extra `render` for the video; with your own, give `decode_files` its path and the calibrated layout.
+"""
+
+import sys
+from pathlib import Path
+
+import mirrorcam
+from mirrorcam.workflow.decoding import DecodeRequest, decode_files
+
+
+def rendered_video(out: Path) -> tuple[Path, Path]:
+    """A short video of a moving board, and the layout of the camera that took it."""
+    camera = mirrorcam.Camera(
+        name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5
+    )
+    layout = mirrorcam.design(mirrorcam.DesignSpec(camera=camera, rows=1, cols=2))
+    settings = mirrorcam.RenderSettings(renderer="fast", maps=False, video="mp4")
+    request = mirrorcam.SetRequest(layout=layout, frames=4, base_frames=0, rate_hz=10.0, settings=settings)
+    mirrorcam.render_set(request, out)
+    return out / "video.mp4", out / "layout.json"
+
+
+def main(out: Path) -> None:
+    video, layout = rendered_video(out / "set")
+
+    # Every frame becomes a light field in one Zarr group; a run that was cut off is gone on with.
+    decode_files(DecodeRequest(layout=layout, frames=(video,)), out)
+
+    # Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
+    for number in range(4):
+        light_field = mirrorcam.open_light_field(out / "video.zarr", frame=number)
+        print(f"frame {number}: samples {light_field.samples.shape}, {light_field.valid.mean():.0%} valid")
+    print(f"the views are {light_field.step_mm('s'):.1f} mm apart")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "output/examples/video"))

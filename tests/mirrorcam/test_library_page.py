@@ -1,0 +1,68 @@
+"""docs/library.md and the library example of README.md: what they name exists, and their code runs."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import numpy as np
+import pytest
+
+import mirrorcam
+from mirrorcam import cli
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+
+
+def programs(page: str) -> list[str]:
+    """The Python code of a page."""
+    return re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+
+
+def run(program: str, folder: Path) -> str:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def test_the_tables_name_the_public_names() -> None:
+    section = PAGE[PAGE.index("## Public names") : PAGE.index("## Everything else")]
+    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    named = {name for cell in cells for name in re.findall(r"`([A-Za-z_]+)", cell)}
+    assert sorted(named) == mirrorcam.__all__
+
+
+def test_every_command_has_its_call() -> None:
+    rows = re.findall(r"^\| `mirrorcam (\w+)` \| `([\w.]+)\.(\w+)` \|$", PAGE, flags=re.MULTILINE)
+    for _, module, name in rows:
+        assert callable(getattr(import_module(f"mirrorcam.{module}"), name))
+    commands = get_args(get_type_hints(cli.Command, include_extras=True)["command"])[0]
+    names = {each.name for option in get_args(commands) for each in get_args(option)[1:]}
+    assert {command for command, _, _ in rows} == names
+    assert len(names) > 15
+
+
+def test_the_examples_are_listed() -> None:
+    listed = set(re.findall(r"\(\.\./examples/(\w+\.py)\)", PAGE))
+    assert listed == {path.name for path in (ROOT / "examples").glob("*.py")}
+
+
+def test_the_programs_of_the_page_and_of_the_readme_run(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    run("".join(programs(PAGE)), tmp_path)
+    out = tmp_path / "output" / "library"
+    assert (out / "points.ply").stat().st_size > 100_000
+    (tmp_path / "calibrated").mkdir()
+    shutil.copy(out / "layout.json", tmp_path / "calibrated")
+    (frame,) = (out / "set" / "frames").iterdir()
+    shutil.copy(frame, tmp_path / "frame.png")  # pictures are read by what they hold, not by their names
+    (program,) = programs((ROOT / "README.md").read_text(encoding="utf-8"))
+    printed = run(program, tmp_path)
+    assert printed.startswith("(1, 3, ")
+    assert 200.0 < np.float64(printed.split()[-1]) < 800.0
