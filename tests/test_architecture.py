@@ -26,12 +26,13 @@ OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shape
 # everything else is in the base installation.
 MAY_IMPORT = {
     # Videos and animations are read and written, and streams of light fields, where these are made; all imported late.
-    "mirrorcam.optics": OPTICS | {"av", "zarr", "PIL", "h5py"},
+    # The template kit of HTML pages is in `base`: pages of `cad` and of `mirrorcam` are made with it.
+    "mirrorcam.optics": OPTICS | {"av", "zarr", "PIL", "h5py", "jinja2", "markupsafe"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
-    | {"matplotlib", "jinja2", "markdown_it"},
+    | {"matplotlib", "markupsafe", "markdown_it"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
-    "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "jinja2"},
+    "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe"},
 }
 # Inside each package, from the ground up: a folder may import those before it, never those after it. The package's own
 # modules, beside the folders, stand where its name stands.

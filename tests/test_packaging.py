@@ -191,7 +191,7 @@ def test_an_editable_installation_is_the_checkout(checkout: Path, tmp_path: Path
 def test_optics_needs_nothing_of_the_extras(installed: Installation) -> None:
     code = """
 import importlib, pkgutil, sys
-for extra in ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it", "mitsuba",
+for extra in ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it", "mitsuba",
               "drjit", "OpenEXR", "dask", "distributed", "pyarrow"):
     sys.modules[extra] = None
 import mirrorcam.optics

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.console.progress import count_text, long_work, print_metrics, say
+from mirrorcam.console.progress import long_work, print_metrics, say
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.console.progress import count_text, say
+from mirrorcam.console.progress import say
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
 
 if TYPE_CHECKING:

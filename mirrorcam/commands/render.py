@@ -9,7 +9,8 @@ import tyro
 from pydantic import Field, ValidationError, model_validator
 
 from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
-from mirrorcam.console.progress import count_text, long_work, say
+from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.render_scenes.settings import (
     RendererName,

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.console.progress import count_text, long_work, say
+from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec

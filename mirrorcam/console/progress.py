@@ -5,7 +5,6 @@ Standard error stays free for the one line that says what was wrong.
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.console import interruption
+from mirrorcam.optics.base.figure_texts import figure_text, label_text, limit_text
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 
@@ -65,31 +65,6 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
     say(title, f"done in {time.monotonic() - started:.1f} s")
 
 
-def count_text(count: int, thing: str) -> str:
-    """A count of things as people say it: "1 frame", "2 frames"."""
-    return f"{count} {thing}{'' if count == 1 else 's'}"
-
-
-def figure_text(value: float, digits: int = 4) -> str:
-    """A measured figure as people read it: a few significant digits, two where it is tiny, all of thousands."""
-    if abs(value) >= 1000:
-        return f"{value:.0f}"
-    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
-
-
-def limit_text(metric: Metric) -> str:
-    """The limit with its direction, or nothing where there is none."""
-    if metric.limit is None:
-        return ""
-    return f"{'≤' if metric.lower_is_better else '≥'} {figure_text(metric.limit)}"
-
-
-def label_text(name: str) -> str:
-    """A figure's name as people read it: without the unit, which has its own column, and with its depth as one."""
-    named = re.sub(r"_(mm|mm2|px|deg)$", "", re.sub(r"_([0-9.e+-]+)mm$", r" at \1 mm", name))
-    return named.replace("_", " ")
-
-
 def _cell(metric: Metric | None, unit: str) -> str:
     """A value, with its unit only where that is not the row's."""
     if metric is None:
@@ -121,7 +96,7 @@ def print_metrics(
         unit = every[name].unit
         row = [indent + label_text(name), *(_cell(metrics.get(name), unit) for metrics in columns.values()), unit]
         if limited:
-            row.append(limit_text(every[name]))
+            row.append(limit_text(every[name], with_unit=False))
             row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
         table.add_row(*row)
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.verdict import sigma_px
+from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.pages.calibration.verdict import sigma_px
-from mirrorcam.pages.calibration.view_statistics import ARROWS_ACROSS, cell_means
 
 ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 

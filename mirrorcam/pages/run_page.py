@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from pydantic import RootModel
 
 from mirrorcam.optics.base.files import read_image, read_model, write_image, write_text
+from mirrorcam.optics.base.html.templates import PageFile, PagePicture
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.pages.run_report import File, Picture, Report, index_html
+from mirrorcam.pages.run_report import Report, index_html
 from mirrorcam.render_scenes.sets.dataset import Dataset
 
 PICTURE_WIDTH_PX = 1600
@@ -41,9 +42,9 @@ def write_pictures(frame: Path, views: Path, out: Path) -> None:
         write_image(out / name, _at_most(read_image(path), PICTURE_WIDTH_PX))
 
 
-def _picture(root: Path, path: str, opens: str, alt: str) -> Picture:
+def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
     height, width = read_image(root / path).shape[:2]
-    return Picture(path=path, opens=opens, size_px=(width, height), alt=alt)
+    return PagePicture(path=path, opens=opens, size_px=(width, height), alt=alt)
 
 
 def gather(root: Path, *, command: str, small: bool) -> Report:
@@ -88,7 +89,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
         ),
         part_files=tuple(
-            File(f"cad/{name}", purpose)
+            PageFile(f"cad/{name}", purpose)
             for name, purpose in (
                 ("index.html", "all parts in 3-D, their files, drawings and checks"),
                 ("guide.md", "how to print, cut and assemble them"),
@@ -97,12 +98,14 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             )
         ),
         files=(
-            File("design/layout.json", "the design: camera and mirrors"),
-            File("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
-            File("validation/report.html", "how well the calibration fits, how sure it is, and what speaks against it"),
-            File("metrics.json", "every figure on this page, with its unit and limit"),
-            File("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
-            File(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
+            PageFile("design/layout.json", "the design: camera and mirrors"),
+            PageFile("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
+            PageFile(
+                "validation/report.html", "how well the calibration fits, its uncertainty, and what speaks against it"
+            ),
+            PageFile("metrics.json", "every figure on this page, with its unit and limit"),
+            PageFile("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
+            PageFile(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
         ),
     )
 

@@ -9,8 +9,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
-from mirrorcam.console.progress import count_text
 from mirrorcam.console.reporter import SILENT, Reporter
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.files import is_picture, read_image, write_image
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.progress import Progress, no_progress

@@ -8,8 +8,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
-from mirrorcam.console.progress import count_text
 from mirrorcam.console.reporter import Reporter
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci

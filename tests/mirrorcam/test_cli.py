@@ -18,7 +18,8 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.commands.option_texts import tolerances_from_text
 from mirrorcam.commands.render import RenderOptions
-from mirrorcam.console.progress import figure_text, long_work
+from mirrorcam.console.progress import long_work
+from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout

@@ -8,14 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
+from mirrorcam.optics.base.figure_texts import SIGMA
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import ProjectionMap
+from mirrorcam.optics.calibration.diagnostics.view_statistics import (
+    ARROWS_ACROSS,
+    ViewFigures,
+    board_normals,
+    cell_means,
+)
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.pages.calibration.inline_svg import SIGMA, Scale, axes, coordinate, drawing, line, points, text
-from mirrorcam.pages.calibration.view_statistics import ARROWS_ACROSS, ViewFigures, board_normals, cell_means
+from mirrorcam.pages.calibration.inline_svg import Scale, axes, coordinate, drawing, line, points, text
 
 WIDTH = 1030.0
 HALF = 505.0

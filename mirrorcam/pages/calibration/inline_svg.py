@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
 from mirrorcam.optics.base.values import FloatArray
-
-SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 
 
 @dataclass(frozen=True)
@@ -44,10 +43,10 @@ def points(pairs: Iterable[Sequence[float] | FloatArray]) -> str:
     return " ".join(f"{coordinate(float(x))},{coordinate(float(y))}" for x, y in pairs)
 
 
-def drawing(width: float, height: float, body: str, label: str) -> str:
+def drawing(width: float, height: float, body: str, label: str) -> Markup:
     """A drawing of its own width at most, that shrinks with the page; `label` says what it shows."""
     size = f'viewBox="0 0 {coordinate(width)} {coordinate(height)}" style="max-width:{coordinate(width)}px"'
-    return f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>'
+    return Markup(f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>')
 
 
 def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str = "", turn: bool = False) -> str:

@@ -65,14 +65,6 @@ def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
     assert lines[2] == ["efficiency", "0.4", "1", "≥", "0.5", "FAIL"]
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0, "0"), (0.105, "0.105"), (123456.7, "123457"), (-0.00012345, "-0.0001234"), (2e-7, "2.0e-7"), (41, "41")],
-)
-def test_figures_as_people_read_them(value: float, text: str) -> None:
-    assert progress.figure_text(value) == text
-
-
 def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
     near = Metric(value=1e5, unit="mm or more")
     progress.print_metrics(
@@ -93,17 +85,3 @@ def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
         "  pixel efficiency at 300 mm                           0.5  1",
         "other                                                    1  1",
     ]
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("grid_error", "grid error"),
-        ("fov_x_deg", "fov x"),
-        ("smallest_area_mm2", "smallest area"),
-        ("overlap_iou_1e+06mm", "overlap iou at 1e+06 mm"),
-        ("common_area_300.5mm", "common area at 300.5 mm"),
-    ],
-)
-def test_names_as_people_read_them(name: str, text: str) -> None:
-    assert progress.label_text(name) == text

@@ -8,9 +8,11 @@ from html.parser import HTMLParser
 
 import pytest
 
+from mirrorcam.optics.base.figure_texts import TIMES
+from mirrorcam.optics.base.html.templates import PageFile, PagePicture
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.pages.run_report import TIMES, File, Picture, Report, index_html, label, number_word, share_of_limit
+from mirrorcam.pages.run_report import Report, index_html
 
 VOID = {"meta", "img", "link", "br"}
 
@@ -56,8 +58,8 @@ def report(small_layout: Layout) -> Report:
         "pixel_efficiency_300mm": Metric(value=0.53, unit="of the sensor", lower_is_better=False),
     }
 
-    def picture(name: str) -> Picture:
-        return Picture(path=f"page/{name}.jpg", opens=f"set/{name}.png", size_px=(1600, 900), alt=name)
+    def picture(name: str) -> PagePicture:
+        return PagePicture(path=f"page/{name}.jpg", opens=f"set/{name}.png", size_px=(1600, 900), alt=name)
 
     return Report(
         command="mirrorcam run --seed 0",
@@ -78,8 +80,8 @@ def report(small_layout: Layout) -> Report:
         frame=picture("frame"),
         views=picture("views"),
         residuals=picture("residuals"),
-        part_files=(File("cad/mirror_holder.step", "the solid"),),
-        files=(File("metrics.json", "every figure"),),
+        part_files=(PageFile("cad/mirror_holder.step", "the solid"),),
+        files=(PageFile("metrics.json", "every figure"),),
     )
 
 
@@ -129,8 +131,8 @@ def test_every_text_is_escaped(report: Report) -> None:
         layout=report.layout.replaced(camera=camera, metrics=hostile_figure),
         checks=hostile_figure,
         truth={HOSTILE: Metric(value=1.0, unit=HOSTILE)},
-        frame=Picture(path=HOSTILE, opens=HOSTILE, size_px=(1, 1), alt=HOSTILE),
-        files=(File(HOSTILE, HOSTILE),),
+        frame=PagePicture(path=HOSTILE, opens=HOSTILE, size_px=(1, 1), alt=HOSTILE),
+        files=(PageFile(HOSTILE, HOSTILE),),
     )
     page = index_html(hostile)
     found = outline(page)
@@ -150,32 +152,9 @@ def test_a_figure_past_its_limit_is_named_first_and_fails_the_page(report: Repor
     assert "checks pass" not in text
 
 
-@pytest.mark.parametrize(
-    ("metric", "share"),
-    [
-        (Metric(value=0.01, unit="mm", limit=0.02), 0.5),
-        (Metric(value=0.03, unit="mm", limit=0.02), 1.5),
-        (Metric(value=0.8, unit="1", limit=0.4, lower_is_better=False), 0.5),
-        (Metric(value=0.2, unit="1", limit=0.4, lower_is_better=False), 2.0),
-        (Metric(value=0.0, unit="mm", limit=0.0), 0.0),
-        (Metric(value=1.0, unit="mm", limit=0.0), float("inf")),
-        (Metric(value=0.0, unit="1", limit=0.4, lower_is_better=False), float("inf")),
-    ],
-)
-def test_share_of_limit(metric: Metric, share: float) -> None:
-    assert share_of_limit(metric) == pytest.approx(share)
-    assert metric.passed == (share <= 1)
-
-
 def test_checks_of_the_part_are_folded_away_unless_one_fails(report: Report) -> None:
     page = index_html(report)
     assert "<details><summary>1 check passed" in page
     worse = {**report.checks, "wall_mm": Metric(value=0.4, unit="mm", limit=1.2, lower_is_better=False)}
     page = index_html(replace(report, checks=worse))
     assert "<details open><summary>1 of 2 checks failed</summary>" in page
-
-
-def test_labels_and_numbers() -> None:
-    assert label("direct_rms_x_px") == "Direct RMS x"
-    assert label("pixel_efficiency_300mm") == "Pixel efficiency at 300 mm"
-    assert (number_word(9), number_word(20)) == ("nine", "20")

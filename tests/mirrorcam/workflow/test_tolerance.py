@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from mirrorcam import cli
 from mirrorcam.commands.design import print_tolerance
-from mirrorcam.console.progress import console, figure_text
+from mirrorcam.console.progress import console
 from mirrorcam.figures.tolerance_figure import COLOURS, tolerance_figure
+from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.design.assess.monte_carlo import Study, study
 from mirrorcam.optics.design.optimise import design

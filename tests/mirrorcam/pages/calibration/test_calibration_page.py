@@ -13,6 +13,8 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution, empty_region, sigma_px
+from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -21,8 +23,6 @@ from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.pages.calibration.calibration_page import report_html, write_report
 from mirrorcam.pages.calibration.inline_svg import Scale, coordinate, tick_text
-from mirrorcam.pages.calibration.verdict import Verdict, check_solution, empty_region, sigma_px
-from mirrorcam.pages.calibration.view_statistics import board_normals, cell_means, view_figures
 from tests.mirrorcam.pages.test_run_report import outline
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 from tests.optics.layouts import faceted_parabola

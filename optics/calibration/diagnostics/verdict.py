@@ -9,13 +9,18 @@ from typing import Literal
 import numpy as np
 from scipy.stats import binom
 
+from mirrorcam.optics.base.figure_texts import SIGMA
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.split_half import ALARM_RATIO
+from mirrorcam.optics.calibration.diagnostics.view_statistics import (
+    SYSTEMATIC_CHANCE,
+    ViewFigures,
+    board_normals,
+    cell_means,
+)
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.pages.calibration.inline_svg import SIGMA
-from mirrorcam.pages.calibration.view_statistics import SYSTEMATIC_CHANCE, ViewFigures, board_normals, cell_means
 
 MAX_OUTLIERS = 0.02
 MAX_BEYOND_3_SIGMA = 0.01  # of Gaussian noise it is 0.0027

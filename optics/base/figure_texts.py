@@ -1,0 +1,81 @@
+"""Measured figures as people read them: values, units, limits and names, the same on pages and in a terminal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from mirrorcam.optics.base.values import Metric
+
+TIMES = "\N{MULTIPLICATION SIGN}"
+SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
+SYMBOLS = {"1": "", "deg": "°"}
+"""Units that stand at their value without a space."""
+WORDS = {
+    **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
+    **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
+}
+NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def count_text(count: int, thing: str) -> str:
+    """A count with its noun: "1 frame", "2 frames"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
+def number_word(count: int) -> str:
+    """A small number as a word, as in a sentence; a larger one in digits."""
+    return NUMBER_WORDS[count] if count < len(NUMBER_WORDS) else str(count)
+
+
+def figure_text(value: float, digits: int = 4) -> str:
+    """A value in a few significant digits: two where it is tiny, all of thousands."""
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
+    """The value of a metric, or another in its unit, with the unit; a share as a percentage."""
+    shown = metric.value if value is None else value
+    if metric.unit.startswith("of the "):
+        return f"{shown:.1%}"
+    return f"{figure_text(shown, digits)}{SYMBOLS.get(metric.unit, f' {metric.unit}')}".rstrip()
+
+
+def limit_sign(metric: Metric) -> str:
+    """Whether a metric passes at or below its limit, or at or above it."""
+    return "\N{LESS-THAN OR EQUAL TO}" if metric.lower_is_better else "\N{GREATER-THAN OR EQUAL TO}"
+
+
+def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
+    """The limit of a metric with its direction, or nothing where there is none."""
+    if metric.limit is None:
+        return ""
+    return f"{limit_sign(metric)} {value_text(metric, metric.limit) if with_unit else figure_text(metric.limit)}"
+
+
+def label_text(name: str, labels: Mapping[str, str] | None = None) -> str:
+    """The name of a metric in words, without the unit, which stands at the value; `labels` gives some by hand."""
+    if labels and name in labels:
+        return labels[name]
+    named = re.sub(r"_([0-9][0-9.e+-]*)mm(?=_|$)", r"_at \1 mm", name)
+    named = re.sub(r"\.(?=[a-z])", ":_", named)
+    words = named.split("_")
+    if len(words) > 1 and words[-1] in UNIT_ENDINGS:
+        words = words[:-1]
+    return " ".join(word for word in (WORDS.get(word, word) for word in words) if word)
+
+
+def sentence_case(text: str) -> str:
+    """A text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
+def share_of_limit(metric: Metric) -> float:
+    """How much of what its limit allows a metric uses: at most 1 where it passes."""
+    if metric.limit is None:
+        raise ValueError("a metric without a limit uses no share of one")
+    part, whole = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)
+    return abs(part / whole) if whole else (0.0 if part == whole else float("inf"))

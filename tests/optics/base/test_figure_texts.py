@@ -1,0 +1,101 @@
+"""Figures as people read them: short, with their unit and limit, and named in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from mirrorcam.optics.base.figure_texts import (
+    count_text,
+    figure_text,
+    label_text,
+    limit_text,
+    number_word,
+    sentence_case,
+    share_of_limit,
+    value_text,
+)
+from mirrorcam.optics.base.values import Metric
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *[(0.0, "0"), (0.105, "0.105"), (123456.7, "123457"), (-0.00012345, "-0.0001234"), (2e-7, "2.0e-7")],
+        *[(41, "41"), (1.2, "1.2"), (1234.5, "1234"), (0.123456, "0.1235"), (3.2e-7, "3.2e-7")],
+    ],
+)
+def test_figures_are_short(value: float, text: str) -> None:
+    assert figure_text(value) == text
+
+
+@pytest.mark.parametrize(
+    ("metric", "value", "limit"),
+    [
+        (Metric(value=0.00412, unit="deg", limit=0.02), "0.00412°", "≤ 0.02°"),
+        (Metric(value=0.4, unit="mm", limit=1.2, lower_is_better=False), "0.4 mm", "≥ 1.2 mm"),
+        (Metric(value=0.917, unit="of the view", limit=0.6, lower_is_better=False), "91.7%", "≥ 60.0%"),
+        (Metric(value=41, unit="1"), "41", ""),
+        (Metric(value=2.5, unit=""), "2.5", ""),
+    ],
+)
+def test_values_and_limits_carry_their_unit(metric: Metric, value: str, limit: str) -> None:
+    assert value_text(metric) == value
+    assert limit_text(metric) == limit
+
+
+def test_a_limit_beside_a_column_of_units_has_none() -> None:
+    assert limit_text(Metric(value=1.0, unit="mm", limit=2.0), with_unit=False) == "≤ 2"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("grid_error", "grid error"),
+        ("fov_x_deg", "field of view x"),
+        ("smallest_area_mm2", "smallest area"),
+        ("overlap_iou_1e+06mm", "overlap at 1e+06 mm"),
+        ("common_area_300.5mm", "common area at 300.5 mm"),
+        ("pixel_efficiency_300mm", "pixel efficiency at 300 mm"),
+        ("direct_rms_x_px", "direct RMS x"),
+        ("device.stl_gap_mm", "device: STL gap"),
+        ("mm", "mm"),
+    ],
+)
+def test_names_in_words(name: str, text: str) -> None:
+    assert label_text(name) == text
+
+
+def test_a_name_given_by_hand_wins() -> None:
+    assert label_text("grid_error", {"grid_error": "How even the grid is"}) == "How even the grid is"
+
+
+def test_counts_and_sentences() -> None:
+    assert (count_text(1, "frame"), count_text(2, "frame"), count_text(0, "frame")) == (
+        "1 frame",
+        "2 frames",
+        "0 frames",
+    )
+    assert (number_word(9), number_word(20)) == ("nine", "20")
+    assert (sentence_case("direct RMS x"), sentence_case("")) == ("Direct RMS x", "")
+
+
+@pytest.mark.parametrize(
+    ("metric", "share"),
+    [
+        (Metric(value=0.01, unit="mm", limit=0.02), 0.5),
+        (Metric(value=0.03, unit="mm", limit=0.02), 1.5),
+        (Metric(value=0.8, unit="1", limit=0.4, lower_is_better=False), 0.5),
+        (Metric(value=0.2, unit="1", limit=0.4, lower_is_better=False), 2.0),
+        (Metric(value=0.0, unit="mm", limit=0.0), 0.0),
+        (Metric(value=1.0, unit="mm", limit=0.0), float("inf")),
+        (Metric(value=0.0, unit="1", limit=0.4, lower_is_better=False), float("inf")),
+    ],
+)
+def test_share_of_limit(metric: Metric, share: float) -> None:
+    assert share_of_limit(metric) == pytest.approx(share)
+    assert metric.passed == (share <= 1)
+
+
+def test_without_a_limit_there_is_no_share() -> None:
+    with pytest.raises(ValueError, match="without a limit"):
+        share_of_limit(Metric(value=1.0, unit="mm"))
