@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "mirrorcam.optics": OPTICS | {"av", "zarr", "PIL", "h5py", "jinja2", "markupsafe"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
-    | {"matplotlib", "markupsafe", "markdown_it"},
+    | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe"},
 }
