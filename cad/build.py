@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.process_pool import crew
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -51,19 +52,29 @@ def build_parts(
         If the device cannot be made (the message names the measure), the extra `cad` is not installed, or `out` cannot
         be written; files in `out` are then of no use.
     """
+    with _extra_installed():
+        from mirrorcam.cad.assembly.device_plan import plan_device
     device = plan_device(layout, hardware)
+    # The kernel takes seconds to import: this process does it while the others start.
     with crew(workers) as executor:
-        try:
+        with _extra_installed():
             from mirrorcam.cad.device_files import write_device
             from mirrorcam.cad.holder.holder_solid import check_gaps
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.partition(".")[0] not in EXTRA:
-                raise
-            install = 'pip install "mirrorcam[cad]"'
-            raise InputError(f"{error.name} is not installed, needed to build parts: {install}") from None
         check_gaps(layout, hardware)
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{out}: cannot be written: {error.strerror}") from None
         return write_device(device, out, previous, executor, progress)
+
+
+@contextmanager
+def _extra_installed() -> Iterator[None]:
+    """Raise InputError, with the command that installs the extra, where an import in the block lacks part of it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] not in EXTRA:
+            raise
+        install = 'pip install "mirrorcam[cad]"'
+        raise InputError(f"{error.name} is not installed, needed to build parts: {install}") from None

@@ -188,13 +188,15 @@ def test_an_editable_installation_is_the_checkout(checkout: Path, tmp_path: Path
     assert bare == "[]"
 
 
-def test_optics_needs_nothing_of_the_extras(installed: Installation) -> None:
+def test_optics_and_the_public_names_need_nothing_of_the_extras(installed: Installation) -> None:
     code = """
 import importlib, pkgutil, sys
 for extra in ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it", "mitsuba",
               "drjit", "OpenEXR", "dask", "distributed", "pyarrow"):
     sys.modules[extra] = None
 import mirrorcam.optics
+for name in mirrorcam.__all__:
+    getattr(mirrorcam, name)
 names = [module.name for module in pkgutil.walk_packages(mirrorcam.optics.__path__, "mirrorcam.optics.")]
 for name in names:
     importlib.import_module(name)
