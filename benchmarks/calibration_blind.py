@@ -62,8 +62,8 @@ def main(folders: list[Path]) -> None:
         except InputError as error:
             print(f"  as plane mirrors: refused: {error}")
             continue
-        said = plain.diagnostics.alarms if plain.diagnostics is not None else ()
-        print("  as plane mirrors: " + ("; ".join(said) or "NO ALARM"))
+        alarms = plain.diagnostics.alarms if plain.diagnostics is not None else ()
+        print("  as plane mirrors: " + ("; ".join(alarms) or "NO ALARM"))
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def main(folder: Path) -> None:
     camera = found.layout.camera
     turns = camera_rotations(pictures, camera)
     if turns is None:
-        raise SystemExit("the background tells nothing about the camera's turns")
+        raise SystemExit("the background does not determine the camera's rotations")
     as_seen = stabilised(steady, camera, -turns)
     corners = TARGET.corners_in_board_mm
     drawn, free = Board.rigid(corners), Board.free(corners)

@@ -1,4 +1,4 @@
-"""How sure the finished light field is of depth: matching noise and calibration apart, against the range."""
+"""Uncertainty of triangulated depth against range, separately from matching noise and from the calibration."""
 
 from __future__ import annotations
 
@@ -22,11 +22,22 @@ from mirrorcam.optics.geometry.layout import Layout
 
 @dataclass(frozen=True)
 class DepthUncertainty:
-    """Standard deviations of the distance of a point from the reference view, by that distance `range_mm` (k,).
+    """Standard deviations of the distance of a triangulated point from the reference view.
 
-    The point appears at pixel `at_px` (2,) of the reference view and is triangulated from all `views` (k,) that show
-    it. `matching_mm` (k,) comes from matching noise of `matching_px` per axis and view, `calibration_mm` (k,) from the
-    calibration; NaN where fewer than two views show the point.
+    Attributes
+    ----------
+    range_mm
+        Distances (k,) of the point.
+    matching_mm
+        Standard deviations (k,) by matching noise; NaN where fewer than two views show the point.
+    calibration_mm
+        Standard deviations (k,) by the calibration; NaN likewise.
+    views
+        Number of views (k,) that show the point.
+    at_px
+        Pixel (2,) of the reference view at which the point appears.
+    matching_px
+        Standard deviation of the matching noise, per axis and view.
     """
 
     range_mm: FloatArray
@@ -45,10 +56,24 @@ class DepthUncertainty:
 def depth_uncertainty(
     layout: Layout, ranges_mm: FloatArray, *, reference: int, at_px: FloatArray, matching_px: float
 ) -> DepthUncertainty:
-    """The standard deviations of distances (k,) mm of points at pixel (2,) of a calibrated layout's reference view.
+    """Propagate matching noise and a calibration's covariance to triangulated distances.
 
     Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
-    distance is from the virtual centre of the reference view, so that a turn or shift of the whole rig changes nothing.
+    distance is measured from the virtual centre of the reference view, so that a motion of the whole rig changes
+    nothing.
+
+    Parameters
+    ----------
+    layout
+        A calibrated layout, with covariance.
+    ranges_mm
+        Distances (k,).
+    reference
+        The reference view: a mirror's index, or DIRECT.
+    at_px
+        Pixel (2,) of the reference view at which the points appear.
+    matching_px
+        Standard deviation of the matching noise, per axis and view.
     """
     which = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in which]

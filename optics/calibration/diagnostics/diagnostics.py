@@ -115,28 +115,37 @@ def reference_of(observations: Observations, layout: Layout) -> int:
     return DIRECT if len(both) else layout.central_index
 
 
-def diagnose(select_model: ModelSelection, observations: Observations, layout: Layout) -> Diagnostics:
-    """The diagnostics about the calibrated `layout`, which carries the covariance of the select_model's solution.
+def diagnose(selection: ModelSelection, observations: Observations, layout: Layout) -> Diagnostics:
+    """Determine the uncertainty of a calibration and test its model.
 
-    Where halves of the frames differ by more than that covariance allows, all uncertainties told here are wider than
-    those of `layout`: `select_model.widened_to(diagnostics.widened)` has the covariance that goes with them.
+    Where halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider
+    than those of `layout`: `selection.widened_to(diagnostics.widened)` has the covariance that belongs to them.
+
+    Parameters
+    ----------
+    selection
+        The selected model and its fit.
+    observations
+        The corners that were fitted.
+    layout
+        The calibrated layout, with the covariance of the fit.
     """
-    solution = select_model.solution
+    solution = selection.solution
     mirrored = observations.view != DIRECT
-    _, in_rig, _ = points_at_camera(solution.estimate, observations, select_model.model.board)
+    _, in_rig, _ = points_at_camera(solution.estimate, observations, selection.model.board)
     range_mm = working_range_mm(layout, in_rig[mirrored], observations.view[mirrored])
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    halves, notes = splits(solution, observations, select_model.model, layout, reference=reference, range_mm=range_mm)
-    widened = max(select_model.widened, *(split.widening for split in halves), 1.0)
+    halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
+    widened = max(selection.widened, *(split.widening for split in halves), 1.0)
     known = uncertainty_of(layout)
-    wider = known.replaced(covariance=(widened / select_model.widened) ** 2 * known.covariance)
+    wider = known.replaced(covariance=(widened / selection.widened) ** 2 * known.covariance)
     layout = layout.replaced(uncertainty=wider)
     return Diagnostics(
-        level=select_model.level,
-        comparisons=select_model.comparisons,
-        free_views=select_model.free_views,
+        level=selection.level,
+        comparisons=selection.comparisons,
+        free_views=selection.free_views,
         splits=halves,
         mirrors=mirror_uncertainty(layout, lever_mm=range_mm),
         weak=weak_directions(layout, range_mm=range_mm),
@@ -145,6 +154,6 @@ def diagnose(select_model: ModelSelection, observations: Observations, layout: L
         reference=reference,
         range_mm=range_mm,
         widened=widened,
-        alarms=(*select_model.alarms, *(split.alarm for split in halves if split.alarm is not None)),
-        notes=(*select_model.notes, *notes),
+        alarms=(*selection.alarms, *(split.alarm for split in halves if split.alarm is not None)),
+        notes=(*selection.notes, *notes),
     )

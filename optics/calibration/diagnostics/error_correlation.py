@@ -1,8 +1,8 @@
-"""Are the errors of corners independent, as least squares takes them to be, or shared by what is in one frame?
+"""Correlation of corner errors within a frame, which least squares assumes to be absent.
 
-A ghost beside the picture, a blur that leans, a lens that breathes, a board that sags differently each time: each puts
-a like error on many corners, which then tell less than their number promises. The scores of whole frames show it
-(Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
+A ghost image, an asymmetric blur, a lens whose focus drifts, or a board that sags differently each time puts similar
+errors on many corners, which then carry less information than their number suggests. The scores of whole frames show
+it (Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
 """
 
 from __future__ import annotations
@@ -18,15 +18,21 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import global_names, residuals_with_jacobians
 
-UNLIKELY = 1e-3
+SIGNIFICANT_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class CorrelatedErrors:
-    """How much more the parameters stray, root mean square in sigmas, than independent errors would make them.
+    """Spread of the parameters relative to that of independent errors.
 
-    `ratio` is 1 on average where errors are independent, `chance` that of so large a one then. What is alike in all
-    frames is not seen.
+    Errors that are the same in all frames do not show in it.
+
+    Attributes
+    ----------
+    ratio
+        Root mean square in sigmas; 1 on average where errors are independent.
+    chance
+        Probability of a larger ratio where they are independent.
     """
 
     ratio: float
@@ -34,17 +40,18 @@ class CorrelatedErrors:
 
     @property
     def widening(self) -> float:
-        """The factor by which standard deviations are too small: the ratio, where it is no chance."""
-        return max(self.ratio, 1.0) if self.chance < UNLIKELY else 1.0
+        """Factor by which standard deviations are too small: the ratio, where it is significant."""
+        return max(self.ratio, 1.0) if self.chance < SIGNIFICANT_CHANCE else 1.0
 
 
 def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
-    """Compare the scores of whole frames with what independent errors of the corners that took part would make.
+    """Compare the scores of whole frames with those that independent errors of the inliers would have.
 
-    With G the derivatives by the free globals, less what the frame's pose explains of them, N_f = G_f^T G_f and N their
-    sum, the scores s_f = G_f^T r_f have covariance sigma^2 (N_f - N_f N^-1 N_f) at the minimum, so that, in coordinates
-    where N = 1, sum |s_f|^2 / sigma^2 has the mean g - sum tr N_f^2 and the variance
-    2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its law is taken as that of a scaled chi squared variable.
+    Let G be the derivatives by the free globals, less what the frame's pose explains of them, N_f = G_f^T G_f, and N
+    the sum of N_f. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
+    sigma^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1, sum |s_f|^2 / sigma^2 has the mean
+    g - sum tr N_f^2 and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated
+    by a scaled chi squared distribution.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
@@ -64,7 +71,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     scale = 1.0 / np.sqrt(np.diag(np.sum(squares, axis=0)))
     values, vectors = np.linalg.eigh(np.sum(squares, axis=0) * np.outer(scale, scale))
     white = scale[:, None] * vectors / np.sqrt(values)
-    straying = float(np.sum((np.array(scores) @ white) ** 2)) / solution.sigma_px**2
+    squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.sigma_px**2
     n = white.T @ np.array(squares) @ white
     n2 = n @ n
     mean = len(places) - float(np.trace(n2.sum(axis=0)))
@@ -72,4 +79,4 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
         return CorrelatedErrors(1.0, 1.0)
     freedom = mean**2 / spread
-    return CorrelatedErrors(float(np.sqrt(straying / mean)), float(chi2.sf(straying / mean * freedom, freedom)))
+    return CorrelatedErrors(float(np.sqrt(squared / mean)), float(chi2.sf(squared / mean * freedom, freedom)))

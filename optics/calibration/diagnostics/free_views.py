@@ -1,7 +1,7 @@
-"""The check model: every mirror a virtual camera of its own, with six numbers instead of the three of a plane.
+"""Comparison with free virtual cameras: each mirror's view has the six numbers of a pose instead of three of a plane.
 
-What it explains beyond the planes is by how much planes fall short, whatever the cause. It is never the answer: its
-views no longer come from one camera and mirrors.
+What this model explains beyond the planes is what they leave unexplained, whatever the cause. It is only a check and
+never the result, because its views no longer come from one camera and mirrors.
 """
 
 from __future__ import annotations
@@ -29,10 +29,18 @@ STEPS = 10
 
 @dataclass(frozen=True)
 class FreeViews:
-    """How much better free virtual cameras explain the corners than mirrors do.
+    """Comparison of a calibration with free virtual cameras.
 
-    `rms_px` is what they leave, `unexplained_px` what only they explain: the root of the mean square per axis that the
-    mirrors leave beyond it, less what as many more `parameters` take off noise. `chance` of so much from noise alone.
+    Attributes
+    ----------
+    parameters
+        Number of parameters that they have more.
+    rms_px
+        Root mean square residual per axis with free virtual cameras.
+    unexplained_px
+        Root mean square per axis that only they explain, less the expected effect of as many parameters on noise.
+    chance
+        Probability of so large an improvement by noise alone (F test).
     """
 
     parameters: int
@@ -42,12 +50,16 @@ class FreeViews:
 
 
 def free_views(solution: Solution, observations: Observations, model: Model) -> FreeViews:
-    """Compare a solution with free virtual cameras, on the corners that took part in it.
+    """Compare a solution with free virtual cameras, on its inliers.
 
-    A view shows the image X' of a point by its mirror at exp(w) (X' - o) + o + t, o amid the view's corners. Unless
-    some frame shows its board directly, too, the images of all mirrors may be moved as one body with the boards: w and
-    t of the first are held. Raises UndeterminedError where that leaves no more unknowns than the planes had, or where
-    the corners leave a virtual camera open.
+    A view shows the image X' of a point in its mirror at exp(w) (X' - o) + o + t, with o the centroid of the view's
+    corners. Unless some frame also shows its board directly, the images of all mirrors may move as one body with the
+    boards: w and t of the first mirror are held.
+
+    Raises
+    ------
+    UndeterminedError
+        Where that leaves no more unknowns than the planes had, or the corners leave a virtual camera undetermined.
     """
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
@@ -82,7 +94,7 @@ class _Views:
 
 
 def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
-    """The sum of squares at the minimum over virtual cameras, poses, and what else of the model is no mirror's."""
+    """The sum of squares at the minimum over virtual cameras, poses, intrinsics and board modes of the model."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))
     kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
@@ -115,10 +127,10 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
 def _linearised(
     estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], held: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), derivatives by the globals (n, 2, g), then by turn and shift of each view, and by the twist.
+    """Residuals (n, 2), derivatives by the globals and each view's rotation and shift (n, 2, g), and by the twist.
 
-    Those by pose and board are taken as if the views were not turned: they are turned by far less than a degree, so
-    that the steps still converge, and the residuals are exact.
+    The derivatives by pose and board neglect the views' rotations: these are far below a degree, so that the steps
+    still converge, and the residuals are exact.
     """
     mirrored = rows.view != DIRECT
     view = rows.view[mirrored]

@@ -1,4 +1,4 @@
-"""How sure a calibration is of its mirrors: each alone, all together, and each against the others."""
+"""Uncertainty of the mirrors' planes: of each alone, of all together, and of each relative to the others."""
 
 from __future__ import annotations
 
@@ -15,10 +15,18 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 class MirrorUncertainty:
     """Standard deviations of the mirrors' planes.
 
-    Of each mirror (m,): `normal_deg`, of its normal along the worst direction, and `distance_mm`, from the pupil. Of
-    all mirrors together as one body: `common_turn_deg` (3,) about the rig's x, y and z through the middle of the
-    mirrors, and `common_shift_mm` (3,) along them. `relative_normal_deg` and `relative_distance_mm` (m,) are what is
-    left of each mirror without that common motion.
+    Attributes
+    ----------
+    normal_deg
+        Of each normal (m,), along its worst direction.
+    distance_mm
+        Of each distance from the pupil (m,).
+    common_turn_deg
+        Of the rotation (3,) of all mirrors as one body about the rig's x, y and z through the middle of the mirrors.
+    common_shift_mm
+        Of their shift (3,) along these axes.
+    relative_normal_deg, relative_distance_mm
+        Of each mirror (m,) without the common motion.
     """
 
     normal_deg: FloatArray
@@ -30,10 +38,11 @@ class MirrorUncertainty:
 
 
 def rigid_motions(layout: Layout) -> FloatArray:
-    """How virtual centres move (3 m, 6), mm per rad and mm per mm, when the mirrors turn and shift as one body.
+    """Derivatives (3 m, 6) of the virtual centres by a motion of all mirrors as one body, mm per rad and mm per mm.
 
-    The turn (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along them.
-    Points p of a plane n.p = -d go to p + w x (p - o) + s, so that dn = w x n and dd = w.(o x n) - n.s; c = -2 d n.
+    The rotation (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along
+    them. Points p of a plane n.p = -d go to p + w x (p - o) + s, so that dn = w x n and dd = w.(o x n) - n.s;
+    c = -2 d n.
     """
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors], axis=0)
     motions = np.zeros((3 * len(layout.mirrors), 6))
@@ -69,10 +78,10 @@ def normal_and_distance_sigmas(virtual_centres: FloatArray, covariance: FloatArr
 
 
 def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
-    """The map (6, 3 m) from changes of all virtual centres to the motion of one body that explains them best.
+    """The map (6, 3 m) from changes of all virtual centres to the motion of one body that fits them best.
 
-    Least squares over all mirrors, where a tilt counts by what it moves `lever_mm` away and a shift along the normal as
-    it is; of motions that explain alike, the least.
+    Least squares over all mirrors, with a tilt weighted by its displacement at `lever_mm` and a shift along the normal
+    by itself; the solution of minimum norm where it is not unique.
     """
     weights = np.zeros((3 * len(layout.mirrors),) * 2)
     for m, mirror in enumerate(layout.mirrors):
@@ -85,7 +94,7 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
 
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
-    """The standard deviations of a calibrated layout's mirrors; tilts weigh by what they move `lever_mm` away."""
+    """The standard deviations of a calibrated layout's mirrors; tilts are weighted by their effect at `lever_mm`."""
     covariance = mirror_covariance(uncertainty_of(layout))
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     normal, distance = normal_and_distance_sigmas(centres, covariance)

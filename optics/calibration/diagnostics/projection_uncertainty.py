@@ -1,10 +1,10 @@
-"""How far a calibration may be off in pixels: its covariance, propagated to what each view shows.
+"""Projection uncertainty: the covariance of a calibration, propagated to the pixels of each view.
 
 After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
-axis and pixel axes define it, and the board's poses, free in the fit, are marginalised out of the covariance. Nothing
-of the rig's own pose is open, then, and a point in rig may be held while camera and mirrors vary. What is common to
-all views (an error of the principal point is nearly a turn of all mirrors) counts in full there; against the reference
-view, which is what depth rests on, it drops out.
+axis and pixel axes define it, and the board's poses, free in the fit, are marginalised. The rig's own pose is therefore
+determined, and a point can be held in rig while camera and mirrors vary. An error common to all views (an error of the
+principal point is nearly a rotation of all mirrors) counts in full there; relative to the reference view, on which
+depth depends, it cancels.
 """
 
 from __future__ import annotations
@@ -22,16 +22,23 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, globa
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 NEGLIGIBLE_PX = 1e-4
-"""Finer than any corner is found: differences below it are no diagnostics."""
+"""Below the precision of any detected corner: smaller differences are not significant."""
 GRID = 9
 """Points along the longer side of a sub-image at which a map is taken."""
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Points (n, 3) mm in rig as one view shows them, to first order in what a calibration estimates.
+    """Projections of points by one view, with derivatives.
 
-    `pixels` (n, 2), `by_parameter` (n, 2, g) in the order of the layout's uncertainty, `by_point` (n, 2, 3) px/mm.
+    Attributes
+    ----------
+    pixels
+        (n, 2).
+    by_parameter
+        Derivatives (n, 2, g) by the parameters, in the order of the layout's uncertainty.
+    by_point
+        Derivatives (n, 2, 3) by the points in rig, px/mm.
     """
 
     pixels: FloatArray
@@ -41,10 +48,20 @@ class Projection:
 
 @dataclass(frozen=True)
 class ProjectionMap:
-    """How far one view may be off, at `pixels` (n, 2) on the sensor, for points at one distance.
+    """Projection uncertainty of one view for points at one distance.
 
-    Covariances (n, 2, 2) px^2: `in_rig` of the pixel at which a point held in rig appears; `against_reference` of that
-    of a point held where the reference view shows it (zero for the reference view itself).
+    Attributes
+    ----------
+    view
+        Mirror index, or DIRECT.
+    range_mm
+        Distance of the points from the view's virtual centre.
+    pixels
+        Where the points appear (n, 2).
+    in_rig
+        Covariance (n, 2, 2), px^2, of the pixel of a point held in rig.
+    against_reference
+        The same for a point held where the reference view shows it; zero for the reference view itself.
     """
 
     view: int
@@ -70,14 +87,14 @@ def worst_sigmas(covariances: FloatArray) -> FloatArray:
 
 
 def uncertainty_of(layout: Layout) -> Uncertainty:
-    """The covariance that a calibrated layout carries; raises ValueError where it carries none."""
+    """The covariance of a calibrated layout; raises ValueError where there is none."""
     if layout.uncertainty is None:
         raise ValueError("the layout carries no uncertainty, expected a calibrated one")
     return layout.uncertainty
 
 
 def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
-    """Where a view (a mirror, or DIRECT) shows points (n, 3), by the very model that the solver fits."""
+    """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT), with the model that the solver fits."""
     known = uncertainty_of(layout)
     count = len(points_in_rig)
     estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
@@ -88,14 +105,14 @@ def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:
-    """Where a view looks from (3,) mm in rig: the virtual centre of the apparent mirror; the pupil itself if DIRECT."""
+    """Centre of projection (3,) of a view, mm in rig: of the apparent mirror, or the pupil itself if DIRECT."""
     return np.zeros(3) if view == DIRECT else layout.mirrors[view].apparent.virtual_centre_in_rig_mm
 
 
 def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
-    """Points (n, 3) mm in rig that appear at pixels (n, 2) of a view, `range_mm` from where it looks from.
+    """Points (n, 3) mm in rig that appear at pixels (n, 2) of a view, `range_mm` from its centre of projection.
 
-    First-surface model: through a sheet or a bent mirror, off by what that model is off.
+    Mirrors are taken as their flat apparent first-surface mirrors, an approximation for plates and bent mirrors.
     """
     rays = layout.camera.unproject(pixels)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -104,7 +121,7 @@ def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: fl
 
 
 def outline_px(layout: Layout, view: int) -> FloatArray:
-    """A view's sub-image (n, 2) on the sensor; all of the sensor, if DIRECT."""
+    """Outline (n, 2) of a view's sub-image on the sensor; the whole sensor if DIRECT."""
     if view != DIRECT:
         return layout.outline_px(view)
     return np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [layout.camera.width_px, layout.camera.height_px] - 0.5
@@ -122,7 +139,7 @@ def grid_px(layout: Layout, view: int) -> FloatArray:
 
 
 def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
-    """How points (n, 3) move, (n, 3, g) mm per parameter, that stay where the reference view shows them.
+    """Derivatives (n, 3, g) by the parameters, mm, of points (n, 3) that are held in the reference view.
 
     Their pixels in the reference view and their distance from its virtual centre are held.
     """
@@ -138,8 +155,8 @@ def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArra
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
     """Derivatives (3, g) of a view's virtual centre by the parameters.
 
-    The distance of the apparent mirror from its coating is held: it moves with the sheet's thickness, but how far away
-    a view looks from is a choice of origin that no picture shows.
+    The distance between the apparent mirror and the coating is held: it changes with the plate's thickness, but which
+    point of a ray counts as its origin is a convention that no picture determines.
     """
     names = uncertainty_of(layout).parameters
     derivatives = np.zeros((3, len(names)))
@@ -151,7 +168,7 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 
 
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
-    """How far a view may be off, over its sub-image, for points `range_mm` from where it looks from."""
+    """Projection uncertainty of a view over its sub-image, for points `range_mm` from its centre of projection."""
     at = grid_px(layout, view)
     points = points_at_pixels(layout, view, at, range_mm)
     covariance = uncertainty_of(layout).covariance
@@ -167,7 +184,7 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
 
 
 def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Covariances (..., k, k) of what has derivatives (..., k, g) by parameters of covariance (g, g)."""
+    """Covariances (..., k, k) of quantities with derivatives (..., k, g) by parameters of covariance (g, g)."""
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 
 

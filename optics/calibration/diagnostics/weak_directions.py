@@ -1,4 +1,4 @@
-"""The directions that a calibration knows least, named in words."""
+"""The least determined directions of a calibration, described by motions with a name."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
 from mirrorcam.optics.geometry.layout import Layout
 
 MOTIONS_NAMED = 3
-ENOUGH = 0.9
-"""A direction is named by motions until they make up this much of it."""
-WORTH_NAMING = 0.02
-"""A further motion is named only if it adds this much."""
+SUFFICIENT_SHARE = 0.9
+"""Motions are added to a description until they make up this share of the direction."""
+MIN_SHARE = 0.02
+"""A further motion is added only if it makes up this much more."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,20 @@ class Motion:
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """One principal direction of the covariance, weakest first.
+    """One principal direction of the covariance.
 
-    `words` name it; `sigmas` are its standard deviation in each named motion, as (name, value, unit); `share` is how
-    much of it (0 to 1) these motions make up. One standard deviation of it would move the pixels of all views by
-    `apart_px` (root sum square) if each of its parts acted alone, and moves them by `together_px`: the smaller that is
-    against it, the better its parts hide each other.
+    Attributes
+    ----------
+    words
+        Its description.
+    sigmas
+        Its standard deviation in each motion of the description, as (name, value, unit).
+    share
+        Fraction of the direction (0 to 1) that these motions make up.
+    apart_px
+        Root mean square shift of the pixels of all views by one standard deviation, if each parameter acted alone.
+    together_px
+        The actual shift: the smaller it is relative to `apart_px`, the more the parameters compensate each other.
     """
 
     words: str
@@ -51,7 +59,7 @@ class WeakDirection:
 
 
 def motions_of(layout: Layout) -> list[Motion]:
-    """The motions that a person has words for, as far as the layout's parameters have them, the simplest first."""
+    """The motions with a name that the layout's parameters can make, the simplest first."""
     names = uncertainty_of(layout).parameters
     place = {name: k for k, name in enumerate(names)}
 
@@ -87,7 +95,7 @@ def motions_of(layout: Layout) -> list[Motion]:
         if name in place
     ]
     if "sheet_mm" in place:
-        found.append(Motion("thickness of the sheets", "mm", change({"sheet_mm": 1.0})))
+        found.append(Motion("thickness of the plates", "mm", change({"sheet_mm": 1.0})))
     for m, mirror in enumerate(layout.mirrors if has_mirrors else ()):
         x, y, n = mirror.rig_from_plane[:3, :3].T
         for axis, words in ((x, "about its x"), (y, "about its y")):
@@ -107,10 +115,11 @@ def motions_of(layout: Layout) -> list[Motion]:
 
 
 def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple[WeakDirection, ...]:
-    """The `count` directions of a calibrated layout that its pictures tell least, weakest first.
+    """The `count` least determined directions of a calibrated layout, weakest first.
 
-    Principal axes of the covariance in pixels: each parameter counts by what it alone moves, root mean square over all
-    views and points `range_mm` from them. A direction is named by orthogonal matching pursuit over `motions_of`.
+    Principal axes of the covariance in pixels: each parameter is scaled by the root mean square shift that it alone
+    causes, over all views and points `range_mm` from them. A direction is described by orthogonal matching pursuit over
+    `motions_of`.
     """
     derivatives = np.concatenate(
         [
@@ -137,12 +146,12 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
 
 
 def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int], FloatArray, float]:
-    """Entries of a dictionary that make up a unit vector, their amounts, and how much of it they make up."""
+    """Entries of a dictionary that approximate a unit vector, their amounts, and the share of it they make up."""
     lengths = np.array([np.linalg.norm(entry) for entry in dictionary])
     units = np.array(dictionary) / lengths[:, None]
     chosen: list[int] = []
     amounts, share = np.zeros(0), 0.0
-    while len(chosen) < MOTIONS_NAMED and share < ENOUGH:
+    while len(chosen) < MOTIONS_NAMED and share < SUFFICIENT_SHARE:
         best, best_amounts, best_share = -1, amounts, share
         for i in range(len(units)):
             if i in chosen:
@@ -153,7 +162,7 @@ def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int
             # A later, more special motion must be better by more than rounding.
             if explained > best_share + 1e-9:
                 best, best_amounts, best_share = i, fitted, explained
-        if best < 0 or (chosen and best_share - share < WORTH_NAMING):
+        if best < 0 or (chosen and best_share - share < MIN_SHARE):
             break
         chosen.append(best)
         amounts, share = best_amounts, best_share

@@ -1,1 +1,1 @@
-"""Calibration without a layout, of a camera that sees a board both directly and in its mirrors."""
+"""Calibration without a layout, for a camera that sees a board both directly and in its mirrors."""

@@ -1,7 +1,7 @@
-"""How a camera turned between pictures, from what stands still in them: a tripod gives when the shutter is touched.
+"""Rotation of a camera between pictures, from the static scene: a tripod yields when the shutter is touched.
 
-A turn about the pupil moves every picture point by the same homography, whatever the point's distance and whether it is
-seen directly or in mirrors, so that all of the standing scene tells it. Boards and hands that move do not agree.
+A rotation about the pupil moves every image point by the same homography, whatever the point's distance and whether it
+is seen directly or in mirrors, so that the whole static scene determines it. Moving boards and hands do not agree.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 
 FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX = 6000, 0.003, 10.0
-CELLS, PER_CELL = (16, 8), 8  # what moves is often what has most texture: no part of the picture counts for more
+CELLS, PER_CELL = (16, 8), 8  # moving objects often have most texture: no part of the picture counts for more
 WINDOW_PX, PYRAMID_LEVELS = (21, 21), 2
 SETTLED = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-THERE_AND_BACK_PX, MOST_ALIKE_GREY, MOST_MOVED_PX = 0.05, 10.0, 6.0
-STILL_PX = 0.4
+MAX_RETURN_PX, MAX_DIFFERENCE_GREY, MAX_MOVE_PX = 0.05, 10.0, 6.0
+STATIC_PX = 0.4
 DRAWS = 300
-FEWEST_STILL = 40
+MIN_STATIC = 40
 
 
 def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
-    """Rotation vectors (n, 3), rad, with which rays of the first picture are found in each; None where nothing tells.
+    """Rotation vectors (n, 3), rad, from rays of the first picture to rays of each; None where undetermined.
 
-    Random sample consensus over features that Lucas and Kanade's method finds in both pictures, then least squares.
+    Random sample consensus over features tracked by the method of Lucas and Kanade, then least squares.
     """
     turns = [np.zeros(3)]
     for picture in pictures[1:]:
         here, there = _tracked(pictures[0], picture)
-        turn = None if len(here) < FEWEST_STILL else _consensus(camera, here, there)
+        turn = None if len(here) < MIN_STATIC else _consensus(camera, here, there)
         if turn is None:
             return None
         turns.append(turn)
@@ -44,23 +44,23 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
 
 def stabilised(observations: Observations, camera: Camera, turns: FloatArray) -> Observations:
-    """The corners where they would be had the camera not turned by `turns` (f, 3) since the first frame."""
+    """The corners where they would be if the camera had not rotated by `turns` (f, 3) since the first frame."""
     back = Rotation.from_rotvec(turns[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", back, camera.unproject(observations.pixels))
     return Observations(observations.frame, observations.view, observations.corner, camera.project(rays))
 
 
 def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
-    """Features (n, 2) of the first picture and where the other shows them, evenly over the picture."""
+    """Features (n, 2) of the first picture and their positions in the other, evenly over the picture."""
     found = cv2.goodFeaturesToTrack(first, FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX)
     if found is None:
         return np.empty((0, 2)), np.empty((0, 2))
     here = np.asarray(found, dtype=np.float64).reshape(-1, 2)
     there, forward, unlike = _flowed(first, other, here)
     again, backward, _ = _flowed(other, first, there)
-    good = forward & backward & (unlike < MOST_ALIKE_GREY)
-    good &= np.linalg.norm(again - here, axis=1) < THERE_AND_BACK_PX
-    good &= np.linalg.norm(there - here, axis=1) < MOST_MOVED_PX
+    good = forward & backward & (unlike < MAX_DIFFERENCE_GREY)
+    good &= np.linalg.norm(again - here, axis=1) < MAX_RETURN_PX
+    good &= np.linalg.norm(there - here, axis=1) < MAX_MOVE_PX
     here, there = here[good], there[good]
     cell = (here / np.array(first.shape[::-1]) * CELLS).astype(np.int64) @ [CELLS[1], 1]
     # Features come by quality, so that the first of a cell are its best.
@@ -71,7 +71,7 @@ def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
 
 
 def _flowed(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Where the other picture shows points (n, 2), which were found (n,), and how unlike they look (n,)."""
+    """Positions (n, 2) of points in the other picture, which were found (n,), and their mean grey difference (n,)."""
     seeds = pixels.astype(np.float32)[:, None]
     found, status, unlike = cv2.calcOpticalFlowPyrLK(
         first, other, seeds, seeds.copy(), winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=SETTLED
@@ -86,12 +86,12 @@ def _consensus(camera: Camera, here: FloatArray, there: FloatArray) -> FloatArra
     for _ in range(DRAWS):
         pair = random.choice(len(here), 2, replace=False)
         turn = _refined(camera, rays[pair], there[pair], np.zeros(3), steps=2)
-        count = int((np.linalg.norm(_turned(camera, rays, turn) - there, axis=1) < STILL_PX).sum())
+        count = int((np.linalg.norm(_turned(camera, rays, turn) - there, axis=1) < STATIC_PX).sum())
         if count > most:
             best, most = turn, count
     for _ in range(5):
-        still = np.linalg.norm(_turned(camera, rays, best) - there, axis=1) < STILL_PX
-        if still.sum() < FEWEST_STILL:
+        still = np.linalg.norm(_turned(camera, rays, best) - there, axis=1) < STATIC_PX
+        if still.sum() < MIN_STATIC:
             return None
         best = _refined(camera, rays[still], there[still], best, steps=1)
     return best
@@ -102,7 +102,7 @@ def _turned(camera: Camera, rays: FloatArray, turn: FloatArray) -> FloatArray:
 
 
 def _refined(camera: Camera, rays: FloatArray, there: FloatArray, turn: FloatArray, *, steps: int) -> FloatArray:
-    """The turn (3,) that lays rays (n, 3) on pixels (n, 2), by Gauss-Newton steps from a turn near it."""
+    """The rotation vector (3,) that takes rays (n, 3) to pixels (n, 2), by Gauss-Newton steps from a near one."""
     for _ in range(steps):
         rotated = rays @ Rotation.from_rotvec(turn).as_matrix().T
         pixels, by_ray, _ = camera.project_with_jacobians(rotated)

@@ -1,7 +1,7 @@
-"""Where to start with pictures that show a board directly and in mirrors, and no layout: camera, planes and poses.
+"""First estimate of camera, planes and poses from pictures that show a board directly and in mirrors, without a layout.
 
-Each plane comes from where the board stands and where its image stands, which pictures agree on; then every board that
-was found is told to be the direct view, or the image in one of the mirrors.
+Each plane is the bisector between a board and its image, as far as pictures agree on it; then every detected board is
+assigned to the direct view or to one of the mirrors.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
 
-PAIR_MISFIT = 0.15  # of the diagonal across all corners: pose from one view is rough
-AGREEING = 0.5  # of the same diagonal, between middles of one board from several views
-SPARE_PLANES = 3  # besides the mirrors, that chance or images of images may propose
+PAIR_MISFIT = 0.15  # of the diagonal across all corners: a pose from one view is rough
+AGREEING = 0.5  # of the same diagonal, between the middles of one board from several views
+SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
 SAME_PLANE = 0.1  # of the distance of the virtual centre
 
 
 @dataclass(frozen=True)
 class FoundBoard:
-    """A board found somewhere in a picture: the ways to number it as a direct view, and as an image in a mirror.
+    """A board detected in a picture, with its numberings as a direct view and as an image in a mirror.
 
-    Boards whose rows and columns of squares are both even tell by their colours which of the two they are.
+    The colours of a board with even numbers of rows and columns of squares determine which of the two it is.
     """
 
     direct: list[Corners]
@@ -39,7 +39,7 @@ class FoundBoard:
 
 @dataclass(frozen=True)
 class Start:
-    """A first estimate, the corners by view with frames numbered from 0, and the picture that each frame is of."""
+    """A first estimate, the corners by view with frames numbered from 0, and the picture number of each frame."""
 
     estimate: Estimate
     observations: Observations
@@ -48,7 +48,7 @@ class Start:
 
 @dataclass(frozen=True)
 class _PosedCorners:
-    """A numbering of a found board, the rigid 4x4 that puts it where it looks so, and its points (n, 3) there."""
+    """A numbering of a detected board, the pose (4, 4) that explains its view, and its points (n, 3) there."""
 
     corners: Corners
     matrix: FloatArray
@@ -57,14 +57,14 @@ class _PosedCorners:
 
 @dataclass(frozen=True)
 class _PosedBoard:
-    """One found board, for each numbering as a direct view, and as an image in a mirror."""
+    """One detected board in each of its numberings, as a direct view and as an image in a mirror."""
 
     direct: list[_PosedCorners]
     image: list[_PosedCorners]
 
     @property
     def points(self) -> FloatArray:
-        """Where its corners (n, 3) look to be, however they are numbered."""
+        """Where its corners (n, 3) appear to be, however they are numbered."""
         return (self.direct or self.image)[0].points
 
 
@@ -76,9 +76,9 @@ def first_estimate(
     width_px: int,
     height_px: int,
 ) -> Start:
-    """Camera, planes and poses from the boards found in each picture.
+    """Camera, planes and poses from the boards detected in each picture.
 
-    Raises InputError where they do not tell the camera or show fewer mirrors.
+    Raises InputError where they do not determine the camera, or show fewer mirrors.
     """
     views = [(board.direct or board.image)[0] for in_picture in found for board in in_picture]
     camera = initial_estimates.intrinsics(
@@ -110,9 +110,9 @@ def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) 
 def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: float) -> FloatArray:
     """Virtual centres (m, 3), left to right: the planes that most pictures agree on.
 
-    Every ordered pair of boards in a picture proposes the plane that would show one as the other's image. True planes
-    recur from picture to picture, chance ones seldom do; those of the most recurrent are taken under which most views
-    agree on where the board stands.
+    Every ordered pair of boards in a picture proposes the plane in which one would be the other's image. True planes
+    recur from picture to picture, coincidences rarely do. Among the most frequent planes, those are chosen under which
+    most views agree on the board's position.
     """
     proposals: list[tuple[int, FloatArray, float]] = []
     for number, in_picture in enumerate(boards):
@@ -143,7 +143,7 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
 
 
 def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
-    """How many views show the board where another view of their picture does."""
+    """Number of views that show the board where another view of their picture does."""
     count = 0
     for in_picture in boards:
         views = _views(in_picture, centres)
@@ -159,7 +159,7 @@ def _same_plane(a: FloatArray, b: FloatArray) -> bool:
 
 
 def _views(in_picture: list[_PosedBoard], centres: FloatArray) -> dict[int, list[_PosedCorners]]:
-    """The numberings of the boards by view. A board behind no plane is the direct view, behind one the image in it.
+    """The numberings of the boards by view: a board behind no plane is the direct view, behind one plane its image.
 
     Boards behind several planes were reflected more than once and are left out.
     """
@@ -174,7 +174,7 @@ def _views(in_picture: list[_PosedBoard], centres: FloatArray) -> dict[int, list
 
 
 def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
-    """Where the board (n, 3) itself stands that a view shows."""
+    """Points (n, 3) of the board itself that a view shows."""
     return board.points if view == DIRECT else reflect(board.points, centres[view])
 
 
@@ -191,7 +191,7 @@ def _assign(boards: list[list[_PosedBoard]], centres: FloatArray) -> tuple[Obser
         reference = views[first][0]
         reference_points = _in_rig(reference, first, centres)
         for view, options in views.items():
-            # A board that looks the same upside down has two numberings; the one that agrees with the first view is it.
+            # A board that looks the same upside down has two numberings; the first view decides.
             places = [_in_rig(option, view, centres) for option in options]
             best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
             corners = options[best].corners

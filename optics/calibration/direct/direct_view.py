@@ -1,9 +1,9 @@
 """Calibration of a camera that sees a board both directly and in its mirrors, with no layout to start from.
 
-From a first estimate (`direct_start`) one camera, 3 numbers per mirror and one pose per picture are solved jointly, as
-the corners support it with mirrors coated behind glass of one thickness, and with the board's corners free: paper is
-printed and glued less exactly than its corners are seen here. A camera that turned between the pictures is turned back
-by what stands still in them.
+From a first estimate (`direct_start`) one camera, 3 numbers per mirror and one pose per picture are solved jointly;
+where the corners support it, also one thickness of second-surface mirrors, and the board's corners: paper is printed
+and glued less exactly than its corners are measured here. Rotations of the camera between the pictures are compensated
+by the static scene.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
-SHEET_START, GLASS_INDEX = 0.01, 1.52  # thickness in distances of the mirrors; soda-lime glass
+PLATE_START, GLASS_INDEX = 0.01, 1.52  # thickness relative to the mirrors' mean distance; soda-lime glass
 
 
 def calibrate_with_direct_view(
@@ -43,24 +43,37 @@ def calibrate_with_direct_view(
     names: Sequence[str],
     progress: Progress = no_progress,
 ) -> Calibration:
-    """One camera and `mirrors` planes from pictures (h, w) that show a board directly and in the mirrors.
+    """Calibrate a camera and mirrors from pictures that show a board directly and in the mirrors, without a layout.
 
-    Lengths come in the unit of `target.square_mm`; `names` are those of the pictures, for the notes. Raises InputError
-    where the pictures do not suffice.
+    Parameters
+    ----------
+    pictures
+        Grey pictures (h, w) of one camera.
+    target
+        The board, a plain checkerboard; lengths come out in the unit of `target.square_mm`.
+    mirrors
+        Number of mirrors.
+    names
+        Names of the pictures, for the notes.
+    progress
+        Called with the number of pictures searched and of all.
+
+    Returns
+    -------
+    Calibration
+        Its layout has one row of mirrors, numbered from left to right, in the frame `rig` of the camera.
+
+    Raises
+    ------
+    InputError
+        Where the pictures do not determine camera and mirrors.
     """
     if not isinstance(target, Checkerboard):
         raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
     sizes = {picture.shape for picture in pictures}
     if len(sizes) != 1:
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
-    found = []
-    for number, picture in enumerate(pictures):
-        boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
-        found.append([board for board in boards if board.direct or board.image])
-        progress(number + 1, len(pictures))
-    if not any(found):
-        raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
-
+    found = _found(pictures, target, mirrors, progress)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
@@ -70,28 +83,62 @@ def calibrate_with_direct_view(
         first = fit(start.estimate, start.observations, rigid)
         observations = _confirmed(shown, first, target)
         flat = fit_as("joint", first.estimate, observations, rigid)
-        turns = camera_rotations(shown, flat.solution.estimate.camera)
-        if turns is not None:
-            still = stabilised(observations, flat.solution.estimate.camera, turns)
-            again = fit_as("joint", flat.solution.estimate, still, rigid)
-            if _squares(again.solution) < _squares(flat.solution):
-                observations, flat = still, again
-            else:
-                turns = None
-        reached, drawn = select_model_with_free_board(flat, observations)
+        flat, observations, turns = _steadied(shown, flat, observations)
+        selection, drawn = select_model_with_free_board(flat, observations)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    return direct_result(reached, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+    return direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+
+
+def _found(pictures: Sequence[Grey], target: Checkerboard, mirrors: int, progress: Progress) -> list[list[FoundBoard]]:
+    """The boards detected in each picture; raises InputError where there are none at all."""
+    found = []
+    for number, picture in enumerate(pictures):
+        boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
+        found.append([board for board in boards if board.direct or board.image])
+        progress(number + 1, len(pictures))
+    if not any(found):
+        raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
+    return found
+
+
+def _steadied(
+    pictures: Sequence[Grey], flat: Fitted, observations: Observations
+) -> tuple[Fitted, Observations, FloatArray | None]:
+    """The fit, the corners and the camera's rotations, where compensating these improves the fit; else None of them."""
+    camera = flat.solution.estimate.camera
+    turns = camera_rotations(pictures, camera)
+    if turns is None:
+        return flat, observations, None
+    still = stabilised(observations, camera, turns)
+    again = fit_as("joint", flat.solution.estimate, still, flat.model)
+    if _squares(again.solution) < _squares(flat.solution):
+        return again, still, turns
+    return flat, observations, None
 
 
 def select_model_with_free_board(flat: Fitted, observations: Observations) -> tuple[ModelSelection, Solution]:
-    """What the corners support beyond a fit of plane mirrors with the board as drawn; and that board's fit, else alike.
+    """Select from first- and second-surface mirrors, with the board as drawn and with free corners.
 
-    Mirrors behind glass are asked about before and, where they were not supported, once more after the free board: an
+    Second-surface mirrors are compared before and, where not supported, once more after the free board, because an
     inexact board hides them.
+
+    Parameters
+    ----------
+    flat
+        The fit of first-surface mirrors with the board as drawn.
+    observations
+        The corners.
+
+    Returns
+    -------
+    selection
+        The selected model.
+    drawn
+        The fit of the same model with the board as drawn.
     """
     comparisons = [smallest(flat)]
-    drawn, comparison = _behind_glass(flat, observations)
+    drawn, comparison = _with_plates(flat, observations)
     comparisons.append(comparison)
     board = Board.free(flat.model.board.corners_in_board_mm)
     current = fit_as(
@@ -104,7 +151,7 @@ def select_model_with_free_board(flat: Fitted, observations: Observations) -> tu
     if not comparisons[-1].supported:
         return conclude(drawn, comparisons, observations), drawn.solution
     if not current.model.thickness:
-        current, comparison = _behind_glass(current, observations)
+        current, comparison = _with_plates(current, observations)
         comparisons.append(comparison)
     if current.model.thickness and not drawn.model.thickness:
         as_drawn = replace(current.solution.estimate, shape=np.zeros(0))
@@ -116,19 +163,19 @@ def _squares(solution: Solution) -> float:
     return float(np.sum(solution.residuals**2))
 
 
-def _behind_glass(plain: Fitted, observations: Observations) -> tuple[Fitted, ModelComparison]:
-    """The fit with mirrors coated behind one kind of glass where the corners support it, else `plain`."""
+def _with_plates(plain: Fitted, observations: Observations) -> tuple[Fitted, ModelComparison]:
+    """The fit with second-surface mirrors of one thickness where the corners support it, otherwise `plain`."""
     estimate = plain.solution.estimate
     distances = np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1) / 2.0
     count = len(distances)
     start = replace(
         estimate,
-        thickness_mm=np.full(count, SHEET_START * distances.mean()),
+        thickness_mm=np.full(count, PLATE_START * distances.mean()),
         refractive_index=np.full(count, GLASS_INDEX),
     )
-    glass = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, thickness=True))
-    comparison = compare(glass, plain, observations)
-    return glass if comparison.supported else plain, comparison
+    plates = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, thickness=True))
+    comparison = compare(plates, plain, observations)
+    return plates if comparison.supported else plain, comparison
 
 
 def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoard:
@@ -141,7 +188,7 @@ def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoa
 
 
 def _confirmed(pictures: Sequence[Grey], solution: Solution, target: Checkerboard) -> Observations:
-    """All corners of all views, found again where the first fit predicts them: completes partly hidden boards."""
+    """All corners of all views, detected again where the first fit predicts them, which completes hidden boards."""
     estimate = solution.estimate
     parts = []
     for frame, (picture, pose) in enumerate(zip(pictures, estimate.rig_from_board, strict=True)):

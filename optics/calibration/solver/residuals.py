@@ -264,9 +264,9 @@ def residuals_with_jacobians(
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)
-    sheet = N_INTRINSICS + 6 * count
+    thickness = N_INTRINSICS + 6 * count
     r = np.empty((len(observations), 2))
-    by_global = np.zeros((len(observations), 2, sheet + 1 + estimate.shape.size))
+    by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
     by_twist = np.empty((len(observations), 2, 6))
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
@@ -277,12 +277,12 @@ def residuals_with_jacobians(
         by_global[rows, :, :N_INTRINSICS] = at.intrinsics.transpose(2, 0, 1)
         by_twist[rows] = np.concatenate([at.turn, at.corner], axis=1).transpose(2, 0, 1)
         by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[observations.frame[rows], :3, :3])
-        by_global[rows, :, sheet + 1 :] = np.einsum(
+        by_global[rows, :, thickness + 1 :] = np.einsum(
             "nij,knj->nik", by_corner, board.modes[:, observations.corner[rows]]
         )
         if mirrors is not None:
             for k in range(3):
                 by_global[rows, :, N_INTRINSICS + 3 * view + k] = at.centre[:, k].T
                 by_global[rows, :, N_INTRINSICS + 3 * (count + view) + k] = at.curvature[:, k].T
-            by_global[rows, :, sheet] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
+            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
     return r, by_global, by_twist
