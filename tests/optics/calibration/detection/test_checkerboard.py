@@ -1,13 +1,10 @@
-"""Corners found in pictures whose truth is known."""
+"""Plain checkerboards in pictures whose truth is known."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-import pytest
 
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.charuco import find_boards
 from mirrorcam.optics.calibration.detection.checkerboard import (
     cell_px,
     confirm,
@@ -16,44 +13,12 @@ from mirrorcam.optics.calibration.detection.checkerboard import (
     spread_out,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.targets import Checkerboard
+from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
 
-CAMERA = Camera(
-    width_px=800,
-    height_px=500,
-    fx_px=700.0,
-    fy_px=702.0,
-    cx_px=395.0,
-    cy_px=255.0,
-    distortion=[0.05, -0.1, 3e-4, -5e-4, 0],
-)
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=20.0)
-CHARUCO = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=11.25)
 DIRECT_POSE = posed(PLAIN, np.array([5.0, -8.0, 330.0]), np.array([12.0, -20.0, 8.0]), direct=True)
-
-
-def one_mirror() -> Layout:
-    """A single mirror that folds the whole view by 90 degrees."""
-    plane = Mirror.from_plane(
-        np.array([0.0, 0.0, 80.0]),
-        np.array([0.0, 1.0, -1.0]),
-        outline_in_rig_mm=np.array([[-40.0, -20, 60], [40, -20, 60], [40, 20, 100], [-40, 20, 100]]),
-    )
-    return Layout(rows=1, cols=1, camera=CAMERA, mirrors=(plane,))
-
-
-def seen(points_in_board: FloatArray, pose: FloatArray, layout: Layout | None) -> FloatArray:
-    points = transform(pose, points_in_board)
-    return CAMERA.project(points) if layout is None else layout.project(points, 0)
-
-
-def rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def test_the_finder_alone_errs_and_refinement_does_not() -> None:
@@ -91,19 +56,6 @@ def test_a_board_that_looks_the_same_upside_down_has_two_numberings() -> None:
     both = orderings(picture, board, even, mirrored=False)
     assert len(both) == 2
     np.testing.assert_array_equal(both[0], both[1][::-1])
-
-
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
-    layout = one_mirror() if mirrored else None
-    middle = np.array([20.0, 300.0, 80.0]) if mirrored else np.array([20.0, 0.0, 300.0])
-    pose = posed(CHARUCO, middle, np.array([10.0, -12.0, 6.0]), direct=not mirrored)
-    picture = render(CAMERA, layout, CHARUCO, pose, noise_grey=1.0)
-    (corners,) = find_boards(picture, CHARUCO, mirrored=mirrored, most=4)
-    assert len(corners) > 40
-    truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
-    assert rms(corners.pixels - truth) < 0.01
-    assert find_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
 
 
 def test_several_boards_are_found_in_one_picture() -> None:

@@ -15,17 +15,15 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
-    angle_between_mirrors,
     mirror_sigmas,
 )
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
-from mirrorcam.optics.calibration.solver.initial_estimates import behind, virtual_centre_between
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.synthetic import render
@@ -120,31 +118,6 @@ def test_a_view_that_is_not_found_is_named_and_the_rest_of_its_picture_used(
     assert "0.png: mirror 1 not found" in found.notes
     first = found.observations.where(found.observations.frame == 0)
     assert set(first.view.tolist()) == {DIRECT, 0}
-
-
-def test_the_plane_between_points_and_their_image() -> None:
-    random = np.random.default_rng(1)
-    centre = np.array([30.0, -50.0, 200.0])
-    points = random.normal(0.0, 20.0, (12, 3)) + np.array([10.0, 0.0, 30.0])
-    found, misfit = virtual_centre_between(points, reflect(points, centre))
-    np.testing.assert_allclose(found, centre, atol=1e-9)
-    assert misfit < 1e-9
-    assert not behind(points, centre)
-    assert behind(reflect(points, centre), centre)
-    _, misfit = virtual_centre_between(points, points + random.normal(0.0, 5.0, points.shape))
-    assert misfit > 1.0
-
-
-def test_angle_and_its_sigma_agree_with_finite_differences_and_sampling() -> None:
-    random = np.random.default_rng(2)
-    a, b = np.array([100.0, 20.0, 5.0]), np.array([10.0, 150.0, -30.0])
-    root = random.normal(0.0, 0.05, (6, 6))
-    covariance = root @ root.T
-    angle, sigma = angle_between_mirrors(a, b, covariance)
-    assert angle == pytest.approx(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b)))
-    drawn = random.multivariate_normal(np.concatenate([a, b]), covariance, size=4000)
-    angles = [angle_between_mirrors(d[:3], d[3:], covariance)[0] for d in drawn]
-    assert np.std(angles) == pytest.approx(sigma, rel=0.05)
 
 
 def test_what_does_not_suffice_is_refused_in_one_line() -> None:

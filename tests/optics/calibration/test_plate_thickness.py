@@ -1,4 +1,4 @@
-"""Devices cut from sheets that are not as thick as the layout says: the corners tell, and how thick they are."""
+"""Devices with plates of another thickness than in the layout: the corners determine the true one."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NOMINAL_MM, SPREAD_MM = 2.0, 0.1
 
 
 def off_in_sigmas(nominal: Layout, seed: int) -> float:
-    """Thickness found for a device of other sheets, minus the true one, in standard deviations."""
+    """Thickness found for a device of other plates, minus the true one, in standard deviations."""
     thickness = NOMINAL_MM + SPREAD_MM * float(np.random.default_rng(seed).choice([-1.5, -1.0, 1.0, 1.5]))
-    sheets = [m.replaced(surface="second", thickness_mm=NOMINAL_MM) for m in nominal.mirrors]
-    nominal = nominal.replaced(mirrors=tuple(sheets))
+    plates = [m.replaced(surface="second", thickness_mm=NOMINAL_MM) for m in nominal.mirrors]
+    nominal = nominal.replaced(mirrors=tuple(plates))
     truth = as_built(nominal, seed=seed)
     truth = truth.replaced(mirrors=tuple(m.replaced(thickness_mm=thickness) for m in truth.mirrors))
     mirrored, direct = (
@@ -36,16 +36,16 @@ def off_in_sigmas(nominal: Layout, seed: int) -> float:
     assert reached.level == "joint+sheet", f"seed {seed}"
     place = reached.solution.parameters.index("sheet_mm")
     sigma = float(np.sqrt(reached.solution.covariance[place, place]))
-    assert sigma < SPREAD_MM / 4.0, "else it says nothing"
+    assert sigma < SPREAD_MM / 4.0, "otherwise the test proves nothing"
     return (float(reached.solution.estimate.thickness_mm[0]) - thickness) / sigma
 
 
-def test_the_thickness_of_another_sheet_is_found_within_its_sigma(default_layout: Layout) -> None:
+def test_the_thickness_of_another_plate_is_found_within_its_sigma(default_layout: Layout) -> None:
     assert max(abs(off_in_sigmas(default_layout, seed)) for seed in (0, 1)) < 3.0
 
 
 @pytest.mark.slow
-def test_the_thickness_of_20_other_sheets_is_found_within_three_sigmas(default_layout: Layout) -> None:
+def test_the_thickness_of_20_other_plates_is_found_within_three_sigmas(default_layout: Layout) -> None:
     off = np.array([off_in_sigmas(default_layout, seed) for seed in range(20)])
     assert np.abs(off).max() < 3.0
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.5

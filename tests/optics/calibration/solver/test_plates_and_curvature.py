@@ -1,4 +1,4 @@
-"""Sheets before the coating and bent mirrors, as parameters of a fit: found, claimed rightly, and missed by less."""
+"""Plate thickness and mirror curvature as parameters of a fit: found, with true uncertainties, and needed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KINDS = ["sheet", "bend", "sheet and bend"]
 
 @lru_cache(maxsize=3)
 def built(kind: str) -> Scene:
-    """Nine mirrors behind 2.12 mm of acrylic, or bent by some 0.1 mm, or both; and the model that says so."""
+    """Nine mirrors with 2.12 mm acrylic plates, or bent by some 0.1 mm, or both; and the model that allows for it."""
     random = np.random.default_rng(4)
     nominal = nominal_layout()
     mirrors = []
@@ -52,7 +52,7 @@ def built(kind: str) -> Scene:
 
 
 def wrong_start(of: Scene, seed: int) -> Estimate:
-    """Flat mirrors off by half a degree and half a millimetre, sheets as they were ordered."""
+    """Flat mirrors off by half a degree and half a millimetre, with plates of the nominal thickness."""
     ordered = tuple(
         mirror.replaced(curvature_per_m=np.zeros(3), thickness_mm=NOMINAL_MM)
         for mirror in disturbed(of.layout, seed, tilt_deg=0.5, offset_mm=0.5)
@@ -61,7 +61,7 @@ def wrong_start(of: Scene, seed: int) -> Estimate:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_clean_corners_give_back_sheet_and_bend(kind: str) -> None:
+def test_clean_corners_give_back_thickness_and_curvature(kind: str) -> None:
     of = built(kind)
     start = wrong_start(of, 3)
     found = fit(start, of.clean, of.model).estimate
@@ -159,13 +159,13 @@ def test_a_fit_without_them_cannot_explain_the_corners() -> None:
     assert left["sheet and bend"] > 0.2
 
 
-def test_a_sheet_where_there_is_none_is_refused() -> None:
+def test_a_thickness_without_plates_is_refused() -> None:
     plain = small_scene()
     with pytest.raises(UndeterminedError, match="no mirror is second-surface"):
         fit(plain.truth, plain.noisy(0)[0], replace(plain.model, thickness=True))
 
 
-def test_a_sheet_is_not_told_by_direct_views() -> None:
+def test_direct_views_do_not_determine_the_thickness() -> None:
     of = built("sheet")
     direct = of.clean.where(of.clean.view == DIRECT)
     used = sorted(set(direct.frame.tolist()))

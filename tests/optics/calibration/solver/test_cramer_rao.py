@@ -1,7 +1,8 @@
-"""The solver at the statistical limit: errors as small as can be, claims as large as errors, outliers, wrong starts.
+"""The solver at the bound of Cramér and Rao: efficient errors, true covariances, outliers, wrong starts.
 
-Trials have a spread of their own: a root mean square over 200 of them strays by 5 %. So each error is also compared
-with the linear estimate's from the very same noise, whose spread *is* the bound: their difference strays by far less.
+Trials have a spread of their own: a root mean square over 200 of them has a standard error of 5 %. So each error is
+also compared with that of the linear estimate from the same noise, whose spread *is* the bound: their difference has a
+far smaller standard error.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def test_claimed_covariance_is_that_of_the_errors() -> None:
     np.testing.assert_allclose(claimed, np.sqrt(np.diag(found.scene.bound)), rtol=0.01)
 
 
-def test_the_weakest_direction_is_as_weak_as_claimed() -> None:
+def test_the_weakest_direction_is_as_uncertain_as_claimed() -> None:
     found = trials()
     block = found.scene.bound[found.mirrors, found.mirrors]
     weakest = np.linalg.eigh(block)[1][:, -1]

@@ -1,0 +1,74 @@
+"""Boards to mirrors: exact corners, whatever their order, and boards that are no mirror's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.assignment import assign
+from mirrorcam.optics.calibration.solver.observations import Corners
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from tests.optics.calibration.synthetic_corners import mirrored_corners, mirrored_poses
+
+BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=14.0)
+WIDE = Charuco(cols=24, rows=10, square_mm=20.0, marker_mm=14.0)
+PLAIN = Checkerboard(cols=9, rows=7, square_mm=6.0)
+
+
+def boards_of(layout: Layout, target: Target, pose: FloatArray) -> dict[int, Corners]:
+    """What each mirror shows of a board at a pose."""
+    seen = mirrored_corners(layout, target, pose, 0.0, np.random.default_rng(0))
+    views = np.unique(seen.view).tolist()
+    return {view: Corners(seen.corner[seen.view == view], seen.pixels[seen.view == view]) for view in views}
+
+
+@pytest.fixture(scope="module")
+def pose() -> FloatArray:
+    return mirrored_poses(BOARD, 1, tilt_deg=10.0, seed=3)[0]
+
+
+def test_boards_are_given_to_their_mirrors_in_any_order(default_layout: Layout, pose: FloatArray) -> None:
+    shown = boards_of(default_layout, BOARD, pose)
+    assert len(shown) >= 6
+    shuffled = np.random.default_rng(1).permutation(list(shown))
+    found = assign([(shown[view],) for view in shuffled], default_layout, BOARD)
+    assert [view for view, _ in found] == sorted(shown)
+    for view, corners in found:
+        assert corners is shown[view]
+
+
+def test_a_board_that_stands_elsewhere_is_left_out(default_layout: Layout) -> None:
+    """One mirror shows a second board, 200 mm beside the first, and no corner of it where the first has it."""
+    pose = mirrored_poses(WIDE, 1, tilt_deg=5.0, seed=3)[0]
+    beside = pose.copy()
+    beside[0, 3] += 200.0
+    shown, other = boards_of(default_layout, WIDE, pose), boards_of(default_layout, WIDE, beside)
+    mirror = max(other, key=lambda view: len(other[view]) * (view in shown))
+    boards = [(corners,) for view, corners in shown.items() if view != mirror]
+    found = dict(assign([*boards, (other[mirror],)], default_layout, WIDE))
+    assert set(found) == set(shown) - {mirror}
+    again = dict(assign([*boards, (shown[mirror],)], default_layout, WIDE))
+    assert set(again) == set(shown)
+
+
+def test_a_plain_board_is_numbered_as_in_the_largest_view(default_layout: Layout) -> None:
+    pose = mirrored_poses(PLAIN, 1, tilt_deg=10.0, seed=3)[0]
+    shown = boards_of(default_layout, PLAIN, pose)
+    whole = {view: corners for view, corners in shown.items() if len(corners) == len(PLAIN.corners_in_board_mm)}
+    assert len(whole) >= 2
+    boards = []
+    for number, corners in enumerate(whole.values()):
+        turned = Corners(corners.ids, corners.pixels[::-1])
+        boards.append((corners, turned) if number == 0 else (turned, corners))
+    found = assign(boards, default_layout, PLAIN)
+    rightly = [np.array_equal(corners.pixels, whole[view].pixels) for view, corners in found]
+    assert len(found) == len(whole)
+    assert all(rightly) or not any(rightly), "alike in all views"
+
+
+def test_nothing_is_given_to_nobody(default_layout: Layout) -> None:
+    assert assign([], default_layout, BOARD) == []
+    outside = Corners(np.arange(54), 5000.0 + 30.0 * np.random.default_rng(0).random((54, 2)))
+    assert assign([(outside,)], default_layout, BOARD) == []

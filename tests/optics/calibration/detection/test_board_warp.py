@@ -1,0 +1,79 @@
+"""The map from a board to a picture: exact for homographies, robust, and with true derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places, typical_cell_px
+from mirrorcam.optics.geometry.targets import Charuco
+
+PLACES = corner_places(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
+HOMOGRAPHY = np.array([[30.0, 3.0, 200.0], [-2.0, 28.0, 150.0], [0.002, -0.004, 1.0]])
+
+
+def projected(places: FloatArray) -> FloatArray:
+    lifted = np.column_stack([places, np.ones(len(places))]) @ HOMOGRAPHY.T
+    return lifted[:, :2] / lifted[:, 2:]
+
+
+def curved(places: FloatArray) -> FloatArray:
+    """A homography behind a lens with barrel distortion."""
+    pixels = projected(places)
+    off = pixels - [320.0, 240.0]
+    return pixels - 4e-7 * np.sum(off**2, axis=1, keepdims=True) * off
+
+
+def test_places_count_squares_from_the_top_left_of_the_print() -> None:
+    assert PLACES[0].tolist() == [1.0, 1.0]
+    assert PLACES[-1].tolist() == [9.0, 6.0]
+    assert len(PLACES) == 9 * 6
+
+
+@pytest.mark.parametrize("count", [4, 12, 54])
+def test_a_homography_is_reproduced(count: int) -> None:
+    some = np.random.default_rng(count).choice(54, count, replace=False) if count > 4 else np.array([0, 8, 45, 53])
+    warp = Warp.through(PLACES[some], projected(PLACES[some]))
+    assert warp is not None
+    np.testing.assert_allclose(warp.at(PLACES), projected(PLACES), atol=0.01)
+
+
+def test_fewer_than_four_points_have_no_warp() -> None:
+    assert Warp.through(PLACES[:3], projected(PLACES[:3])) is None
+
+
+def test_a_lens_is_followed_by_the_cubic_and_outliers_are_not() -> None:
+    pixels = curved(PLACES)
+    pixels[[5, 30]] += [9.0, -7.0]
+    warp = Warp.through(PLACES, pixels)
+    assert warp is not None
+    rest = np.linalg.norm(warp.at(PLACES) - curved(PLACES), axis=1)
+    assert rest.max() < 0.1
+    plain = Warp(warp.homography, warp.middle, warp.half, np.zeros((10, 2)))
+    assert np.linalg.norm(plain.at(PLACES) - curved(PLACES), axis=1).max() > 3.0 * rest.max()
+
+
+def test_derivatives_are_finite_differences() -> None:
+    warp = Warp.through(PLACES, curved(PLACES))
+    assert warp is not None
+    cells, bends = warp.shapes(PLACES)
+    h = 1e-4
+    for k, step in enumerate(np.eye(2) * h):
+        expected = (warp.at(PLACES + step) - warp.at(PLACES - step)) / (2.0 * h)
+        np.testing.assert_allclose(cells[:, :, k], expected, atol=0.01)
+    right = np.array([0.05, 0.0])
+    second = (warp.at(PLACES + right) + warp.at(PLACES - right) - 2.0 * warp.at(PLACES)) / 0.05**2
+    np.testing.assert_allclose(2.0 * bends[:, :, 0], second, atol=0.01)
+    expected = warp.expected(PLACES, curved(PLACES))
+    np.testing.assert_array_equal(expected.cells, cells)
+
+
+def test_points_behind_the_camera_have_no_pixel() -> None:
+    warp = Warp(HOMOGRAPHY, np.zeros(2), 1.0, np.zeros((10, 2)))
+    assert np.isnan(warp.at(np.array([[0.0, 300.0]]))).all()
+
+
+def test_the_typical_cell_is_the_scale_of_a_similarity() -> None:
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    assert typical_cell_px(PLACES, 17.0 * PLACES @ turn.T + 5.0) == pytest.approx(17.0)

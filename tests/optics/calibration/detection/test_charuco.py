@@ -1,0 +1,49 @@
+"""ChArUco boards in one image: named corners, and markers grouped into boards."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.calibration.detection.charuco import find_boards, groups, marker_places
+from mirrorcam.optics.geometry.targets import Charuco
+from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
+from tests.optics.synthetic import posed, render
+
+CHARUCO = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=11.25)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
+    layout = one_mirror() if mirrored else None
+    middle = np.array([20.0, 300.0, 80.0]) if mirrored else np.array([20.0, 0.0, 300.0])
+    pose = posed(CHARUCO, middle, np.array([10.0, -12.0, 6.0]), direct=not mirrored)
+    picture = render(CAMERA, layout, CHARUCO, pose, noise_grey=1.0)
+    (corners,) = find_boards(picture, CHARUCO, mirrored=mirrored, most=4)
+    assert len(corners) > 40
+    truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
+    assert rms(corners.pixels - truth) < 0.01
+    assert find_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
+
+
+def test_markers_lie_amid_the_white_squares() -> None:
+    places = marker_places(CHARUCO)
+    assert len(places) == 11 * 7 // 2
+    middles = places.mean(axis=1)
+    np.testing.assert_allclose(middles % 1.0, 0.5, atol=1e-6)
+    assert (np.floor(middles).sum(axis=1) % 2 == 1).all(), "the top-left square is black"
+    np.testing.assert_allclose(np.ptp(places, axis=1), 11.25 / 18.0, atol=1e-6)
+
+
+def test_markers_of_two_boards_fall_into_two_groups_and_misread_ones_into_none() -> None:
+    places = marker_places(CHARUCO)
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    near, far = 30.0 * places + [100.0, 50.0], 22.0 * places @ turn.T + [600.0, 80.0]
+    misread = np.roll(near[:4], 17, axis=0) + 300.0 * np.arange(4)[:, None, None]
+    found = groups(np.concatenate([places, places, places[10:14]]), np.concatenate([near, far, misread]))
+    count = len(places)
+    assert sorted(map(sorted, (part.tolist() for part in found))) == [
+        list(range(count)),
+        list(range(count, 2 * count)),
+    ]
+    assert groups(places[:0], near[:0]) == []

@@ -1,0 +1,97 @@
+"""Normal equations summed over groups are those of the dense Jacobian, and their step solves them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.normal_equations import (
+    Grouped,
+    NormalEquations,
+    normal_equations,
+    residuals_of,
+)
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import residuals, residuals_with_jacobians
+from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from tests.optics.calibration.solver.four_mirrors import MIRRORS, Scene, four_mirrors
+
+
+def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
+    """The Jacobian (2 n, g + 6 f) and the residuals (2 n,) of noisy corners, put together without groups."""
+    r, by_global, by_twist = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
+    frames = len(scene.truth.rig_from_board)
+    poses = np.zeros((len(r), 2, frames, 6))
+    for row, frame in enumerate(scene.clean.frame):
+        poses[row, :, frame] = by_twist[row]
+    columns = np.concatenate([by_global[:, :, model.free(MIRRORS)], poses.reshape(len(r), 2, -1)], axis=2)
+    return columns.reshape(2 * len(r), -1), r.ravel()
+
+
+def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
+    """The whole normal matrix and gradient."""
+    size, frames = len(normal.u), len(normal.v)
+    matrix = np.zeros((size + 6 * frames,) * 2)
+    matrix[:size, :size] = normal.u
+    for frame in range(frames):
+        rows = slice(size + 6 * frame, size + 6 * frame + 6)
+        matrix[rows, rows] = normal.v[frame]
+        matrix[rows, :size] = normal.w[frame]
+        matrix[:size, rows] = normal.w[frame].T
+    return matrix, np.concatenate([normal.gradient_global, normal.gradient_poses.ravel()])
+
+
+@pytest.fixture(scope="module", params=["joint", "curved plates and a free board"])
+def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
+    plain = request.param == "joint"
+    scene = four_mirrors(0 if plain else 3)
+    if not plain:
+        truth = replace(
+            scene.truth, thickness_mm=np.array([2.0, 0.0, 3.0, 2.0]), refractive_index=np.full(MIRRORS, 1.5)
+        )
+        scene = replace(scene, truth=truth)
+    return scene, Model(INTRINSIC_NAMES[:6], thickness=not plain, curvature=not plain, board=scene.board)
+
+
+def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[Scene, Model]) -> None:
+    scene, model = problem
+    grouped = Grouped.of(scene.noisy(0), model)
+    columns, r = dense(scene, model)
+    matrix, gradient = assembled(normal_equations(scene.truth, grouped, model))
+    scale = np.sqrt(np.diag(columns.T @ columns))
+    np.testing.assert_allclose(matrix / np.outer(scale, scale), columns.T @ columns / np.outer(scale, scale), atol=1e-9)
+    np.testing.assert_allclose(gradient / scale, columns.T @ r / scale, atol=1e-8)
+
+
+def test_the_undamped_step_solves_the_least_squares_problem(problem: tuple[Scene, Model]) -> None:
+    scene, model = problem
+    columns, r = dense(scene, model)
+    step_global, step_poses, predicted = normal_equations(scene.truth, Grouped.of(scene.noisy(0), model), model).step(
+        0.0
+    )
+    step = np.concatenate([step_global, step_poses.ravel()])
+    scale = np.sqrt(np.diag(columns.T @ columns))
+    expected = np.linalg.lstsq(columns / scale, -r, rcond=None)[0]
+    np.testing.assert_allclose(step * scale, expected, atol=1e-6 * np.abs(expected).max())
+    assert predicted == pytest.approx(r @ r - np.sum((r + columns @ step) ** 2), rel=1e-6)
+
+
+def test_weights_scale_the_rows(problem: tuple[Scene, Model]) -> None:
+    scene, model = problem
+    grouped = Grouped.of(scene.noisy(0), model)
+    once = normal_equations(scene.truth, grouped, model)
+    twice = normal_equations(scene.truth, grouped, model, np.full(len(scene.clean), 2.0))
+    np.testing.assert_allclose(twice.u, 4.0 * once.u)
+    np.testing.assert_allclose(twice.gradient_poses, 4.0 * once.gradient_poses)
+
+
+def test_grouped_residuals_are_the_residuals_in_the_groups_order(problem: tuple[Scene, Model]) -> None:
+    scene, model = problem
+    seen = scene.noisy(1)
+    grouped = Grouped.of(seen, model)
+    expected = residuals(scene.truth, seen, model.board)[grouped.order].T
+    np.testing.assert_allclose(residuals_of(scene.truth, grouped, model), expected, atol=1e-9)
+    np.testing.assert_array_equal(np.sort(grouped.order), np.arange(len(seen)))

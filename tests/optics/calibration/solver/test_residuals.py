@@ -1,0 +1,108 @@
+"""Residuals and their derivatives, and the shapes that a board can have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.calibration.solver.residuals import (
+    Board,
+    Estimate,
+    global_names,
+    points_at_camera,
+    residuals,
+    residuals_with_jacobians,
+)
+from mirrorcam.optics.geometry.mirror import reflect
+from tests.optics.calibration.solver.four_mirrors import MIRRORS, four_mirrors
+
+MIRROR_KINDS = {
+    "plain": ((0.0, 0.0, 0.0, 0.0), 0.0),
+    "plates": ((2.0, 3.0, 0.0, 2.0), 0.0),
+    "bent": ((0.0, 0.0, 0.0, 0.0), 0.4),
+    "bent plates": ((2.0, 3.0, 0.0, 2.0), 0.4),
+}
+
+
+@pytest.mark.parametrize("kind", MIRROR_KINDS)
+@pytest.mark.parametrize("modes", [0, 3])
+def test_derivatives_agree_with_finite_differences(modes: int, kind: str) -> None:
+    scene = four_mirrors(modes)
+    seen = scene.clean
+    thickness, bend = MIRROR_KINDS[kind]
+    at = replace(
+        scene.truth,
+        thickness_mm=np.array(thickness),
+        refractive_index=np.array([1.49, 1.52, 1.6, 1.49]),
+        curvature_per_m=bend * np.random.default_rng(1).normal(size=(MIRRORS, 3)),
+        middles_in_rig_mm=scene.truth.virtual_centres_in_rig_mm / 2.0 + [3.0, -4.0, 5.0],
+    )
+    r, by_global, by_twist = residuals_with_jacobians(at, seen, scene.board)
+    np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
+    frames = len(at.rig_from_board)
+    names = global_names(MIRRORS, modes)
+    assert by_global.shape[2] == len(names)
+
+    def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
+        ahead = residuals(at.moved(h * step, h * twists), seen, scene.board)
+        back = residuals(at.moved(-h * step, -h * twists), seen, scene.board)
+        return (ahead - back) / (2 * h)
+
+    for k, name in enumerate(names):
+        h = 1e-6 if 4 <= k < 9 else 1e-4
+        found = difference(np.eye(len(names))[k], np.zeros((frames, 6)), h)
+        assert (np.abs(found).max() > 1e-3) == (name != "sheet_mm" or "plates" in kind), name
+        scale = max(1.0, float(np.abs(found).max()))
+        np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
+    for k in range(6):
+        found = difference(np.zeros(len(names)), np.tile(np.eye(6)[k], (frames, 1)), 1e-5)
+        np.testing.assert_allclose(by_twist[:, :, k], found, atol=1e-6 * np.abs(found).max())
+
+
+def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
+    corners = np.array([[x, y, 0.0] for y in range(4) for x in range(5)])
+    board = Board.free(corners)
+    assert board.modes.shape == (3 * 20 - 7, 20, 3)
+    flat = board.modes.reshape(-1, 60)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(53), atol=1e-12)
+    centred = corners - corners.mean(axis=0)
+    for gauge in (np.tile([0.0, 1.0, 0.0], (20, 1)), np.cross([0.2, 0.5, 1.0], centred), centred):
+        np.testing.assert_allclose(flat @ gauge.ravel(), 0.0, atol=1e-12)
+
+
+def test_a_bowed_board_is_bowed_by_its_sag_at_the_edge() -> None:
+    corners = np.array([[x, y, 0.0] for y in range(5) for x in range(9)]) * 20.0 + [20.0, 20.0, 0.0]
+    bowed = Board.warped(corners).shaped(np.array([0.5, -0.2]))[:, 2].reshape(5, 9)
+    np.testing.assert_allclose(bowed[2, [0, 4, 8]], [0.5, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(bowed[[0, 4], 4], -0.2, atol=1e-12)
+
+
+def test_a_corner_is_seen_where_its_plane_mirror_reflects_it() -> None:
+    scene = four_mirrors()
+    _, in_rig, seen = points_at_camera(scene.truth, scene.clean, scene.board)
+    direct = scene.clean.view == DIRECT
+    np.testing.assert_array_equal(seen[direct], in_rig[direct])
+    for mirror, centre in enumerate(scene.truth.virtual_centres_in_rig_mm):
+        rows = scene.clean.view == mirror
+        np.testing.assert_allclose(seen[rows], reflect(in_rig[rows], centre), atol=1e-9)
+
+
+def test_a_step_of_nothing_changes_nothing_and_plates_change_together() -> None:
+    scene = four_mirrors(2)
+    at = replace(scene.truth, thickness_mm=np.array([2.0, 0.0, 3.0, 0.0]), refractive_index=np.full(4, 1.5))
+    nothing = np.zeros(len(global_names(MIRRORS, 2)))
+    same = at.moved(nothing, np.zeros((14, 6)))
+    np.testing.assert_allclose(same.rig_from_board, at.rig_from_board, atol=1e-15)
+    np.testing.assert_array_equal(same.camera.intrinsics, at.camera.intrinsics)
+    nothing[list(global_names(MIRRORS, 2)).index("sheet_mm")] = 0.25
+    np.testing.assert_allclose(at.moved(nothing, np.zeros((14, 6))).thickness_mm, [2.25, 0.0, 3.25, 0.0])
+
+
+def test_an_estimate_refuses_shapes_that_do_not_match() -> None:
+    truth = four_mirrors().truth
+    with pytest.raises(ValueError, match=r"thickness_mm has shape \(3,\), expected \(4,\)"):
+        Estimate(truth.camera, truth.virtual_centres_in_rig_mm, truth.rig_from_board, thickness_mm=np.ones(3))
