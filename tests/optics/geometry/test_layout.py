@@ -244,25 +244,6 @@ def test_a_file_that_breaks_off_or_is_missing_is_refused(tmp_path: Path, parabol
         Layout.load(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"rows": 1, "cols": 1}, "rows x cols is 1, expected at least two mirrors"),
-        ({"depths_mm": (300.0, -1.0)}, "expected positive depths"),
-        ({"depths_mm": (300.0, 300.0)}, "names a depth twice"),
-        ({"depths_mm": ()}, "at least 1 item"),
-        ({"depths_mm": (NAN,)}, "finite number"),
-        ({"tradeoff": 1.1}, "less than or equal to 1"),
-        ({"spacing_mm": -0.1}, "greater than or equal to 0"),
-        ({"scale_mm": 0.0}, "greater than 0"),
-        ({"scale": 80.0}, "Extra inputs"),
-    ],
-)
-def test_requests_that_mean_nothing_are_refused(fields: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        DesignSpec(**fields)
-
-
 def test_second_surface_mirrors_are_seen_where_they_look(parabola_layout: Layout) -> None:
     slabs = tuple(
         Mirror.second_surface(m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 CORNERS = np.array([[-9.0, -7.0, 73.0], [9.0, -7.0, 73.0], [8.0, 6.0, 86.0], [0.0, 9.0, 89.0], [-8.0, 6.0, 86.0]])
@@ -54,3 +55,13 @@ def test_a_point_is_inside_where_it_is_between_the_faces_and_within_the_outline(
     for height_mm, inside in ((0.1, False), (-0.1, True), (-1.9, True), (-2.1, False)):
         assert (normals @ (middle + height_mm * of.normal_in_rig) <= offsets).all() == inside
     assert not (normals @ (CORNERS[0] - [1.0, 0.0, 0.0] - of.normal_in_rig) <= offsets).all()
+
+
+def test_half_spaces_of_a_designed_mirror_hold_its_corners(default_layout: Layout) -> None:
+    for surface in ("first", "second"):
+        mirror = default_layout.mirrors[2].replaced(surface=surface, thickness_mm=3.0)
+        normals, offsets = mirror.solid.half_spaces
+        heights = mirror.solid.corners_in_rig_mm @ normals.T - offsets
+        assert heights.max() < 1e-6
+        # Each corner of a prism lies on three faces.
+        np.testing.assert_array_equal(np.sum(np.abs(heights) < 1e-6, axis=1), 3)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from shapely import Polygon
@@ -13,12 +11,6 @@ from mirrorcam.optics.design.assess import chief_rays
 from mirrorcam.optics.design.assess.chief_rays import blocked_light, sampled, traced
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import (
-    hull_distance,
-    pairs_closer_than,
-    smallest_gap_mm,
-    stacked,
-)
 
 COARSE = 12
 
@@ -105,21 +97,6 @@ def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout:
     # Lines of its light made longer backwards, to the depth of the scene, would meet this one.
     beyond = centre.moved(np.eye(3), np.array([0.0, 60.0, 0.0]))
     assert all(found.leg == "in" for found in blocked_light((away, beyond), 500.0) if found.mirror == 0)
-
-
-def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
-    sheets = [mirror.solid.corners_in_rig_mm for mirror in default_layout.mirrors]
-    gaps = {(i, j): hull_distance(sheets[i], sheets[j]) for i, j in combinations(range(len(sheets)), 2)}
-    assert smallest_gap_mm(default_layout) == min(gaps.values())
-    for gap_mm in (0.5, 1.2, 5.0, 30.0):
-        assert pairs_closer_than(default_layout.mirrors, gap_mm) == sorted(p for p, gap in gaps.items() if gap < gap_mm)
-    assert len(pairs_closer_than(default_layout.mirrors, 30.0)) > 10
-
-
-def test_bodies_of_different_numbers_of_corners_stack() -> None:
-    both = stacked([np.eye(3), np.arange(6.0).reshape(2, 3)])
-    assert both.shape == (2, 3, 3)
-    assert (both[1, 2] == both[1, 1]).all()
 
 
 def test_light_goes_as_far_as_the_depth_along_the_view_axis(default_layout: Layout) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
-from shapely import Polygon, contains_xy
+from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.design.assess.layout_metrics import FARTHEST_MM, evaluate, fitted_grid, grid_error
@@ -14,34 +14,14 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola, mirrors_of
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.mirror_gaps import hull_distance, smallest_gap_mm
-from mirrorcam.optics.geometry.sub_images import common_region, pixel_efficiency
-
-DEPTH_MM = 300.0
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.sub_images import common_region
+from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing, two_rectangles
 
 
-def mirror_seeing(rectangle: tuple[float, float, float, float], height_mm: float, across_mm: float = 0.0) -> Mirror:
-    """A mirror with the virtual centre (across, -height, height) that sees just x0..x1, z0..z1 of the plane y = 300 mm.
-
-    In the middle, where across is 0, it stands at 45 degrees and its image is upright.
-    """
-    x0, x1, z0, z1 = rectangle
-    centre = np.array([across_mm, -height_mm, height_mm])
-    scene = np.array([[x0, DEPTH_MM, z0], [x1, DEPTH_MM, z0], [x1, DEPTH_MM, z1], [x0, DEPTH_MM, z1]])
-    image = reflect(scene, centre)
-    normalized = image[:, :2] / image[:, 2:]
-    rays = np.column_stack([normalized, np.ones(4)])
-    outline = rays * (0.5 * centre @ centre / (rays @ centre))[:, None]
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline)
-
-
-@pytest.fixture
-def two_rectangles() -> Layout:
-    """Two parallel views from different heights whose fields share 50 mm x 15 mm."""
-    upper = mirror_seeing((-40.0, 30.0, 90.0, 160.0), 80.0)
-    lower = mirror_seeing((-20.0, 50.0, 20.0, 105.0), 100.0)
-    return Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper))
+@pytest.fixture(name="two_rectangles")
+def _two_rectangles() -> Layout:
+    return two_rectangles()
 
 
 def grid_layout(shifts_mm: FloatArray) -> Layout:
@@ -89,32 +69,6 @@ def test_one_mirror_sees_all_that_it_sees() -> None:
     assert "smallest_gap_mm" not in metrics
 
 
-def test_what_the_sensor_cuts_off_does_not_count() -> None:
-    wide = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-400, 400, 60, 120), 80.0),))
-    assert pixel_efficiency(wide, DEPTH_MM) == pytest.approx(60.0 * 1360.38 / 380.0 / 1080.0)
-
-
-@pytest.mark.parametrize("fold_deg", [80.0, 90.0, 105.0])
-def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg: float) -> None:
-    camera = Camera.c920().replaced(distortion=[0.08, -0.15, 0.001, -0.002, 0.02])
-    cosine, sine = np.cos(np.radians(fold_deg)), np.sin(np.radians(fold_deg))
-    across, down, axis = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
-    layout = faceted_parabola(DesignSpec(camera=camera)).replaced(view_from_rig=np.array([across, down, axis]))
-    region, _ = common_region(layout, 500.0)
-    step = 4
-    pixels = np.stack(np.meshgrid(np.arange(1.5, 1920, step), np.arange(1.5, 1080, step)), axis=-1).reshape(-1, 2)
-    rays = camera.unproject(pixels)
-    seeing = np.zeros(len(pixels), dtype=bool)
-    for mirror in layout.mirrors:
-        on_mirror = mirror.cut(rays[:, :2])
-        leaving = on_mirror - mirror.virtual_centre_in_rig_mm
-        at = on_mirror + leaving * ((500.0 - on_mirror @ axis) / (leaving @ axis))[:, None]
-        here = contains_xy(Polygon(mirror.outline_normalized), rays[:, :2])
-        seeing |= here & contains_xy(region, at @ across, at @ down)
-    assert seeing.mean() > 0.01
-    assert pixel_efficiency(layout, 500.0) == pytest.approx(seeing.mean(), abs=5e-4)
-
-
 def test_a_perfect_grid_has_no_error() -> None:
     layout = grid_layout(np.zeros((4, 3)))
     assert grid_error(layout) < 1e-12
@@ -152,49 +106,6 @@ def test_grid_error_takes_the_best_rectangular_grid() -> None:
 def test_grid_error_is_the_same_at_any_scale() -> None:
     errors = [grid_error(faceted_parabola(DesignSpec(scale_mm=s, spacing_mm=s / 80))) for s in (40.0, 80.0)]
     assert errors[0] == pytest.approx(errors[1], abs=1e-3)
-
-
-CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-
-
-@pytest.mark.parametrize(
-    ("shift", "distance"),
-    [
-        ((3, 0.2, 0.1), 2.0),
-        ((2, 2, 0), np.sqrt(2)),
-        ((2, 2, 2), np.sqrt(3)),
-        ((0.5, 0.5, 0.5), 0.0),
-        ((1e3, 0, 0), 999.0),
-    ],
-)
-def test_distance_between_cubes(shift: tuple[float, float, float], distance: float) -> None:
-    assert hull_distance(CUBE, CUBE + np.array(shift)) == pytest.approx(distance, abs=1e-9)
-
-
-def test_gap_between_crossing_edges() -> None:
-    along_x, along_y = np.array([[-1.0, 0, 0], [1, 0, 0]]), np.array([[0, -1.0, 0.7], [0, 1, 0.7]])
-    assert hull_distance(along_x, along_y) == pytest.approx(0.7)
-
-
-def test_smallest_gap_counts_the_thickness_of_sheets() -> None:
-    # Two coplanar mirrors: the gap is that of their outlines, whatever the thickness. Once the planes lean towards
-    # each other at the back, thicker sheets come closer there.
-    flat = Layout(
-        rows=1,
-        cols=2,
-        camera=Camera.c920(),
-        mirrors=(mirror_seeing((-60, -19, 60, 120), 80.0), mirror_seeing((19, 60, 60, 120), 80.0)),
-    )
-    gap_mm = 2.0 * 19.0 / 380.0 * float(flat.mirrors[0].outline_in_rig_mm[:, 2].min())
-    assert smallest_gap_mm(flat) == pytest.approx(gap_mm)
-    assert smallest_gap_mm(with_thickness(flat, 4.0)) == pytest.approx(gap_mm)
-    parabola = faceted_parabola(DesignSpec(rows=1, cols=2, spacing_mm=3.0))
-    in_front = [mirror.replaced(surface="second") for mirror in with_thickness(parabola, 4.0).mirrors]
-    assert hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
-
-
-def with_thickness(layout: Layout, thickness_mm: float) -> Layout:
-    return layout.replaced(mirrors=tuple(mirror.replaced(thickness_mm=thickness_mm) for mirror in layout.mirrors))
 
 
 def test_views_in_one_place_are_no_grid(two_rectangles: Layout) -> None:

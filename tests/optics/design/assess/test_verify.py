@@ -233,16 +233,6 @@ def test_every_figure_of_a_verdict_has_its_words(default_layout: Layout) -> None
             require_passed({name: metric.replaced(value=limit + 1.0 if metric.lower_is_better else limit - 1.0)})
 
 
-def test_half_spaces_hold_the_sheet(default_layout: Layout) -> None:
-    for surface in ("first", "second"):
-        mirror = default_layout.mirrors[2].replaced(surface=surface, thickness_mm=3.0)
-        normals, offsets = mirror.solid.half_spaces
-        heights = mirror.solid.corners_in_rig_mm @ normals.T - offsets
-        assert heights.max() < 1e-6
-        # Each corner of a prism lies on three faces.
-        assert_allclose(np.sum(np.abs(heights) < 1e-6, axis=1), 3)
-
-
 def test_length_of_segments_inside_a_box() -> None:
     normals = np.concatenate([np.eye(3), -np.eye(3)])
     offsets = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
