@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.exports.numbers import numbers
+from mirrorcam.optics.base.number_text import numbers
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.camera import Camera
 

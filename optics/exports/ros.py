@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from mirrorcam.optics.base.number_text import number, numbers
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.exports.numbers import number, numbers
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 
 

@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.optics.base.number_text import numbers
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.exports.numbers import numbers
 from mirrorcam.optics.exports.ros import frame_id
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 

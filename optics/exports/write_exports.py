@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import read_image, write_image, write_text
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.exports.colmap_rig import rig_config, sparse_model
+from mirrorcam.optics.exports.colmap_cameras import rig_cameras
 from mirrorcam.optics.exports.kalibr import camchain_yaml, radtan
 from mirrorcam.optics.exports.nearest_pinhole import DISTANCES_MM
 from mirrorcam.optics.exports.nerfstudio_views import transforms_json
@@ -18,6 +18,7 @@ from mirrorcam.optics.exports.opencv import opencv_yaml
 from mirrorcam.optics.exports.ros import camera_info_yaml
 from mirrorcam.optics.exports.urdf import urdf
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.geometry.colmap_rig import rig_config, sparse_model
 from mirrorcam.optics.geometry.layout import Layout
 
 PICTURE = "0000.png"
@@ -40,8 +41,9 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     write_text(folder / "mirrorcam_calibrated.urdf", urdf(views))
     for view in views:
         write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
-    write_text(colmap / "rig_config.json", rig_config(views, layout.central_index))
-    for name, text in sparse_model(views, layout.central_index, (names or [PICTURE])[0]).items():
+    cameras = rig_cameras(views)
+    write_text(colmap / "rig_config.json", rig_config(cameras, layout.central_index))
+    for name, text in sparse_model(cameras, layout.central_index, (names or [PICTURE])[0]).items():
         write_text(colmap / "sparse" / name, text)
     write_text(nerfstudio / "transforms.json", transforms_json(views, layout.view_from_rig))
     for view in views:

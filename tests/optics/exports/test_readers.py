@@ -19,7 +19,6 @@ from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.exports import virtual_cameras, write_exports
 from mirrorcam.optics.exports.kalibr import radtan
-from mirrorcam.optics.exports.numbers import number
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.exports.conftest import TOLERANCE_PX, Case, seen_through, without_k3
 
@@ -267,15 +266,6 @@ def test_the_same_layout_makes_the_same_bytes(case: Case, tmp_path: Path) -> Non
     assert len(files) > 10
     for path in files:
         assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes()
-
-
-def test_numbers_stay_numbers_in_yaml() -> None:
-    values = [1e-05, -3.25e-17, 1e22, 0.1, -0.0, 1360.38, 5.0]
-    read = yaml.safe_load("[" + ", ".join(number(value) for value in values) + "]")
-    assert all(type(value) is float for value in read)
-    assert read == values
-    # What this is about: PyYAML takes Python's own text of the first for a string.
-    assert isinstance(yaml.safe_load(repr(values[0])), str)
 
 
 def test_a_picture_of_another_size_is_refused(case: Case, tmp_path: Path) -> None:

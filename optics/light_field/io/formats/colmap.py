@@ -1,20 +1,21 @@
 """COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame without points.
 
-COLMAP puts the centre of the top-left pixel at (0.5, 0.5). It drops cameras whose principal point lies outside their
+COLMAP drops cameras whose principal point lies outside their
 picture, where views of mirrors often have it, so the pictures get margins, which the masks leave out.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
@@ -22,7 +23,6 @@ from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
-HALF_PIXEL = 0.5
 ROOM_PX = 1.0
 """By how much principal points stay away from the edge."""
 
@@ -36,21 +36,6 @@ def margins(views: Views) -> tuple[int, int, int, int]:
     return int(before[0]), int(before[1]), int(after[0]), int(after[1])
 
 
-def _pose(view_from_world: FloatArray, centre_mm: FloatArray) -> str:
-    """Quaternion w, x, y, z and translation in metres, as COLMAP writes them."""
-    quaternion = Rotation.from_matrix(view_from_world).as_quat(canonical=True, scalar_first=True)
-    return _numbers([*quaternion, *(-view_from_world @ centre_mm / 1000.0)])
-
-
-def _numbers(values: Any) -> str:
-    # Adding zero takes the sign from a zero.
-    return " ".join(repr(float(value) + 0.0) for value in values)
-
-
-def _text(header: str, lines: list[str]) -> str:
-    return "".join(f"{line}\n" for line in [f"# {header}", *lines])
-
-
 def write_colmap(folder: Path, light_field: LightField) -> None:
     """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
 
@@ -59,49 +44,23 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
     """
     views = light_field
     left, top, right, bottom = margins(views)
-    width, height = views.width_px + left + right, views.height_px + top + bottom
-    centres, turn = centres_in_rig_mm(views), views.view_from_rig
-    reference = tuple(np.argwhere((views.positions_mm == 0).all(axis=2))[0])
-    joint = views.rows * views.cols + 1
-    cameras, images = [], []
-    sensors: list[str] = []
-    config: list[dict[str, Any]] = []
-    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols), start=1):
+    around = ((top, bottom), (left, right))
+    size = views.width_px + left + right, views.height_px + top + bottom
+    rotation, centres = views.view_from_rig, centres_in_rig_mm(views)
+    cameras = []
+    for t, s in np.ndindex(views.rows, views.cols):
         name, matrix = view_name(t, s), views.matrices[t, s]
-        cx, cy = matrix[0, 2] + left + HALF_PIXEL, matrix[1, 2] + top + HALF_PIXEL
-        parameters = [float(value) for value in (matrix[0, 0], matrix[1, 1], cx, cy)]
-        around = ((top, bottom), (left, right))
         weights = np.pad(weight_bytes(views.weights[t, s]), around)
         write_image(folder / "images" / name / PICTURE, np.pad(rgb(views.samples[t, s]), (*around, (0, 0))))
         write_image(folder / "masks" / name / f"{PICTURE}.png", np.where(weights > 0, 255, 0).astype(np.uint8))
-        cameras.append(f"{number} PINHOLE {width} {height} {_numbers(parameters)}")
-        images.append(f"{number} {_pose(turn, centres[t, s])} {number} {name}/{PICTURE}\n")
-        offset = views.positions_mm[t, s]
-        if (t, s) == reference:
-            sensors.insert(0, f"{joint} {joint - 1} CAMERA {number}")
-            place: dict[str, Any] = {"ref_sensor": True}
-        else:
-            sensors.append(f"CAMERA {number} 1 {_pose(np.eye(3), offset)}")
-            place = {
-                "cam_from_rig_rotation": [1.0, 0.0, 0.0, 0.0],
-                "cam_from_rig_translation": (-offset / 1000.0 + 0.0).tolist(),
-            }
-        model = {"camera_model_name": "PINHOLE", "camera_params": parameters}
-        # COLMAP wants the reference first.
-        config.insert(0 if "ref_sensor" in place else len(config), {"image_prefix": f"{name}/", **place, **model})
-    data = " ".join(f"CAMERA {number} {number}" for number in range(1, joint))
-    frame = f"{joint} {joint} {_pose(turn, centres[reference])} {joint - 1} {data}"
-    rigs = "RIG_ID NUM_SENSORS REF_TYPE REF_ID (TYPE ID HAS_POSE QW QX QY QZ TX TY TZ)[]"
-    frames = "FRAME_ID RIG_ID QW QX QY QZ TX TY TZ NUM_DATA (TYPE SENSOR_ID DATA_ID)[]"
-    sparse = {
-        "cameras.txt": _text("CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]", cameras),
-        "rigs.txt": _text(rigs, [" ".join(sensors)]),
-        "frames.txt": _text(frames, [frame]),
-        "images.txt": _text("IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points", images),
-        "points3D.txt": _text("POINT3D_ID X Y Z R G B ERROR TRACK[]", []),
-    }
-    write_text(folder / "rig_config.json", json.dumps([{"cameras": config}], indent=1, allow_nan=False) + "\n")
-    for name, text in sparse.items():
+        cx, cy = matrix[0, 2] + left + HALF_PIXEL, matrix[1, 2] + top + HALF_PIXEL
+        parameters = [float(value) for value in (matrix[0, 0], matrix[1, 1], cx, cy)]
+        camera_from_rig = rigid(rotation, -rotation @ centres[t, s])
+        cameras.append(RigCamera(name, "PINHOLE", *size, parameters, camera_from_rig))
+    t, s = reference_index(views)
+    reference = t * views.cols + s
+    write_text(folder / "rig_config.json", rig_config(cameras, reference))
+    for name, text in sparse_model(cameras, reference, PICTURE).items():
         write_text(folder / "sparse" / name, text)
     write_views(folder / VIEWS, views, channels=views.samples.shape[-1], margins=[left, top, right, bottom])
 

@@ -1,7 +1,6 @@
 """nerfstudio's `transforms.json` and pictures of the views, in metres.
 
-nerfstudio puts the centre of the top-left pixel at (0.5, 0.5), has cameras look along their -z with y up, and takes the
-world's z for up. The world is at the pupil: x right, y to the scene, z up.
+The world is at the pupil: x right, y to the scene, z up.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import numpy as np
 
 from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_json
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
@@ -22,36 +22,20 @@ from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_
 from mirrorcam.optics.light_field.light_field import LightField
 
 TRANSFORMS = "transforms.json"
-HALF_PIXEL = 0.5
-FLIP = np.diag([1.0, -1.0, -1.0])
-"""Axes of OpenCV's cameras from those of OpenGL's, and back."""
-WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def write_nerfstudio(folder: Path, light_field: LightField) -> None:
     """Write a light field as a dataset of nerfstudio; masks are 255 where there are samples."""
     views, frames = light_field, []
-    centres_m = centres_in_rig_mm(views) @ views.view_from_rig.T @ WORLD_FROM_VIEW.T / 1000.0
+    centres_mm = centres_in_rig_mm(views) @ views.view_from_rig.T @ WORLD_FROM_VIEW.T
     for t, s in np.ndindex(views.rows, views.cols):
-        name = f"{view_name(t, s)}.png"
-        write_image(folder / "images" / name, rgb(views.samples[t, s]))
-        write_image(folder / "masks" / name, weight_bytes(views.weights[t, s]))
-        world_from_camera = rigid(WORLD_FROM_VIEW @ FLIP, centres_m[t, s])
-        matrix = views.matrices[t, s]
-        frames.append(
-            {
-                "file_path": f"images/{name}",
-                "mask_path": f"masks/{name}",
-                "w": views.width_px,
-                "h": views.height_px,
-                "fl_x": matrix[0, 0],
-                "fl_y": matrix[1, 1],
-                "cx": matrix[0, 2] + HALF_PIXEL,
-                "cy": matrix[1, 2] + HALF_PIXEL,
-                **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
-                "transform_matrix": world_from_camera.tolist(),
-            }
-        )
+        name, matrix = view_name(t, s), views.matrices[t, s]
+        write_image(folder / "images" / f"{name}.png", rgb(views.samples[t, s]))
+        write_image(folder / "masks" / f"{name}.png", weight_bytes(views.weights[t, s]))
+        focal, centre = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2])
+        world_from_camera = rigid(WORLD_FROM_VIEW, centres_mm[t, s])
+        undistorted = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
+        frames.append(frame(name, (views.width_px, views.height_px), focal, centre, world_from_camera, undistorted))
     write_views(folder / VIEWS, views, channels=views.samples.shape[-1])
     write_json(folder / TRANSFORMS, {"camera_model": "OPENCV", "frames": frames})
 
@@ -84,7 +68,7 @@ def read_nerfstudio(folder: Path) -> LightField:
     views: Any = own[0] if own else None
     if views is None:
         centres_mm = 1000.0 * transforms[:, :3, 3].reshape(rows, cols, 3)
-        view_from_world = (transforms[0, :3, :3] @ FLIP).T
+        view_from_world = (transforms[0, :3, :3] @ OPENCV_FROM_OPENGL[:3, :3]).T
         views = views_of_pinholes(centres_mm, view_from_world, matrices.reshape(rows, cols, 3, 3), size, str(path))
     pictures, masks = [], []
     for each in order:

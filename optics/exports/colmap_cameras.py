@@ -1,0 +1,24 @@
+"""COLMAP: every mirror as a camera of one rig.
+
+COLMAP drops cameras whose principal point lies outside their image, so the images are whole flipped frames, and masks
+say what belongs to a view.
+"""
+
+from __future__ import annotations
+
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera
+
+
+def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[RigCamera, ...]:
+    """The views as cameras of a rig; the world is the rig frame.
+
+    FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, the last three zero here.
+    """
+    cameras = []
+    for view in views:
+        fx, fy, cx, cy, *distortion = (float(value) for value in view.camera.intrinsics)
+        parameters = (fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, *distortion, 0.0, 0.0, 0.0)
+        size = view.camera.width_px, view.camera.height_px
+        cameras.append(RigCamera(view.name, "FULL_OPENCV", *size, parameters, view.camera_from_rig))
+    return tuple(cameras)
