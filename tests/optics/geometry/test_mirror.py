@@ -212,3 +212,23 @@ def test_a_mirror_survives_json_to_the_bit() -> None:
     back = Mirror.model_validate_json(one.model_dump_json())
     assert back == one
     assert back.outline_in_rig_mm.tobytes() == one.outline_in_rig_mm.tobytes()
+
+
+SADDLE = (0.25, -0.2, 0.15)
+
+
+def test_a_mirror_moved_as_a_body_bends_as_before() -> None:
+    bent = mirror(1.5 * np.array(QUAD), curvature_per_m=SADDLE)
+    turn = Rotation.from_rotvec([0.02, -0.03, 0.25]).as_matrix()
+    shift = np.array([0.4, -0.3, 0.8])
+    moved = bent.moved(turn, shift)
+    corners = bent.outline_in_rig_mm
+    np.testing.assert_allclose(moved.sag_mm(moved.outline_in_rig_mm), bent.sag_mm(corners), atol=1e-12)
+    assert np.abs(bent.sag_mm(corners)).max() > 0.02
+    assert np.abs(moved.curvature_per_m - bent.curvature_per_m).max() > 0.01
+
+
+def test_a_flat_mirror_is_filed_as_it_was_before_mirrors_could_bend() -> None:
+    assert "curvature" not in mirror().model_dump_json()
+    bent = mirror(curvature_per_m=(0.0, 0.35, 0.0))
+    assert Mirror.model_validate_json(bent.model_dump_json()) == bent
