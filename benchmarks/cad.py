@@ -25,10 +25,10 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.slicer import slicer_version
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 LIMITS_S = {9: 40.0, 25: 120.0}

@@ -20,13 +20,13 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from mirrorcam.figures.sweep_figure import pareto
+from mirrorcam.optics.base.worker_pool import Died, cores
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import outcome_of, sweep, table_of, write_table
 from mirrorcam.workflow.sweep_run import design_here
 from mirrorcam.workflow.sweep_work import Answer
-from mirrorcam.workflow.workers import Died, cores
 
 Level = TypeVar("Level")
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -30,7 +31,6 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
-from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 TILT_DEG = 2.0

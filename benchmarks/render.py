@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.worker_pool import cores, run_local
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -33,7 +34,6 @@ from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, ren
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
-from mirrorcam.workflow.workers import cores, run_local
 
 LIMIT_S = 0.1
 TIMES_FASTER = 10.0

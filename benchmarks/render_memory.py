@@ -14,13 +14,13 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.pipeline import scaled
 from mirrorcam.workflow.rendering import in_workers
-from mirrorcam.workflow.workers import cores
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.process_pool import crew
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -55,17 +54,15 @@ def build_parts(
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
     device = plan_device(layout, hardware)
-    # The kernel takes seconds to import: this process does it while the others start.
-    with crew(workers) as executor:
-        with _extra_installed():
-            from mirrorcam.cad.device_files import write_device
-            from mirrorcam.cad.holder.holder_solid import check_gaps
-        check_gaps(layout, hardware)
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-        return write_device(device, out, previous, executor, progress)
+    with _extra_installed():
+        from mirrorcam.cad.device_files import write_device
+        from mirrorcam.cad.holder.holder_solid import check_gaps
+    check_gaps(layout, hardware)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
+    return write_device(device, out, previous, workers, progress)
 
 
 @contextmanager

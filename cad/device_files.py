@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from pathlib import Path
 
 from mirrorcam.cad.assembly.catalogue import parts_of
@@ -17,7 +16,6 @@ from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.process_pool import Task, results
 from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.robot_link import write_robot
@@ -25,15 +23,19 @@ from mirrorcam.cad.write.step_assembly import write_assembly
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.base.worker_pool import Call, call_all
 from mirrorcam.optics.geometry.layout import Layout
+
+# What takes seconds to load, with the CAD kernel.
+KERNEL = ("mirrorcam.cad.device_files",)
 
 
 def write_device(
-    device: Device, out: Path, previous: Path | None, executor: Executor | None, progress: Progress
+    device: Device, out: Path, previous: Path | None, workers: int, progress: Progress
 ) -> dict[str, Metric]:
     """Write everything into `out`; returns the checks by what they are of: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
-    made: list[Task] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
+    made: list[Call] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
     done, total = 0, len(made) + 3
 
     def step() -> None:
@@ -41,18 +43,22 @@ def write_device(
         done += 1
         progress(done, total)
 
-    *parts, sheets = results(
-        executor, [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))], step
+    *parts, sheets = call_all(
+        [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))],
+        workers,
+        step,
+        preload=KERNEL,
     )
     pieces = pieces_of(device, parts)
     write_glb(out / "assembly.glb", pieces)
     pictures = pictures_of(device, parts, pieces)
-    drawn: list[Task] = [(write_picture, (out, picture)) for picture in pictures]
+    drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     total += len(drawn)
-    checks, *_ = results(
-        executor,
+    checks, *_ = call_all(
         [(check_device, (device, parts, out)), (write_assembly, (out / "assembly.step", device, parts)), *drawn],
+        workers,
         step,
+        preload=KERNEL,
     )
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}

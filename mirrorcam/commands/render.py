@@ -120,10 +120,10 @@ def run(options: RenderOptions) -> int:
     finish = SurfaceFinish() if options.finish is None else read_model(SurfaceFinish, options.finish)
     settings = settings_of(options, sensor, finish)
     require("render")
+    from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.render_scenes.sets.dataset import MANIFEST
     from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
     from mirrorcam.workflow.rendering import in_workers, on_cluster
-    from mirrorcam.workflow.workers import cores
 
     request = SetRequest(
         layout=layout,

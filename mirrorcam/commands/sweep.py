@@ -98,8 +98,8 @@ class SweepOptions(Value):
 
 def _runner(options: SweepOptions) -> tuple[Runner, str]:
     """Who does the work, and how people call it."""
+    from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
-    from mirrorcam.workflow.workers import cores
 
     if options.scheduler is not None:
         return partial(design_on_cluster, address=options.scheduler), f"the workers of {options.scheduler}"

@@ -10,6 +10,7 @@ from mirrorcam.figures.calibration_figure import residual_figure
 from mirrorcam.optics.base.files import pictures_in, read_image, write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -18,7 +19,6 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
-from mirrorcam.workflow.workers import cores
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ import logging
 from collections.abc import Iterator, Sequence
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import Answer, Died, Work
 from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.workers import Answer, Died, Work
 
 SECONDS_TO_CONNECT = 10
 
 
-def run_cluster(tasks: Sequence[str], address: str, work: Work[Answer]) -> Iterator[tuple[int, Answer | Died]]:
+def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> Iterator[tuple[int, Answer | Died]]:
     """Number and answer of each task, as they come, from the workers of the scheduler at `address`.
 
     Tasks that come first are begun first. Workers may come and go. Raises InputError where no scheduler answers, or

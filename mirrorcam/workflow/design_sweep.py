@@ -14,10 +14,10 @@ from mirrorcam.optics.base.files import atomic, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing, digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.sweep_work import Answer, Record, made_with, record_text
-from mirrorcam.workflow.workers import Died
 
 if TYPE_CHECKING:
     import pyarrow

@@ -9,9 +9,9 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.folders import merged
-from mirrorcam.workflow.workers import cores
 
 LISTING = ".files.txt"
 

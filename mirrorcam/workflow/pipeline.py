@@ -11,6 +11,7 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -23,7 +24,6 @@ from mirrorcam.workflow.design_files import write_design
 from mirrorcam.workflow.extras import require
 from mirrorcam.workflow.stages import Stage, perform, staleness
 from mirrorcam.workflow.validation import validate, write_validation
-from mirrorcam.workflow.workers import cores
 
 # The frame that the page shows and decodes.
 SHOWN = 0

@@ -10,13 +10,13 @@ from mirrorcam.figures.tabletop_figure import overview
 from mirrorcam.optics.base.files import encoded_image, write_bytes, write_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import Died, run_local
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference.product_picture import product_picture
 from mirrorcam.render_scenes.sets.frame_task import FrameTask, render_frame_in_turn, render_frame_on_one_core
 from mirrorcam.render_scenes.sets.render_set import Run
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
 from mirrorcam.workflow.cluster import run_cluster
-from mirrorcam.workflow.workers import Died, run_local
 
 OVERVIEW = "truth/overview.jpg"
 JPEG_QUALITY = 85

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 
+from mirrorcam.optics.base.worker_pool import Died, Work, run_local
 from mirrorcam.optics.design.spec_grid import structure
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.cluster import run_cluster
 from mirrorcam.workflow.sweep_work import Answer, answer
-from mirrorcam.workflow.workers import Died, Work, run_local
 
 
 def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
@@ -23,14 +23,14 @@ def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
 
 
 def design_here(
-    specs: Sequence[DesignSpec], workers: int, work: Work[Answer] = answer
+    specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Number and answer of each spec, as they come, from processes on this machine."""
     yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
 
 
 def design_on_cluster(
-    specs: Sequence[DesignSpec], address: str, work: Work[Answer] = answer
+    specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Number and answer of each spec, as they come, from the workers of the scheduler at `address`."""
     order = [number for group in in_order(specs) for number in group]

@@ -15,6 +15,7 @@ import numpy as np
 from mirrorcam.optics.base.files import read_image, read_model, write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
+from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -25,7 +26,6 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.workflow.calibration_files import write_calibration
-from mirrorcam.workflow.workers import cores
 
 LIMITS = {
     "normal_error_max_deg": 0.01,

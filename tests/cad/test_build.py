@@ -136,7 +136,7 @@ def test_a_folder_that_is_a_file_is_refused(default_layout: Layout, tmp_path: Pa
 def test_a_missing_extra_is_named_with_its_command(
     missing: str, default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = ("mirrorcam.cad.build", "mirrorcam.cad.process_pool", "mirrorcam.cad.plan.hardware")
+    loaded = ("mirrorcam.cad.build", "mirrorcam.cad.plan.hardware")
     for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)

@@ -22,6 +22,7 @@ from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_te
 from mirrorcam.commands.render import reach_text
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import run_local
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, save_board
@@ -30,7 +31,6 @@ from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.workflow.rendering import finished_frames, in_workers, on_cluster
-from mirrorcam.workflow.workers import run_local
 
 # Not by importing it: that would choose an LLVM.
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")

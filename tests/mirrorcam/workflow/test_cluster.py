@@ -12,12 +12,12 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import sweep
 from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 from mirrorcam.workflow.sweep_work import Answer
-from mirrorcam.workflow.workers import Died
 
 pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
 SPECS = grid(

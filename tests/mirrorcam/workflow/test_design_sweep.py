@@ -21,6 +21,7 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.commands.sweep import SweepOptions, summary
 from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import Outcome, grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -28,7 +29,6 @@ from mirrorcam.workflow import sweep_work
 from mirrorcam.workflow.design_sweep import Results, Runner, sweep, table_of, write_table
 from mirrorcam.workflow.sweep_run import design_here
 from mirrorcam.workflow.sweep_work import Answer, answer, record_text
-from mirrorcam.workflow.workers import Died
 
 SPECS = grid(
     DesignSpec(),
