@@ -25,8 +25,8 @@ def main(out: Path) -> None:
     dataset = mirrorcam.render_set(request, out / "set")
 
     # Calibrate from the pictures, the nominal layout and the board; with a real camera, these are your own.
-    frames = (mirrorcam.read_image(out / "set" / name, grey=True) for name in dataset.frame_names)
-    base_frames = (mirrorcam.read_image(out / "set" / name, grey=True) for name in dataset.base_names)
+    frames = [out / "set" / name for name in dataset.frame_names]
+    base_frames = [out / "set" / name for name in dataset.base_names]
     calibration = mirrorcam.calibrate(frames, base_frames, layout, board)
     calibration.layout.save(out / "calibrated.json")
     print(f"reprojection: {calibration.metrics['rms_x_px'].value:.4f} px RMS along x")
@@ -37,5 +37,5 @@ def main(out: Path) -> None:
         print(f"{name}: {validation.metrics[name].value:.2g}, limit {validation.metrics[name].limit:g}")
 
 
-if __name__ == "__main__":  # validate starts worker processes, which import this file
+if __name__ == "__main__":
     main(Path(sys.argv[1] if len(sys.argv) > 1 else "output/examples/calibrate"))
