@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from tests.shared import built_once
 
 Surface = Literal["first", "second"]
 Built = tuple[Layout, Path, dict[str, Metric]]
@@ -87,8 +89,9 @@ def make_flat_pair() -> Callable[..., Layout]:
 @pytest.fixture(scope="session")
 def built_default(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The default 3x3 first-surface layout, the folder of its files, and its checks."""
-    out = tmp_path_factory.mktemp("default")
-    return default_layout, out, build_parts(default_layout, out, workers=2)
+    out = built_once(tmp_path_factory, "default_parts", lambda folder: build_parts(default_layout, folder, workers=2))
+    checks = json.loads((out / "checks.json").read_text(encoding="utf-8"))
+    return default_layout, out, {name: Metric(**metric) for name, metric in checks.items()}
 
 
 @pytest.fixture(scope="session")

@@ -17,12 +17,12 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
 from mirrorcam.workflow.pipeline import SETTINGS
 from mirrorcam.workflow.validation import LIMITS, Validation, calibrate_set, mirror_errors, validate
+from tests.shared import built_once
 
 
 @pytest.fixture(scope="module")
 def default_set(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> Path:
     """20 frames through mirrors tilted by 0.3 deg and shifted by 0.3 mm (sigma), and 10 without, at 1920 x 1080."""
-    folder = tmp_path_factory.mktemp("default") / "set"
     request = SetRequest(
         layout=default_layout,
         target=default_board(),
@@ -32,8 +32,7 @@ def default_set(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout
         tolerances=Tolerances(tilt_deg=0.3, offset_mm=0.3),
         settings=SETTINGS,
     )
-    render_set(request, folder)
-    return folder
+    return built_once(tmp_path_factory, "default_set", lambda folder: render_set(request, folder))
 
 
 @pytest.fixture(scope="module")

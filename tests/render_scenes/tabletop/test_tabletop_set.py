@@ -34,6 +34,7 @@ from mirrorcam.render_scenes.tabletop.tabletop_set import (
 )
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
+from tests.shared import built_once
 
 KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}
 
@@ -72,9 +73,7 @@ def asked(small_layout: Layout) -> TabletopRequest:
 
 @pytest.fixture(scope="module")
 def finished(asked: TabletopRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("desks") / "desk"
-    render_tabletop(asked, out)
-    return out
+    return built_once(tmp_path_factory, "tabletop_set", lambda folder: render_tabletop(asked, folder))
 
 
 @pytest.fixture(scope="module")
