@@ -27,7 +27,7 @@ def estimate_of(thickness_mm: float) -> Estimate:
 
 
 def traced(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Rays (n, 3) points and directions after both mirrors, followed face by face through their sheets."""
+    """Rays (n, 3) points and directions after both mirrors, followed face by face through their plates."""
     points, rays = np.zeros((len(pixels), 3)), CAMERA.unproject(pixels)
     for mirror in path:
         centre = estimate.virtual_centres_in_rig_mm[mirror]
@@ -96,5 +96,5 @@ def test_mirrored_views_are_predicted_without_having_been_seen() -> None:
     left_out = (rows.frame == 2) & (rows.view == 1)
     wrong[left_out] += 5.0
     moved = Observations(rows.frame, rows.view, rows.corner, wrong)
-    told, _ = predicted_mirrored(truth, moved, model, np.arange(len(POSES)))
-    np.testing.assert_allclose(told[left_out], errors[left_out] - 5.0, atol=1e-6)
+    predicted, _ = predicted_mirrored(truth, moved, model, np.arange(len(POSES)))
+    np.testing.assert_allclose(predicted[left_out], errors[left_out] - 5.0, atol=1e-6)

@@ -1,8 +1,7 @@
 """Sub-pixel refinement of corners by comparison with the known print, and tests of whether a corner is there.
 
 The picture around each corner is compared with what is printed there, markers included, blurred as this lens blurs it.
-A refinement that uses only the two crossing edges has to stop where a marker begins, and is biased by markers before
-that.
+A refinement that uses only the two crossing edges has to stop short of a marker, and is biased by it.
 """
 
 from __future__ import annotations

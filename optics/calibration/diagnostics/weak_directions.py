@@ -60,57 +60,79 @@ class WeakDirection:
 
 def motions_of(layout: Layout) -> list[Motion]:
     """The motions with a name that the layout's parameters can make, the simplest first."""
-    names = uncertainty_of(layout).parameters
-    place = {name: k for k, name in enumerate(names)}
+    parameters = _Parameters(uncertainty_of(layout).parameters)
+    has_mirrors = "mirror 0 x_mm" in parameters.names
+    found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
+    found += _camera_motions(parameters)
+    if "sheet_mm" in parameters.names:
+        found.append(Motion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
+    for m in range(len(layout.mirrors) if has_mirrors else 0):
+        found += _mirror_motions(layout, m, parameters)
+    return found
 
-    def change(parts: dict[str, float]) -> FloatArray:
-        vector = np.zeros(len(names))
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters by name, and changes (g,) of them."""
+
+    names: tuple[str, ...]
+
+    def change(self, parts: dict[str, float]) -> FloatArray:
+        vector = np.zeros(len(self.names))
         for name, value in parts.items():
-            vector[place[name]] = value
+            vector[self.names.index(name)] = value
         return vector
 
-    def centres(moved: FloatArray) -> FloatArray:
-        return change({f"mirror {m} {a}_mm": moved[3 * m + k] for m in range(mirrors) for k, a in enumerate("xyz")})
+    def centres(self, moved: FloatArray) -> FloatArray:
+        """The change by which all virtual centres move by (3 m,) mm."""
+        rows = enumerate(moved.reshape(-1, 3))
+        return self.change({f"mirror {m} {axis}_mm": row[k] for m, row in rows for k, axis in enumerate("xyz")})
 
-    mirrors = len(layout.mirrors)
-    found: list[Motion] = []
-    has_mirrors = "mirror 0 x_mm" in place
-    if has_mirrors and mirrors > 1:
-        body = rigid_motions(layout)
-        for k, axis in enumerate("xyz"):
-            found.append(Motion(f"all mirrors together about {axis}", "deg", centres(np.radians(1.0) * body[:, k])))
-        for k, axis in enumerate("xyz"):
-            found.append(Motion(f"all mirrors together along {axis}", "mm", centres(body[:, 3 + k])))
-        away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
-        found.append(Motion("all mirrors away from the camera", "mm", centres(away)))
-    if {"fx_px", "fy_px"} <= place.keys():
-        found.append(Motion("focal length", "px", change({"fx_px": 1.0, "fy_px": 1.0})))
-        found.append(Motion("shape of a pixel", "px", change({"fx_px": 0.5, "fy_px": -0.5})))
-    for name, words in (("cx_px", "principal point in x"), ("cy_px", "principal point in y")):
-        if name in place:
-            found.append(Motion(words, "px", change({name: 1.0})))
-    found += [
-        Motion(f"lens distortion {name}", "", change({name: 1.0}))
-        for name in ("k1", "k2", "k3", "p1", "p2")
-        if name in place
+
+def _common_motions(layout: Layout, parameters: _Parameters) -> list[Motion]:
+    """Motions of all mirrors as one body, and away from the camera."""
+    body = rigid_motions(layout)
+    turns = [
+        Motion(f"all mirrors together about {axis}", "deg", parameters.centres(np.radians(1.0) * body[:, k]))
+        for k, axis in enumerate("xyz")
     ]
-    if "sheet_mm" in place:
-        found.append(Motion("thickness of the plates", "mm", change({"sheet_mm": 1.0})))
-    for m, mirror in enumerate(layout.mirrors if has_mirrors else ()):
-        x, y, n = mirror.rig_from_plane[:3, :3].T
-        for axis, words in ((x, "about its x"), (y, "about its y")):
-            moved = np.zeros(3 * mirrors)
-            # The mirror turns about the middle of its own outline: dd = w.(o x n), dn = w x n, c = -2 d n.
-            o = mirror.outline_in_rig_mm.mean(axis=0)
-            turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
-            moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
-            found.append(Motion(f"mirror {m} {words}", "deg", centres(moved)))
-        moved = np.zeros(3 * mirrors)
-        moved[3 * m : 3 * m + 3] = -2.0 * n
-        found.append(Motion(f"mirror {m} along its normal", "mm", centres(moved)))
-        for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
-            if (name := f"mirror {m} curvature_{axes}_per_m") in place:
-                found.append(Motion(f"bend of mirror {m} {words}", "1/m", change({name: 1.0})))
+    shifts = [
+        Motion(f"all mirrors together along {axis}", "mm", parameters.centres(body[:, 3 + k]))
+        for k, axis in enumerate("xyz")
+    ]
+    away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
+    return [*turns, *shifts, Motion("all mirrors away from the camera", "mm", parameters.centres(away))]
+
+
+def _camera_motions(parameters: _Parameters) -> list[Motion]:
+    named = [
+        ("focal length", "px", {"fx_px": 1.0, "fy_px": 1.0}),
+        ("shape of a pixel", "px", {"fx_px": 0.5, "fy_px": -0.5}),
+        ("principal point in x", "px", {"cx_px": 1.0}),
+        ("principal point in y", "px", {"cy_px": 1.0}),
+        *((f"lens distortion {name}", "", {name: 1.0}) for name in ("k1", "k2", "k3", "p1", "p2")),
+    ]
+    free = set(parameters.names)
+    return [Motion(words, unit, parameters.change(parts)) for words, unit, parts in named if parts.keys() <= free]
+
+
+def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Motion]:
+    """Rotations of one mirror about the middle of its outline, its shift along the normal, and its bends."""
+    mirror, found = layout.mirrors[m], []
+    x, y, n = mirror.rig_from_plane[:3, :3].T
+    for axis, words in ((x, "about its x"), (y, "about its y")):
+        moved = np.zeros(3 * len(layout.mirrors))
+        # With o the middle of the outline: dd = w.(o x n), dn = w x n, c = -2 d n.
+        o = mirror.outline_in_rig_mm.mean(axis=0)
+        turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
+        moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
+        found.append(Motion(f"mirror {m} {words}", "deg", parameters.centres(moved)))
+    moved = np.zeros(3 * len(layout.mirrors))
+    moved[3 * m : 3 * m + 3] = -2.0 * n
+    found.append(Motion(f"mirror {m} along its normal", "mm", parameters.centres(moved)))
+    for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
+        if (name := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
+            found.append(Motion(f"bend of mirror {m} {words}", "1/m", parameters.change({name: 1.0})))
     return found
 
 

@@ -52,52 +52,52 @@ def shown(pose: FloatArray, *, but: int | None = None) -> Observations:
 
 @pytest.fixture(scope="module")
 def followed() -> tuple[list[NextPose], list[Observations]]:
-    """A session of eight pictures by the hints: the hints, one more, and what the pictures show."""
-    hints = NextPosePlanner(LAYOUT, BOARD)
-    told, seen = [hints.next()], []
+    """A session of eight pictures by the planner: its advice, once more than followed, and what the pictures show."""
+    planner = NextPosePlanner(LAYOUT, BOARD)
+    advised, seen = [planner.next()], []
     for _ in range(8):
-        seen.append(shown(told[-1].rig_from_board))
-        told.append(hints.after(seen[-1]))
-    return told, seen
+        seen.append(shown(advised[-1].rig_from_board))
+        advised.append(planner.after(seen[-1]))
+    return advised, seen
 
 
 def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], list[Observations]]) -> None:
-    told, _ = followed
-    worst = [float(hint.sigma_deg.max()) for hint in told]
+    advised, _ = followed
+    worst = [float(hint.sigma_deg.max()) for hint in advised]
     assert worst == sorted(worst, reverse=True)
-    assert not told[0].enough
-    assert len({hint.tilt_deg for hint in told}) >= 3
-    assert len({hint.depth_mm for hint in told}) >= 2
-    for hint, following in pairwise(told):
+    assert not advised[0].enough
+    assert len({hint.tilt_deg for hint in advised}) >= 3
+    assert len({hint.depth_mm for hint in advised}) >= 2
+    for hint, following in pairwise(advised):
         # The pose is found again from the corners, the promise holds up to how exactly it is.
         assert following.sigma_deg == pytest.approx(hint.predicted_deg, rel=0.02)
     random, by_chance = np.random.default_rng(4), []
     poses = [pose for pose, _, _ in poses_of(LAYOUT, BOARD)]
     for _ in range(5):
-        hints = NextPosePlanner(LAYOUT, BOARD)
+        planner = NextPosePlanner(LAYOUT, BOARD)
         for place in random.integers(len(poses), size=8).tolist():
-            last = hints.after(shown(poses[place]))
+            last = planner.after(shown(poses[place]))
         by_chance.append(float(last.sigma_deg.max()))
     assert worst[-1] < 0.85 * min(by_chance)
 
 
 def test_it_is_enough_when_every_mirror_is_known() -> None:
-    hints, pictures = NextPosePlanner(LAYOUT, BOARD), 0
-    hint = hints.next()
+    planner, pictures = NextPosePlanner(LAYOUT, BOARD), 0
+    hint = planner.next()
     while not hint.enough:
         pictures += 1
         assert pictures < 30
         assert hint.sentence.startswith("next: ")
-        hint = hints.after(shown(hint.rig_from_board))
+        hint = planner.after(shown(hint.rig_from_board))
         assert hint.enough == (pictures >= ENOUGH_PICTURES and hint.sigma_deg.max() <= ENOUGH_DEG)
     assert pictures > ENOUGH_PICTURES
     assert hint.sentence.startswith("enough: every mirror within ±0.0")
 
 
 def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list[Observations]]) -> None:
-    told, seen = followed
+    advised, seen = followed
     observations = Observations.join([picture.shifted(frame) for frame, picture in enumerate(seen)])
-    poses = np.array([hint.rig_from_board for hint in told[:-1]])
+    poses = np.array([hint.rig_from_board for hint in advised[:-1]])
     noise = np.random.default_rng(1).normal(0.0, NOISE_PX, observations.pixels.shape)
     noisy = Observations(observations.frame, observations.view, observations.corner, observations.pixels + noise)
     board = Board.rigid(BOARD.corners_in_board_mm)
@@ -114,13 +114,13 @@ def test_deviations_are_those_of_the_solver(followed: tuple[list[NextPose], list
             at = solution.parameters.index(f"mirror {index} x_mm")
             block = across.T @ solution.covariance[at : at + 3, at : at + 3] @ across
             sigma.append(np.degrees(np.sqrt(np.linalg.eigvalsh(block)[-1]) / (2.0 * mirror.distance_mm)))
-        assert 0.97 * sigma[0] < told[-1].sigma_deg[index] < 1.03 * sigma[1]
+        assert 0.97 * sigma[0] < advised[-1].sigma_deg[index] < 1.03 * sigma[1]
 
 
 def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose], list[Observations]]) -> None:
-    hints = NextPosePlanner(LAYOUT, BOARD)
+    planner = NextPosePlanner(LAYOUT, BOARD)
     for hint in followed[0][:-1]:
-        last = hints.after(shown(hint.rig_from_board, but=2))
+        last = planner.after(shown(hint.rig_from_board, but=2))
     assert last.mirror == 2
     assert not last.enough
     assert last.sigma_deg[2] > 0.5
@@ -132,9 +132,9 @@ def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose]
 
 
 def test_a_picture_without_a_board_changes_nothing() -> None:
-    hints = NextPosePlanner(LAYOUT, BOARD)
-    before = hints.next()
-    after = hints.after(Observations.none())
+    planner = NextPosePlanner(LAYOUT, BOARD)
+    before = planner.next()
+    after = planner.after(Observations.none())
     assert np.array_equal(after.sigma_deg, before.sigma_deg)
     assert np.array_equal(after.rig_from_board, before.rig_from_board)
 

@@ -67,18 +67,18 @@ def masks(of: Layout) -> list[NDArray[np.float32]]:
     return drawn
 
 
-def traced(sheet: Mirror) -> NDArray[np.float32]:
-    """Which pixels (h, w) show the scene through a sheet: light enters and leaves through its front, by Snell's law."""
+def traced(mirror: Mirror) -> NDArray[np.float32]:
+    """Which pixels (h, w) show the scene by light that enters and leaves through the front, by Snell's law."""
     x, y = np.meshgrid(np.arange(1920.0), np.arange(1080.0))
     rays = np.stack([(x - 959.5) / 1360.0, (y - 539.5) / 1360.0, np.ones_like(x)], axis=-1).reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    normal = sheet.normal_in_rig
+    normal = mirror.normal_in_rig
     inwards = -rays @ normal
-    at = rays * ((sheet.distance_mm - sheet.thickness_mm) / inwards)[:, None]
-    across = (rays + inwards[:, None] * normal) / sheet.refractive_index
-    out = at + 2.0 * sheet.thickness_mm * across / np.sqrt(1.0 - np.sum(across**2, axis=1, keepdims=True))
-    axes, middle = sheet.rig_from_plane[:3, :2], sheet.rig_from_plane[:3, 3]
-    front = shapely.Polygon(sheet.outline_in_plane_mm)
+    at = rays * ((mirror.distance_mm - mirror.thickness_mm) / inwards)[:, None]
+    across = (rays + inwards[:, None] * normal) / mirror.refractive_index
+    out = at + 2.0 * mirror.thickness_mm * across / np.sqrt(1.0 - np.sum(across**2, axis=1, keepdims=True))
+    axes, middle = mirror.rig_from_plane[:3, :2], mirror.rig_from_plane[:3, 3]
+    front = shapely.Polygon(mirror.outline_in_plane_mm)
     shapely.prepare(front)
     inside = [shapely.contains_xy(front, *((points - middle) @ axes).T) for points in (at, out)]
     return np.asarray(np.logical_and(*inside).reshape(1080, 1920), dtype=np.float32)
@@ -199,8 +199,8 @@ def test_a_bent_mirror_is_the_same_surface_about_its_new_middle() -> None:
     assert np.abs(seen(naive) - seen(bent)).max() > 0.05
 
 
-def as_sheets(layout: Layout) -> Layout:
-    """The layout with mirrors of 2 mm acrylic, coated behind, before a camera that does not distort."""
+def as_second_surface(layout: Layout) -> Layout:
+    """The layout with second-surface mirrors of 2 mm acrylic, and a camera without distortion."""
     return layout.replaced(
         camera=PINHOLE,
         mirrors=tuple(
@@ -212,8 +212,8 @@ def as_sheets(layout: Layout) -> Layout:
     )
 
 
-def test_of_sheets_the_coating_is_moved_as_far_as_its_picture() -> None:
-    meant, built = as_sheets(MEANT), as_sheets(BUILT)
+def test_the_coating_of_second_surface_mirrors_is_moved_as_far_as_its_image() -> None:
+    meant, built = as_second_surface(MEANT), as_second_surface(BUILT)
     assert outlined(meant, seen_in(frames(6, meant))) == (meant, ())
     found, _ = outlined(meant, seen_in(frames(8, built)))
     for index in range(3):

@@ -45,7 +45,7 @@ class Scene:
         return Estimate.of(self.truth.camera, self.truth.mirrors, self.poses)
 
     def calibrated(self, solution: Solution) -> Layout:
-        """The layout of a solution of a model with flat mirrors coated in front, with its covariance."""
+        """The layout of a solution of a model with flat first-surface mirrors, with its covariance."""
         found = solution.estimate
         mirrors = zip(self.truth.mirrors, found.virtual_centres_in_rig_mm, strict=True)
         return self.truth.replaced(
@@ -103,7 +103,7 @@ def calibrated(scene: Scene, solution: Solution) -> Layout:
 
 
 def behind_glass(layout: Layout, thickness_mm: float) -> Layout:
-    """The layout with mirrors that look alike along the middle of each, but are acrylic coated behind."""
+    """The layout with second-surface acrylic mirrors that look the same along the chief ray of each."""
     mirrors = tuple(
         Mirror.second_surface(
             mirror.virtual_centre_in_rig_mm,

@@ -88,7 +88,7 @@ def test_the_calibration_part_is_what_drawing_calibrations_shows(calibrated: Lay
 
         triangulated = least_squares(misfit, point[0], x_scale=0.01, xtol=1e-12, ftol=1e-14).x
         ranges.append(np.linalg.norm(triangulated - centres[reference]))
-    # 300 draws tell a sigma to 4 %.
+    # 300 draws determine a sigma to 4 %.
     assert np.std(ranges) == pytest.approx(found.calibration_mm[0], rel=0.13)
     assert found.total_mm[0] == pytest.approx(np.hypot(found.matching_mm[0], found.calibration_mm[0]))
 

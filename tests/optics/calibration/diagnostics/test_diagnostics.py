@@ -56,14 +56,14 @@ def test_the_figures_are_those_of_the_parts(diagnostics: Diagnostics) -> None:
 
 
 def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
-    """Boards that bow: the ladder, the free views and a split each say so."""
+    """Boards that bow: model selection, free views and a split each detect it."""
     found = gathered(scene_of(device, warp_mm=0.3), 0, level="joint")
     assert any("joint+warp" in alarm for alarm in found.alarms)
     assert any(alarm.startswith("split") for alarm in found.alarms)
     assert found.metrics["alarms"].value == len(found.alarms) >= 2
 
 
-def test_corners_without_noise_are_no_evidence_of_anything(scene: Scene) -> None:
+def test_corners_without_noise_support_no_conclusion(scene: Scene) -> None:
     reached = select_model(scene.start, scene.clean, BOARD.corners_in_board_mm)
     assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
     found = diagnose(reached, scene.clean, scene.calibrated(reached.solution))

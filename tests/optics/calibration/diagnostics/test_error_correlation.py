@@ -1,4 +1,4 @@
-"""Errors that corners share: told from independent ones, and uncertainties that are true in spite of them."""
+"""Correlated errors of corners: distinguished from independent ones, with true uncertainties in spite of them."""
 
 from __future__ import annotations
 

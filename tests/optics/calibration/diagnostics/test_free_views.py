@@ -96,7 +96,7 @@ def test_the_minimum_is_that_of_a_general_solver(scene: Scene) -> None:
 
 
 def test_one_mirror_is_free_anyway(scene: Scene, device: Layout) -> None:
-    """Where only its image tells where the board stands, a mirror as a free camera is no more than the camera is."""
+    """Where only its image determines the board's pose, a free virtual camera adds nothing to the camera itself."""
     seen = scene.noisy(0)
     seen = seen.where((seen.view == DIRECT) | (seen.view == 0))
     start = Estimate.of(device.camera, device.mirrors[:1], scene.poses)

@@ -81,7 +81,7 @@ def test_sigmas_are_what_sampling_shows(calibrated: Layout) -> None:
 
 
 def test_what_all_mirrors_share_is_known_less_than_what_sets_them_apart(calibrated: Layout) -> None:
-    """All sub-images look about the same way, so that only the camera tells how they turned together."""
+    """All views have about the same direction, so that only the camera determines their common rotation."""
     found = mirror_uncertainty(calibrated, lever_mm=LEVER_MM)
     assert (found.relative_normal_deg < found.normal_deg).all()
     assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_turn_deg)

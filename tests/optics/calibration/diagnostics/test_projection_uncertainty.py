@@ -48,7 +48,7 @@ def replaced(layout: Layout, estimate: Estimate) -> Layout:
 
 
 def in_proportion(predicted: FloatArray, sampled: FloatArray) -> None:
-    """Predicted and sampled sigmas agree as far as the trials tell.
+    """Predicted and sampled sigmas agree within the standard error of the trials.
 
     A sigma from TRIALS samples has a relative standard error of 1 / sqrt(2 TRIALS), 6 %; worst directions of two are a
     little more. Of neighbouring points the errors are nearly one, so that five of them are allowed and no less.

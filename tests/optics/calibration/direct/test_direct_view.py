@@ -155,7 +155,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert found.diagnostics is not None
     assert found.diagnostics.level == "joint+board+sheet"
     assert found.diagnostics.reference == DIRECT
-    # What is left is of single photographs: it must be said, and widen all error bounds.
+    # What remains differs between photographs: it must be reported, and widen all error bounds.
     assert any("the halves differ" in alarm for alarm in found.diagnostics.alarms)
     assert found.diagnostics.widened > 2.0
     assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.1)
@@ -165,7 +165,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
 def test_photographs_predict_each_other_from_the_direct_view_alone(
     photographed: tuple[list[Grey], Calibration],
 ) -> None:
-    """What is left is of single photographs, above their direct views' noise; half of them are predicted to 0.3 px."""
+    """What remains differs between photographs, above their direct views' noise; half are predicted to 0.3 px."""
     pictures, found = photographed
     board = Board.free(PHOTOGRAPHED.corners_in_board_mm)
     start = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)

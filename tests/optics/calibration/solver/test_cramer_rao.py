@@ -40,7 +40,7 @@ def test_errors_are_those_of_cramer_and_rao(what: int) -> None:
     found = trials()
     ours, linear = over_bound(found, found.errors)[what], over_bound(found, found.linear)[what]
     plain = np.sqrt(ours.mean(axis=0))
-    # The mean of so many squares of normal numbers strays by sqrt(2 / trials) of itself, its root by half of that.
+    # The mean of squared normal variables has a relative standard error of sqrt(2 / trials), its root half of that.
     spread = np.sqrt(0.5 / TRIALS)
     assert (np.abs(plain - 1.0) < 3.5 * spread).all()
     # Of the linear estimate the expectation is 1, so that only the difference has to be estimated.

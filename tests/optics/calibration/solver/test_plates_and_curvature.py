@@ -130,7 +130,7 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_mirrors_far_off_lead_to_the_same_minimum(kind: str) -> None:
-    """Off by 2 deg and 2 mm each; in the last draw bends once led a sheet to no thickness at all."""
+    """Off by 2 deg and 2 mm each; in the last draw free curvatures once led a plate to no thickness at all."""
     of = built(kind)
     camera = of.layout.camera.replaced(distortion=np.zeros(5))
     for seed in (0, 7):
@@ -146,7 +146,7 @@ def test_mirrors_far_off_lead_to_the_same_minimum(kind: str) -> None:
 
 
 def test_a_fit_without_them_cannot_explain_the_corners() -> None:
-    """What plane first-surface mirrors leave unexplained of sheets and of bends, beside 0.05 px of noise."""
+    """What flat first-surface mirrors leave unexplained of plates and of bends, beside 0.05 px of noise."""
     left = {}
     for kind in KINDS:
         of = built(kind)
