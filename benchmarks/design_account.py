@@ -1,4 +1,4 @@
-"""What a design spends its pixels on, how far its views roll, and what its constraints cost."""
+"""The pixel budget of a design, the roll of its views and the price of its constraints."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def densities(layout: Layout, depths_mm: Sequence[float]) -> tuple[float, float]
 
 
 def rolls_deg(layout: Layout) -> FloatArray:
-    """How far each view is turned about its chief ray (n,), measured: from pixels to a plane 1 m away.
+    """Angles (n,) by which views are rolled about their chief rays, measured: from pixels to a plane 1 m away.
 
     The rotation nearest to the derivative at the middle of the sub-image, after the handedness of one reflection is
     taken off.
@@ -174,7 +174,7 @@ def prices(spec: DesignSpec, problem: Problem, start: FloatArray) -> dict[str, P
 
 
 def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
-    """What each constraint of a program is about, in its order."""
+    """The subject of each constraint of a program, in its order."""
     kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface)
     makers = {
         "cut": constraints.mirror_term,

@@ -70,7 +70,7 @@ def point_of(layout: Layout, spec: DesignSpec) -> Point:
 
 
 def designed(spec: DesignSpec, wanted_mm: tuple[float, ...] = ()) -> Point:
-    """What a user of `design` gets, at the spec's depths or at others."""
+    """The result of `design`, at the spec's depths or at others."""
     return point_of(design(spec), spec.replaced(depths_mm=wanted_mm or spec.depths_mm))
 
 

@@ -71,7 +71,7 @@ def bounds(spec: DesignSpec, workers: int) -> dict[str, list[Point]]:
 
 
 def over_folds(spec: DesignSpec, workers: int) -> dict[int, list[Point]]:
-    """What `design` answers at each fold over a few tradeoffs."""
+    """The results of `design` at each fold over a few tradeoffs."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {
             fold: [

@@ -34,7 +34,7 @@ def seconds_of(action: Callable[[], Any]) -> float:
 
 
 def first_problem(spec: DesignSpec) -> Problem:
-    """What `design` hands to IPOPT first."""
+    """The first program that `design` solves."""
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
     return problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.rows, spec.cols))
 
@@ -84,7 +84,7 @@ class Question:
         return half + scipy.sparse.triu(half, 1).T
 
     def missed(self, x: FloatArray) -> float:
-        """By how much the worst constraint or bound is missed."""
+        """The largest violation of a constraint or bound."""
         g = self.constraints(x)
         found = [0.0, (-g[~self.equal]).max(initial=0.0), np.abs(g[self.equal]).max(initial=0.0)]
         return float(max(*found, (self.low - x).max(), (x - self.high).max()))
@@ -92,7 +92,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Trace:
-    """What a solver reached: seconds, objective and worst miss of its iterates, and how it ended."""
+    """The result of a solver: seconds, objective and worst miss of its iterates, and how it ended."""
 
     seconds: tuple[float, ...]
     objectives: tuple[float, ...]
@@ -163,7 +163,7 @@ def _peer(count: tuple[int, int], method: str, out: Connection) -> None:
 
 
 def peer_trace(count: tuple[int, int], method: str, cap_s: float) -> Trace:
-    """What a SciPy solver reaches in `cap_s` of wall time in a process of its own, stopped after that."""
+    """The result of a SciPy solver in a separate process, stopped after `cap_s` of wall time."""
     context = get_context("spawn")
     receiving, sending = context.Pipe(duplex=False)
     process = context.Process(target=_peer, args=(count, method, sending))

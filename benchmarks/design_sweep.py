@@ -108,7 +108,7 @@ def specs() -> list[DesignSpec]:
 
 
 def line_of(number: int, outcome: Outcome, seconds: float) -> dict[str, Any]:
-    """What became of a spec, as one line of the file."""
+    """The outcome of a spec, as one line of the file."""
     spec = outcome.spec.model_dump(mode="json", exclude={"camera"}) | {"camera": outcome.spec.camera.name}
     found = {"status": outcome.status, "constraint": outcome.constraint, "finding": outcome.finding}
     figures = {name: metric.value for name, metric in outcome.metrics.items()}

@@ -68,7 +68,7 @@ def grid(
 
 
 def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
-    """What specs whose nonlinear programs have the same structure share."""
+    """The key of the structure of a spec's nonlinear program."""
     return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface
 
 

@@ -36,7 +36,7 @@ class DesignSpec(Value):
     tradeoff: float = Field(
         default=0.3, ge=0, le=1, description="0 asks for pixel efficiency alone, 1 for a perfect grid of views alone"
     )
-    surface: Literal["first", "second"] = Field(default="first", description="which face of the mirror is coated")
+    surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
     thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirrors")
     refractive_index: float = Field(default=1.49, ge=1, description="refractive index of the mirrors (acrylic 1.49)")
 

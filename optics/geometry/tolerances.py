@@ -1,4 +1,4 @@
-"""How far built cameras deviate from their design. Light to import: the command shows these options in its help."""
+"""Tolerances of built cameras. Light to import: the command shows these options in its help."""
 
 from __future__ import annotations
 

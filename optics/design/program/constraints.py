@@ -1,4 +1,4 @@
-"""What a layout must satisfy, as smooth terms in CasADi; in view axes, all lengths in units of the design's scale.
+"""Constraints of a layout as smooth terms in CasADi; in view axes, all lengths in units of the design's scale.
 
 Convex solids are kept apart by an unknown plane between them: they are at least g apart exactly when some plane has one
 solid below it and the other at least g above it. This is exact for the solids of mirrors and for the light that they

@@ -12,7 +12,7 @@ from mirrorcam.optics.design.program.terms import Expression
 
 @dataclass(frozen=True)
 class Kind:
-    """What decides the form of a mirror's expressions."""
+    """The form of a mirror's expressions."""
 
     sides: int
     distorted: bool
@@ -28,8 +28,8 @@ class MirrorVariables:
         corners: of its sub-image, in normalized coordinates (2).
         face: corners (3) of its face.
         normal: unit normal (3) of the face, away from the pupil.
-        before: how far the solid reaches from the face towards the pupil.
-        behind: how far it reaches away from the pupil.
+        before: extent of the solid from the face towards the pupil.
+        behind: extent of the solid from the face away from the pupil.
         entry: offset (3) along the face between where light meets the front and where it meets the reflecting surface.
     """
 

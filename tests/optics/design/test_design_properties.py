@@ -1,4 +1,4 @@
-"""What any design must be, over random specs; and that damage to one never goes unnoticed, under its own name."""
+"""Properties of all designs, over random specs; damage to a design is always found, under its own name."""
 
 from __future__ import annotations
 
@@ -175,13 +175,13 @@ def test_a_mirror_moved_against_the_other_is_too_close(size: tuple[int, int], in
     assert "smallest_gap_mm" in failed(broken, spec)
 
 
-def hit_by_triangles(mirror: Mirror, sheet: Mirror, depth_mm: float, steps: int) -> dict[str, float]:
-    """Part of a first-surface mirror's light that meets the skin of a sheet, cut into triangles (Moeller, Trumbore).
+def hit_by_triangles(mirror: Mirror, other: Mirror, depth_mm: float, steps: int) -> dict[str, float]:
+    """Part of a first-surface mirror's light that meets the surface of another, cut into triangles (Moeller, Trumbore).
 
     Bodies are solid and no ray starts in another, so that light is stopped exactly where it meets the skin.
     """
-    front = sheet.outline_in_rig_mm
-    back = front - sheet.thickness_mm * sheet.normal_in_rig
+    front = other.outline_in_rig_mm
+    back = front - other.thickness_mm * other.normal_in_rig
     count = len(front)
     fans = [(face[0], face[k], face[k + 1]) for face in (front, back) for k in range(1, count - 1)]
     walls = [
@@ -224,10 +224,10 @@ def test_rays_agree_with_triangles(size: tuple[int, int], seed: int) -> None:
     found: dict[tuple[int, int, str], Occlusion] = {
         (one.mirror, one.occluder, one.leg): one for one in blocked_light(mirrors, 500.0, 10)
     }
-    for light_of, sheet_of in random.integers(0, len(mirrors), (8, 2)).tolist():
-        if light_of == sheet_of:
+    for lit, occluder in random.integers(0, len(mirrors), (8, 2)).tolist():
+        if lit == occluder:
             continue
-        for leg, fraction in hit_by_triangles(mirrors[light_of], mirrors[sheet_of], 500.0, 10).items():
-            mine = found.get((light_of, sheet_of, leg))
+        for leg, fraction in hit_by_triangles(mirrors[lit], mirrors[occluder], 500.0, 10).items():
+            mine = found.get((lit, occluder, leg))
             # A ray along an edge may count either way.
             assert (mine.fraction if mine else 0.0) == pytest.approx(fraction, abs=0.03)

@@ -54,7 +54,7 @@ def test_light_by_way_of_a_bent_mirror_takes_the_quickest_path(bend: tuple[float
 @pytest.mark.parametrize("bend", BENDS.values(), ids=BENDS)
 @pytest.mark.parametrize("thickness_mm", [1.0, 2.0, 3.0])
 def test_a_bent_plate_is_nearly_exact(bend: tuple[float, float, float], thickness_mm: float) -> None:
-    """What is neglected, that the front leans where light enters and leaves, grows with the square of the thickness."""
+    """The neglected tilt of the front causes errors that grow with the square of the thickness."""
     plate = mirror(surface="second", thickness_mm=thickness_mm, curvature_per_m=bend)
     assert missed_px(plate, scene_points()).max() < 1.1e-3 * thickness_mm**2
 

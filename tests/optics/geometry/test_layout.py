@@ -245,19 +245,19 @@ def test_a_file_that_breaks_off_or_is_missing_is_refused(tmp_path: Path, parabol
 
 
 def test_second_surface_mirrors_are_seen_where_they_look(parabola_layout: Layout) -> None:
-    slabs = tuple(
+    second = tuple(
         Mirror.second_surface(m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49)
         for m in parabola_layout.mirrors
     )
-    behind = parabola_layout.replaced(mirrors=slabs)
+    behind = parabola_layout.replaced(mirrors=second)
     assert np.allclose(behind.virtual_centres_in_rig_mm, parabola_layout.virtual_centres_in_rig_mm, atol=1e-9)
     assert np.allclose(behind.virtual_centres_in_view_mm, parabola_layout.virtual_centres_in_view_mm, atol=1e-9)
     assert np.allclose(behind.outline_px(4), parabola_layout.outline_px(4), atol=1e-6)
     points = np.array([[10.0, 400.0, 70.0], [-20.0, 600.0, 110.0]])
-    # Exact through the sheet: about where the mirror that it looks like shows the points, but not just there.
+    # Exact through the glass: about where the apparent mirror shows the points, but not just there.
     found, plain = behind.project(points, 0), parabola_layout.project(points, 0)
     assert 0.1 < np.abs(found - plain).max() < 0.5
-    assert np.allclose(found, behind.camera.project(slabs[0].image_of(points)), atol=1e-12)
+    assert np.allclose(found, behind.camera.project(second[0].image_of(points)), atol=1e-12)
     assert behind.identity != parabola_layout.identity
 
 

@@ -47,9 +47,9 @@ def test_gap_between_crossing_edges() -> None:
     assert hull_distance(along_x, along_y) == pytest.approx(0.7)
 
 
-def test_smallest_gap_counts_the_thickness_of_sheets() -> None:
+def test_smallest_gap_counts_the_thickness_of_mirrors() -> None:
     # Two coplanar mirrors: the gap is that of their outlines, whatever the thickness. Once the planes lean towards
-    # each other at the back, thicker sheets come closer there.
+    # each other at the back, thicker mirrors come closer there.
     flat = Layout(
         rows=1,
         cols=2,
@@ -69,8 +69,8 @@ def with_thickness(layout: Layout, thickness_mm: float) -> Layout:
 
 
 def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
-    sheets = [mirror.solid.corners_in_rig_mm for mirror in default_layout.mirrors]
-    gaps = {(i, j): hull_distance(sheets[i], sheets[j]) for i, j in combinations(range(len(sheets)), 2)}
+    solids = [mirror.solid.corners_in_rig_mm for mirror in default_layout.mirrors]
+    gaps = {(i, j): hull_distance(solids[i], solids[j]) for i, j in combinations(range(len(solids)), 2)}
     assert smallest_gap_mm(default_layout) == min(gaps.values())
     for gap_mm in (0.5, 1.2, 5.0, 30.0):
         assert pairs_closer_than(default_layout.mirrors, gap_mm) == sorted(p for p, gap in gaps.items() if gap < gap_mm)

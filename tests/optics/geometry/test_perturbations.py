@@ -1,4 +1,4 @@
-"""The camera as built strays from its design by as much as the tolerances say, and no more."""
+"""Devices as built deviate from their design by as much as the tolerances allow, and no more."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_the_first_devices_do_not_depend_on_how_many_follow() -> None:
 
 
 @pytest.mark.parametrize("surface", ["first", "second"])
-def test_the_back_of_a_sheet_stays_on_its_seat(default_layout: Layout, surface: Literal["first", "second"]) -> None:
+def test_the_back_of_a_mirror_stays_on_its_seat(default_layout: Layout, surface: Literal["first", "second"]) -> None:
     designed = default_layout.replaced(mirrors=tuple(m.replaced(surface=surface) for m in default_layout.mirrors))
     tolerances = Tolerances.none().replaced(sheet_thickness_mm=0.1)
     built = draw_as_built(designed, tolerances, np.random.default_rng(4))

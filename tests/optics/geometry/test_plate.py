@@ -1,4 +1,4 @@
-"""Refraction in a slab: Snell's law, its limits, and the second-surface mirror that looks like a plain one."""
+"""Refraction in a plate: Snell's law, its limits, and the second-surface mirror that looks like a plain one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ INDICES = st.floats(1.0, 2.5)
 SQUARE = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
 
 
-def slab(centre: FloatArray, thickness_mm: float = 3.0, index: float = 1.49, corners: FloatArray = SQUARE) -> Mirror:
-    """The mirror coated behind that looks like the plain one of a virtual centre, seen at normalized corners."""
+def appearing(
+    centre: FloatArray, thickness_mm: float = 3.0, index: float = 1.49, corners: FloatArray = SQUARE
+) -> Mirror:
+    """The second-surface mirror that looks like the plain one of a virtual centre, seen at normalized corners."""
     return Mirror.second_surface(centre, cut(corners, centre), thickness_mm=thickness_mm, refractive_index=index)
 
 
@@ -35,7 +37,7 @@ def test_the_ray_that_goes_so_far_across_is_found(tangent: float, air: float, gl
     assert outer_tangent(across, air, glass, index) == pytest.approx(tangent, rel=1e-9, abs=1e-12)
 
 
-def test_a_slab_lifts_its_coating_as_textbooks_say() -> None:
+def test_a_plate_lifts_its_back_as_textbooks_say() -> None:
     # At normal incidence the apparent depth is t / n; at grazing incidence nothing of the depth is left.
     assert rise_mm(np.array(0.0), 3.0, 1.5) == pytest.approx(1.0)
     assert rise_mm(np.array(1e-9), 3.0, 1.5) == pytest.approx(1.0)
@@ -49,17 +51,17 @@ CENTRES = st.tuples(st.floats(-60, 60), st.floats(-120, -40), st.floats(60, 120)
 
 @given(CENTRES, st.floats(0.1, 8.0), st.floats(1.0, 1.9))
 def test_apparent_undoes_second_surface(centre: FloatArray, thickness_mm: float, index: float) -> None:
-    stored = slab(centre, thickness_mm, index)
+    stored = appearing(centre, thickness_mm, index)
     assert (stored.surface, stored.thickness_mm, stored.refractive_index) == ("second", thickness_mm, index)
     assert np.allclose(stored.apparent.virtual_centre_in_rig_mm, centre, atol=1e-9)
     assert np.allclose(stored.apparent.outline_in_rig_mm, cut(SQUARE, centre), atol=1e-9)
     assert not stored.apparent.is_second_surface
-    # The coating lies behind what it looks like, by less than the sheet is thick.
+    # The reflecting surface lies behind the apparent plane, by less than the thickness.
     assert stored.apparent.distance_mm <= stored.distance_mm < stored.apparent.distance_mm + thickness_mm
 
 
 def test_a_first_surface_mirror_is_what_it_looks_like() -> None:
-    plain = slab(np.array([3.0, -80.0, 82.0])).apparent
+    plain = appearing(np.array([3.0, -80.0, 82.0])).apparent
     assert plain.apparent is plain
     assert np.array_equal(plain.usable_normalized, plain.outline_normalized)
 
@@ -68,7 +70,7 @@ def test_a_first_surface_mirror_is_what_it_looks_like() -> None:
 def test_the_chief_ray_leaves_where_the_apparent_mirror_reflects_it(
     centre: FloatArray, thickness_mm: float, index: float
 ) -> None:
-    stored = slab(centre, thickness_mm, index)
+    stored = appearing(centre, thickness_mm, index)
     middle = stored.apparent.outline_in_rig_mm.mean(axis=0)
     chief = (middle[:2] / middle[2])[None]
     met, leaving, direction = traced(stored, chief)
@@ -85,7 +87,7 @@ def test_the_chief_ray_leaves_where_the_apparent_mirror_reflects_it(
 def test_the_traced_path_is_the_quickest() -> None:
     # Fermat: of all ways from the pupil to the coating to a point outside, by way of two points of the front, the one
     # that light takes is stationary in optical length. Shares nothing with Snell's law as the trace applies it.
-    stored = slab(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
+    stored = appearing(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
     normalized = np.array([[0.07, -0.05]])
     (met,), (leaving,), (direction,) = traced(stored, normalized)
     end = leaving + 3.0 * direction * 50.0
@@ -103,8 +105,8 @@ def test_the_traced_path_is_the_quickest() -> None:
         assert length(0.1 * step) > length(np.zeros(6))
 
 
-def test_stray_light_is_as_far_off_as_exact_rays_are() -> None:
-    stored = slab(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
+def test_light_is_as_far_off_as_exact_rays_are() -> None:
+    stored = appearing(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
     grid = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 101), np.linspace(-0.1, 0.1, 101)), axis=-1).reshape(-1, 2)
     usable = Polygon(stored.usable_normalized)
     grid = grid[contains_xy(usable, grid)]
@@ -119,7 +121,7 @@ def test_stray_light_is_as_far_off_as_exact_rays_are() -> None:
 
 def test_light_through_the_usable_part_goes_in_and_out_by_the_front() -> None:
     # The part is that of the chief ray's bend: at its border others miss the front by little, and not by much.
-    stored = slab(np.array([0.0, -80.0, 80.0]), 4.0)
+    stored = appearing(np.array([0.0, -80.0, 80.0]), 4.0)
     turn, origin = stored.rig_from_plane[:3, :2], stored.rig_from_plane[:3, 3] + 4.0 * stored.normal_in_rig
     front = Polygon(stored.outline_in_plane_mm)
     met, leaving, _ = traced(stored, stored.usable_normalized)
@@ -131,12 +133,12 @@ def test_light_through_the_usable_part_goes_in_and_out_by_the_front() -> None:
     assert 0.5 < Polygon(stored.usable_normalized).area / Polygon(stored.apparent.outline_normalized).area < 0.95
 
 
-def test_a_sheet_too_thick_for_its_size_shows_nothing() -> None:
-    tiny = slab(np.array([0.0, -80.0, 80.0]), 8.0, corners=SQUARE * 0.1)
+def test_a_mirror_too_thick_for_its_size_shows_nothing() -> None:
+    tiny = appearing(np.array([0.0, -80.0, 80.0]), 8.0, corners=SQUARE * 0.1)
     assert tiny.usable_normalized.shape == (0, 2)
 
 
-def test_a_sheet_that_holds_the_pupil_is_refused() -> None:
-    stored = slab(np.array([3.0, -80.0, 82.0]))
+def test_a_mirror_that_holds_the_pupil_is_refused() -> None:
+    stored = appearing(np.array([3.0, -80.0, 82.0]))
     with pytest.raises(ValidationError, match=r"second-surface mirror reaches 2\.5 mm past the pupil"):
         stored.replaced(thickness_mm=stored.distance_mm + 2.5)

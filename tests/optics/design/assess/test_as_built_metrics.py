@@ -71,7 +71,7 @@ def test_a_device_without_a_fault_has_the_figures_of_its_design(fixture: str, re
 
 
 def test_the_usable_window_is_what_the_decoder_finds_valid(default_layout: Layout) -> None:
-    """Of the design: its decoder's window is the box of what all views share at the reference depth."""
+    """The design's own window is the bounding box of what all its views share at the reference depth."""
     decoder = Decoder(default_layout, margin_px=0.0)
     counted = (decoder.weights > 0).all(axis=(0, 1)).mean()
     assert figures(default_layout, exact(default_layout))["usable_window"] == pytest.approx(counted, abs=0.005)
@@ -89,7 +89,7 @@ def test_a_tilted_mirror_turns_its_view_by_twice_as_much() -> None:
         shift_px = 1360.38 * 300.0 * np.sin(2 * alpha) / (80.0 + 300.0 * np.cos(2 * alpha))
         # One of three views is off; the region is small, not a point.
         assert found["uncalibrated_error_300mm"] == pytest.approx(shift_px / np.sqrt(3), rel=0.01)
-        # Of three views one strays by e and two do not: less the mean, 2/3 e once and -1/3 e twice.
+        # One of three views is off by e and two are not: less the mean, 2/3 e once and -1/3 e twice.
         assert found["misregistration_300mm"] == pytest.approx(shift_px * np.sqrt(2) / 3, rel=0.12)
 
 
@@ -101,7 +101,7 @@ def test_a_principal_point_elsewhere_is_an_error_of_as_many_pixels(default_layou
         assert 0.1 < found[f"misregistration_{depth_mm}mm"] < 2.5
 
 
-def test_a_thicker_sheet_moves_all_views_towards_the_pupil() -> None:
+def test_a_thicker_mirror_moves_all_views_towards_the_pupil() -> None:
     layout = looking_at_one_point(half=0.001)
     found = figures(layout, replace(exact(layout), thickness_mm=np.array([0.2])), (300.0,))
     target = np.array([0.0, 300.0, 80.0])

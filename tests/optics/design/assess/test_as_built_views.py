@@ -1,4 +1,4 @@
-"""Many devices at once see what each of them sees alone, and where they are built cannot be told from the design."""
+"""Many devices at once see what each of them sees alone; without tolerances they see what the design sees."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def hexagonal(layout: Layout) -> Layout:
     return layout.replaced(mirrors=tuple(mirrors))
 
 
-def coated_behind(layout: Layout) -> Layout:
+def with_second_surfaces(layout: Layout) -> Layout:
     return layout.replaced(mirrors=tuple(m.replaced(surface="second", thickness_mm=1.5) for m in layout.mirrors))
 
 
@@ -55,7 +55,7 @@ def layout(request: pytest.FixtureRequest, default_layout: Layout, crooked_layou
         return crooked_layout
     kinds: dict[Kind, Layout] = {
         "first": default_layout,
-        "second": coated_behind(default_layout),
+        "second": with_second_surfaces(default_layout),
         "hexagonal": hexagonal(default_layout),
         "looking aside": looking_aside(default_layout),
     }

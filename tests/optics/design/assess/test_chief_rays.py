@@ -31,19 +31,19 @@ def crowded(layout: Layout, seed: int, *, surface: str = "first") -> tuple[Mirro
     return tuple(mirrors)
 
 
-def walked(mirrors: tuple[Mirror, ...], light_of: int, sheet_of: int, depth_mm: float) -> dict[str, float]:
-    """Part of the light that a sheet stops, found by walking along rays and asking at each step which side of the sheet
+def walked(mirrors: tuple[Mirror, ...], lit: int, occluder: int, depth_mm: float) -> dict[str, float]:
+    """Part of the light that a mirror blocks, found by walking along rays and asking at each step which side of it
     the point is on: from its corners, not from its faces."""
-    mirror, sheet = mirrors[light_of], mirrors[sheet_of]
+    mirror, other = mirrors[lit], mirrors[occluder]
     met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, COARSE))
     forward = directions[:, 1] > 1e-9
     met, leaving, directions = met[forward], leaving[forward], directions[forward]
     end = leaving + directions * ((depth_mm - leaving[:, 1]) / directions[:, 1])[:, None]
     # Beyond the first third of the way out there are no mirrors.
     steps = np.linspace(0.0, 1.0, 2001)[:, None, None]
-    frame, flat = sheet.rig_from_plane, sheet.outline_in_plane_mm
+    frame, flat = other.rig_from_plane, other.outline_in_plane_mm
     turns = 1.0 if Polygon(flat).exterior.is_ccw else -1.0
-    below, above = sheet.back_mm, sheet.front_mm
+    below, above = other.back_mm, other.front_mm
     found = {}
     for leg, starts, ends in (("in", np.zeros_like(met), met), ("out", leaving, leaving + (end - leaving) / 3.0)):
         points = (starts + steps * (ends - starts) - frame[:3, 3]) @ frame[:3, :3]
@@ -63,9 +63,9 @@ def test_what_is_stopped_is_what_a_walk_along_the_rays_meets(default_layout: Lay
     }
     pairs = [(i, j) for i, j in ((0, 1), (1, 0), (4, 1), (1, 4), (4, 7), (7, 4), (3, 4), (4, 5), (6, 3), (2, 6))]
     met = 0
-    for light_of, sheet_of in pairs:
-        for leg, fraction in walked(mirrors, light_of, sheet_of, 500.0).items():
-            assert found.get((light_of, sheet_of, leg), 0.0) == pytest.approx(fraction, abs=0.02)
+    for lit, occluder in pairs:
+        for leg, fraction in walked(mirrors, lit, occluder, 500.0).items():
+            assert found.get((lit, occluder, leg), 0.0) == pytest.approx(fraction, abs=0.02)
             met += fraction > 0
     assert met >= 3
 
@@ -100,7 +100,7 @@ def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout:
 
 
 def test_light_goes_as_far_as_the_depth_along_the_view_axis(default_layout: Layout) -> None:
-    # A small sheet across the chief ray of the central mirror, 200 mm from the pupil along another axis than +y.
+    # A small mirror across the chief ray of the central mirror, 200 mm from the pupil along another axis than +y.
     mirror = default_layout.mirrors[4]
     axis = np.array([0.0, np.sin(np.radians(110.0)), np.cos(np.radians(110.0))])
     _, (leaving,), (direction,) = traced(mirror, mirror.outline_normalized.mean(axis=0, keepdims=True))

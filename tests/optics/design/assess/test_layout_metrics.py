@@ -222,20 +222,20 @@ def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
     plain = faceted_parabola(DesignSpec(rows=2, cols=2, spacing_mm=3.0))
 
     def behind(thickness_mm: float) -> Layout:
-        slabs = [
+        second = [
             Mirror.second_surface(
                 m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
             )
             for m in plain.mirrors
         ]
-        return plain.replaced(mirrors=tuple(slabs))
+        return plain.replaced(mirrors=tuple(second))
 
     before, thin, thick = (evaluate(layout, [DEPTH_MM]) for layout in (plain, behind(0.01), behind(3.0)))
     assert "slab_stray_mm" not in before
     for name in ("grid_error", "baseline_x_mm", "baseline_y_mm", "disparity_s_300mm"):
         assert thick[name].value == pytest.approx(before[name].value, rel=1e-9), name
     assert thin["pixel_efficiency_300mm"].value == pytest.approx(before["pixel_efficiency_300mm"].value, abs=2e-3)
-    # The rim of a slab shows nothing, and its light strays.
+    # The rim of a second-surface mirror shows nothing, and its light is offset.
     assert thick["pixel_efficiency_300mm"].value < before["pixel_efficiency_300mm"].value - 0.02
     assert 0.05 < thick["slab_stray_mm"].value < 1.0
     distance_mm = DEPTH_MM - float(plain.virtual_centres_in_rig_mm[:, 1].max())

@@ -42,15 +42,15 @@ def slid(mirror: Mirror, along: float) -> Mirror:
     )
 
 
-def coated_behind(layout: Layout, thickness_mm: float) -> Layout:
+def with_second_surfaces(layout: Layout, thickness_mm: float) -> Layout:
     """Second-surface mirrors that look where the (first-surface) mirrors of a layout are."""
-    slabs = [
+    mirrors = [
         Mirror.second_surface(
             m.virtual_centre_in_rig_mm, m.outline_in_rig_mm, thickness_mm=thickness_mm, refractive_index=1.49
         )
         for m in layout.mirrors
     ]
-    return layout.replaced(mirrors=tuple(slabs))
+    return layout.replaced(mirrors=tuple(mirrors))
 
 
 def failures(layout: Layout, spec: DesignSpec) -> set[str]:
@@ -87,9 +87,9 @@ def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> N
     assert {(found.mirror, found.occluder, found.leg) for found in blocked} >= {(4, 1, "out")}
 
 
-def test_a_thick_sheet_before_its_mirror_blocks_light(default_layout: Layout) -> None:
+def test_a_thick_second_surface_mirror_blocks_light(default_layout: Layout) -> None:
     spec = spec_of(default_layout).replaced(spacing_mm=0.0, surface="second", thickness_mm=8.0)
-    assert "blocked_light" in failures(coated_behind(default_layout, 8.0), spec)
+    assert "blocked_light" in failures(with_second_surfaces(default_layout, 8.0), spec)
 
 
 def test_mirrors_too_close_fail(default_layout: Layout) -> None:
@@ -100,7 +100,7 @@ def test_the_gap_between_sub_images_is_that_between_their_outlines(parabola_layo
     # Cells of a third of the sensor, of which outlines leave a tenth: the lower gap, between rows, in mm at 80 mm.
     gap_mm = 0.1 * (540 - 1) / 680.0 / 3 * 80.0
     spec = spec_of(parabola_layout)
-    for layout in (parabola_layout, coated_behind(parabola_layout, 3.0)):
+    for layout in (parabola_layout, with_second_surfaces(parabola_layout, 3.0)):
         assert verify(layout, spec)["smallest_seen_gap_mm"].value == pytest.approx(gap_mm, rel=1e-6)
     larger = verify(parabola_layout, spec.replaced(scale_mm=160.0))
     assert larger["smallest_seen_gap_mm"].value == pytest.approx(2.0 * gap_mm)

@@ -139,7 +139,7 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
         line = np.array([*normal, -(outlines[0] @ normal).max()])
         _, g = term_value(term, [*(outline.ravel() for outline in outlines), line], [np.array([gap])])
         apart = term.family == ELASTIC.index("seen gap")
-        # A line of unit normal that touches the first: by how much the gap to the second is kept, no corner left out.
+        # For a line of unit normal that touches the first: the excess of the gap to every corner of the second.
         assert g[~apart].min() == pytest.approx(0.0, abs=1e-12)
         assert_allclose(np.sort(g[apart]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
         found.append(float(g[apart].min()))

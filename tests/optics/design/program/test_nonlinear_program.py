@@ -247,7 +247,7 @@ SCALE_MM = 80.0
 
 
 def missed_by(mirrors: tuple[Mirror, Mirror], term: Term, family: str, parameters: list[float]) -> float:
-    """By how much two fixed mirrors of fold 90 miss what a term asks of them, in scales; 0 where a plane keeps it."""
+    """The violation of a term by two fixed mirrors of fold 90, in scales; 0 where a plane satisfies it."""
     spec = DesignSpec()
     program = Program()
     places = []
@@ -258,14 +258,14 @@ def missed_by(mirrors: tuple[Mirror, Mirror], term: Term, family: str, parameter
     middles = [mirror.outline_in_rig_mm.mean(axis=0) @ spec.view_from_rig.T for mirror in mirrors]
     way = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
     start = [*way, way @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
-    sheet = [0.0, 1.0, mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
-    program.add(term, [*places, program.unknown(start, -5.0, 5.0)], [sheet, parameters])
+    glass = [0.0, 1.0, mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
+    program.add(term, [*places, program.unknown(start, -5.0, 5.0)], [glass, parameters])
     outcome, missed = Solver(program, SLACK_WEIGHTS).find_feasible()
     assert outcome.solved
     return missed[family]
 
 
-def slab(mirror: Mirror) -> Mirror:
+def as_second_surface(mirror: Mirror) -> Mirror:
     return Mirror.second_surface(
         mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=1.5, refractive_index=1.49
     )
@@ -273,10 +273,10 @@ def slab(mirror: Mirror) -> Mirror:
 
 @pytest.mark.parametrize("second_surface", [False, True])
 @pytest.mark.parametrize(("i", "j"), [(0, 1), (1, 4), (0, 4), (3, 5)])
-def test_gaps_are_those_of_the_sheets(default_layout: Layout, i: int, j: int, second_surface: bool) -> None:
+def test_gaps_are_those_of_the_solids(default_layout: Layout, i: int, j: int, second_surface: bool) -> None:
     mirrors = default_layout.mirrors[i], default_layout.mirrors[j]
     if second_surface:
-        mirrors = slab(mirrors[0]), slab(mirrors[1])
+        mirrors = as_second_surface(mirrors[0]), as_second_surface(mirrors[1])
     apart_mm = hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in mirrors))
     assert apart_mm > 0.1
     term = constraints.gap_term(Kind(4, False, second_surface))
@@ -296,8 +296,8 @@ def test_light_is_kept_free_just_where_rays_pass(default_layout: Layout, leg: st
     kind = Kind(4, False, False)
     term = constraints.incoming_term(kind) if leg == "in" else constraints.outgoing_term(kind)
     kept, lost = 0, 0
-    for light_of, sheet_of, along in ((4, 1, 1.0), (4, 1, 0.85), (1, 4, 0.85), (4, 5, 1.0), (4, 4, 0.8), (3, 5, 1.0)):
-        mirrors = default_layout.mirrors[light_of], slid(default_layout.mirrors[sheet_of], along)
+    for lit, occluder, along in ((4, 1, 1.0), (4, 1, 0.85), (1, 4, 0.85), (4, 5, 1.0), (4, 4, 0.8), (3, 5, 1.0)):
+        mirrors = default_layout.mirrors[lit], slid(default_layout.mirrors[occluder], along)
         found = [one for one in blocked_light(mirrors, 1e5) if (one.mirror, one.leg) == (0, leg)]
         missed = missed_by(mirrors, term, "occlusion", [])
         if found:

@@ -242,7 +242,7 @@ def test_mirrors_look_like_plain_ones_of_the_centres_and_corners_asked_for(fold_
         assert_allclose(mirror.apparent.outline_normalized, corners, atol=1e-7)
 
 
-def test_a_sheet_that_does_not_fit_before_the_pupil_is_refused() -> None:
+def test_a_mirror_that_does_not_fit_before_the_pupil_is_refused() -> None:
     spec = DesignSpec(rows=1, cols=2, surface="second", thickness_mm=150.0)
     seed = seed_of(spec, 375.0)
     with pytest.raises(InfeasibleDesign, match="occlusion constraint"):

@@ -1,4 +1,4 @@
-"""What a term is made of: shares of the objective, limits by family, and derivatives where they can be nonzero."""
+"""Parts of a term: its objective, constraints by family, and derivatives where they can be nonzero."""
 
 from __future__ import annotations
 
