@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.exports import VirtualCamera, virtual_cameras
+from mirrorcam.optics.exports import VirtualCamera, virtual_cameras, write_exports
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
@@ -71,3 +73,15 @@ def case(request: pytest.FixtureRequest, parabola_layout: Layout, crooked_layout
         else:
             flipped.append(np.column_stack([pixels[:, 0], layout.camera.height_px - 1 - pixels[:, 1]]))
     return Case(layout, virtual_cameras(layout), points, tuple(flipped))
+
+
+@pytest.fixture(scope="session")
+def folder(case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The exports of a layout, with two pictures."""
+    out = tmp_path_factory.mktemp("exports")
+    camera = case.layout.camera
+    frame = np.random.default_rng(0).integers(1, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
+    for name in ("a", "b"):
+        write_image(out / f"{name}.png", frame)
+    write_exports(case.layout, out / "exports", [out / "a.png", out / "b.png"])
+    return out / "exports"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from shapely import Polygon, box
@@ -12,8 +10,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import virtual_cameras
 from mirrorcam.optics.exports.virtual_cameras import flipped_camera, flipped_pixels
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror
-from tests.optics.exports.conftest import TOLERANCE_PX, Case, seen_through, sideways_layout
+from tests.optics.exports.conftest import TOLERANCE_PX, Case, sideways_layout
 
 
 def test_the_flipped_frame_is_a_cameras(case: Case) -> None:
@@ -83,51 +80,6 @@ def test_masks_lie_apart_and_hold_what_the_mirrors_show(case: Case) -> None:
         assert not outside.any()
         sensor = box(-0.5, -0.5, view.camera.width_px - 0.5, view.camera.height_px - 0.5)
         assert (view.mask > 0).sum() == pytest.approx(Polygon(view.outline_px).intersection(sensor).area, rel=0.005)
-
-
-def acrylic(layout: Layout) -> Layout:
-    sheets = tuple(
-        Mirror.second_surface(
-            mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=2.0, refractive_index=1.49
-        )
-        for mirror in layout.mirrors
-    )
-    return layout.replaced(mirrors=sheets)
-
-
-def bent(layout: Layout) -> Layout:
-    """A sag of some 0.01 mm, and saddles."""
-    return layout.replaced(
-        mirrors=tuple(mirror.replaced(curvature_per_m=[0.08, -0.05, 0.04]) for mirror in layout.mirrors)
-    )
-
-
-def test_flat_first_surface_mirrors_are_pinholes(case: Case) -> None:
-    for view in case.views:
-        assert view.pinhole_error_px < 1e-9
-        np.testing.assert_array_equal(view.camera.intrinsics[[0, 1]], case.layout.camera.intrinsics[[0, 1]])
-
-
-@pytest.mark.parametrize("not_a_pinhole", [acrylic, bent])
-def test_other_mirrors_are_nearly_pinholes_and_their_error_is_stated(
-    parabola_layout: Layout, not_a_pinhole: Callable[[Layout], Layout]
-) -> None:
-    layout = not_a_pinhole(parabola_layout)
-    assert layout.spec is not None
-    low, high = min(layout.spec.depths_mm), max(layout.spec.depths_mm)
-    for number, view in enumerate(virtual_cameras(layout)):
-        apparent = layout.mirrors[number].apparent
-        points = seen_through(layout, number, count=2000)
-        away = np.linalg.norm(points - apparent.virtual_centre_in_rig_mm, axis=1)
-        points = points[(away > low) & (away < high)]
-        exact = flipped_pixels(layout.project(points, number), layout.camera, view.flip)
-        off = np.linalg.norm(view.project(points) - exact, axis=1)
-        assert 0.01 < off.max() <= 1.02 * view.pinhole_error_px
-        plain = flipped_pixels(layout.camera.project(apparent.reflect(points)), layout.camera, view.flip)
-        assert off.max() < 0.5 * np.linalg.norm(plain - exact, axis=1).max()
-        turn = view.camera_from_rig[:3, :3]
-        assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-12)
-        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
 
 
 def test_a_mirror_outside_the_sensor_is_refused() -> None:

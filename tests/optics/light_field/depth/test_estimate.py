@@ -7,32 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, estimate_depth
-from mirrorcam.optics.light_field.depth.depth_map import DepthMap as Map
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from tests.optics.light_field.depth.conftest import CARD, WALL, inner
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
-
-WALL = Surface(560.0, slope=(0.25, -0.35), seed=1)
-CARD = Surface(420.0, bounds=(-18.0, -30.0, 14.0, 12.0), seed=2, mean=0.35)
-
-
-@pytest.fixture(scope="module")
-def scene() -> tuple[LightField, FloatArray, Any]:
-    """A card before a slanted wall, seen by an uneven grid."""
-    return photograph(grid_views(), [WALL, CARD])
-
-
-@pytest.fixture(scope="module")
-def found(scene: Any) -> DepthMap:
-    return DepthEstimator(scene[0]).estimate(scene[0])
-
-
-def inner(number: Any, of: int, px: int = 4) -> Any:
-    """Pixels of a surface, `px` away from its end."""
-    import cv2
-
-    return cv2.erode((number == of).astype(np.uint8), np.ones((2 * px + 1,) * 2, np.uint8), borderValue=0) > 0
 
 
 def test_surfaces_are_found_to_a_small_part_of_their_depth(scene: Any, found: DepthMap) -> None:
@@ -42,16 +21,6 @@ def test_surfaces_are_found_to_a_small_part_of_their_depth(scene: Any, found: De
         assert np.median(error) < 0.0015
         assert np.quantile(error, 0.9) < 0.006
     assert (np.abs(found.depth_mm - depth) / depth < 0.02).mean() > 0.9
-
-
-def test_disparity_and_points_are_those_of_the_depth(scene: Any, found: DepthMap) -> None:
-    light_field, depth, number = scene
-    on_card = inner(number, 1)
-    assert np.allclose(found.disparity_px()[on_card], light_field.disparity_px_from_depth(depth[on_card]), atol=0.15)
-    points = found.points_in_rig()
-    assert np.allclose(points[..., 1], found.depth_mm, atol=1e-3, equal_nan=True)
-    pixels = light_field.project(points[on_card])[found.view]
-    assert np.allclose(pixels, light_field.pixel_grid()[on_card], atol=1e-3)
 
 
 def test_what_is_hidden_on_one_side_is_seen_by_the_other(scene: Any, found: DepthMap) -> None:
@@ -199,20 +168,6 @@ def test_a_light_field_of_other_views_or_weights_is_refused(scene: Any) -> None:
         assert not estimator.fits(other)
         with pytest.raises(InputError, match="other views or weights than the one the estimator was built for"):
             estimator.estimate(other)
-
-
-def test_depth_maps_check_themselves_and_are_read_only(found: DepthMap) -> None:
-    wrong: Any = found.sigma_mm.astype(float)
-    with pytest.raises(ValueError, match=r"sigma_mm is float64 of shape \(90, 120\), expected float32"):
-        Map(
-            views=found.views,
-            view=found.view,
-            depth_mm=found.depth_mm,
-            sigma_mm=wrong,
-            confidence=found.confidence,
-        )
-    with pytest.raises(ValueError, match="read-only"):
-        found.depth_mm[0, 0] = 1.0
 
 
 def test_one_call_is_the_estimator_of_that_light_field(scene: Any) -> None:

@@ -2,62 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
-from mirrorcam.optics.light_field.render.view_depths import ViewDepths, landed, referred_to, without_nearer
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, referred_to, without_nearer
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, met, photograph
+from tests.optics.light_field.render.scenes import CARD, POST, SCENE, WALL, behind_mm, inside, seen_at, true_depths
 from tests.optics.light_field.render.test_refocusing import psnr, truth
-
-WALL = Surface(560.0, slope=(0.2, -0.3), seed=1)
-CARD = Surface(400.0, bounds=(-16.0, -22.0, 8.0, 14.0), seed=2, mean=0.65)
-SCENE = [WALL, CARD]
-POST = Surface(400.0, bounds=(-6.0, -60.0, 4.0, 60.0), seed=2, mean=0.65)
-
-
-def behind_mm(views: Views) -> float:
-    return views.reference_view_depth_mm
-
-
-def true_depths(views: Views, surfaces: list[Surface]) -> ViewDepths:
-    grid = views.pixel_grid()
-    distance = np.array([[met(views, (t, s), grid, surfaces)[1] for s in range(views.cols)] for t in range(views.rows)])
-    return ViewDepths.of_depths(views, distance + behind_mm(views))
-
-
-def seen_at(views: Views, place: FloatArray, surfaces: list[Surface]) -> FloatArray:
-    """What a pinhole at a place sees, without noise."""
-    positions = np.stack([views.positions_mm[1, 1], place])[None]
-    pair = replace(views, positions_mm=positions)
-    shifts = np.stack(np.meshgrid([-0.25, 0.25], [-0.25, 0.25]), axis=-1).reshape(-1, 2)
-    return np.asarray(np.mean([met(pair, (0, 1), views.pixel_grid() + shift, surfaces)[0] for shift in shifts], axis=0))
-
-
-def inside(shape: tuple[int, ...], margin: int = 8) -> NDArray[np.bool_]:
-    where = np.zeros(shape, dtype=bool)
-    where[margin:-margin, margin:-margin] = True
-    return where
-
-
-def test_pixels_land_where_views_see_their_points() -> None:
-    views = grid_views()
-    start, end = (0, 2), (2, 0)
-    points = views.plane_points_in_rig(410.0, np.array([[31.0, 52.0], [77.0, 11.0]]), start)
-    nearness = np.full((90, 120), 1.0 / (410.0 - behind_mm(views)), np.float32)
-    u, v = landed(views, start, views.positions_mm[end], nearness)
-    expected = views.project(points)[end]
-    np.testing.assert_allclose([[u[52, 31], v[52, 31]], [u[11, 77], v[11, 77]]], expected, atol=1e-3)
-    # What is infinitely far moves by f x (1 / Z0 - 0).
-    u, _ = landed(views, (1, 1), np.array([20.0, 0.0, 0.0]), np.zeros((90, 120), np.float32))
-    moved = views.focal_px * 20.0 / views.reference_distance_mm
-    np.testing.assert_allclose(u - np.arange(120), moved, atol=1e-3)
 
 
 def test_any_view_can_be_the_reference() -> None:
@@ -180,20 +135,6 @@ def test_the_way_around_stays_between_the_views() -> None:
         seen_from(light_field, true_depths(views, SCENE), np.array([90.0, 0.0, 0.0]))
 
 
-def test_bad_depths_are_refused() -> None:
-    views = grid_views()
-    light_field = photograph(views, [WALL])[0]
-    with pytest.raises(InputError, match="depths have shape"):
-        ViewDepths.of_depths(views, np.ones((3, 3, 5, 5)))
-    with pytest.raises(InputError, match="expected all beyond"):
-        ViewDepths.of_depths(views, np.full((3, 3, 90, 120), behind_mm(views) - 1.0))
-    nothing = ViewDepths.of_depths(views, np.full((3, 3, 90, 120), np.nan))
-    with pytest.raises(InputError, match="no depth is known in any view"):
-        all_in_focus(light_field, nothing)
-    with pytest.raises(InputError, match="nothing lies nearer"):
-        without_nearer(light_field, nothing, behind_mm(views) - 5.0)
-
-
 def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE, noise=0.0)[0]
@@ -209,26 +150,3 @@ def test_from_its_own_place_a_view_decides_where_depth_is_wrong() -> None:
     stray[1, 1, 20:60, 30:90] = 128
     picture = all_in_focus(LightField.of(views, stray, light_field.weights), wrong)
     assert np.abs(picture.image[patch] - 128.0 / 255.0).mean() < 0.02
-
-
-def test_what_other_views_do_not_confirm_is_not_sure() -> None:
-    views = grid_views()
-    light_field = photograph(views, SCENE)[0]
-    samples = light_field.samples.copy()
-    samples[1, 1, 20:70, 70:110] = np.random.default_rng(2).integers(0, 256, (50, 40, 3))
-    depths = ViewDepths.measured(LightField.of(views, samples, light_field.weights))
-    assert depths.sure[1, 1, 20:70, 20:40].mean() > 0.8
-    assert depths.sure[1, 1, 25:65, 75:105].mean() < 0.5
-    assert (depths.nearness[depths.sure] > 0).all()
-
-
-def test_samples_just_around_what_is_left_out_are_too() -> None:
-    views = grid_views()
-    light_field = photograph(views, SCENE)[0]
-    depths = true_depths(views, SCENE)
-    nearer = depths.nearness > 1.0 / 460.0
-    weights = without_nearer(light_field, depths, 460.0 + behind_mm(views)).weights
-    assert (weights[nearer] == 0).all()
-    for shift in ((2, 0), (-2, 0), (0, 2), (0, -2)):
-        assert (weights[np.roll(nearer, shift, axis=(2, 3))] == 0).all()
-    assert (weights[np.roll(nearer, (3, 0), axis=(2, 3))] > 0).any()

@@ -58,3 +58,6 @@ def shift_that_agrees(
     return float(
         candidates[best] + (candidates[1] - candidates[0]) * 0.5 * (before - after) / (before - 2 * here + after)
     )
+
+
+CANDIDATES = np.linspace(-3, 3, 61)

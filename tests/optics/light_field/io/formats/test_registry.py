@@ -1,4 +1,4 @@
-"""Every format gives back what was written; and none lets a bad file pass."""
+"""All formats: each gives back what was written, and none lets a bad file pass."""
 
 from __future__ import annotations
 

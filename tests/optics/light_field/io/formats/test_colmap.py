@@ -1,34 +1,17 @@
-"""COLMAP, nerfstudio and point clouds: the cameras and points that their readers see, against the scene."""
+"""COLMAP: the cameras and points that it sees in our files, against the scene."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
 import pytest
-import trimesh
 
-from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
-from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
-from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
 from mirrorcam.optics.light_field.light_field import LightField
-from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
-
-SURFACES = (Surface(520.0, slope=(0.2, -0.1), seed=1), Surface(430.0, bounds=(-30.0, -20.0, 5.0, 60.0), seed=2))
-
-
-@pytest.fixture(scope="module")
-def scene() -> tuple[LightField, FloatArray]:
-    """Uneven views, some with a principal point outside their picture, and the depth of the middle one."""
-    light_field, depth, _ = photograph(
-        grid_views(width_px=240, height_px=180, focal_px=700.0, centre_px=np.array([120.0, 20.0])), SURFACES
-    )
-    return light_field, depth
+from tests.optics.light_field.io.formats.conftest import SURFACES, points
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +19,6 @@ def colmap(scene: tuple[LightField, FloatArray], tmp_path_factory: pytest.TempPa
     folder = tmp_path_factory.mktemp("colmap")
     write_colmap(folder, scene[0])
     return folder
-
-
-def points(scene: tuple[LightField, FloatArray]) -> FloatArray:
-    """What every tenth pixel shows, (n, 3) in rig."""
-    cloud = point_cloud(*scene)[0]
-    return cloud[::10]
 
 
 def test_colmap_sees_points_where_the_views_do(scene: tuple[LightField, FloatArray], colmap: Path) -> None:
@@ -142,84 +119,3 @@ def test_models_that_are_no_light_field_are_refused(scene: tuple[LightField, Flo
         with pytest.raises(InputError, match=message):
             read_colmap(tmp_path)
         path.write_text(good, encoding="utf-8")
-
-
-def nerfstudio_pixels(frame: dict[str, Any], points_in_world_mm: FloatArray) -> FloatArray:
-    """Pixels, centres at half, of nerfstudio's cameras: right, up, back, as its documentation has them."""
-    camera_from_world = np.linalg.inv(frame["transform_matrix"])
-    x, y, z = camera_from_world[:3, :3] @ points_in_world_mm.T / 1000.0 + camera_from_world[:3, 3:]
-    return np.stack([frame["cx"] + frame["fl_x"] * x / -z, frame["cy"] - frame["fl_y"] * y / -z], axis=-1)
-
-
-def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
-    write_nerfstudio(tmp_path, scene[0])
-    frames = json.loads((tmp_path / "transforms.json").read_text(encoding="utf-8"))["frames"]
-    places, colours = points(scene), point_cloud(*scene)[1][::10].astype(float)
-    expected = scene[0].project(places).reshape(9, -1, 2)
-    for frame, pixels in zip(frames, expected, strict=True):
-        # The rig of a 90 degree fold has y to the scene and z up, as this world.
-        seen = nerfstudio_pixels(frame, places)
-        assert np.allclose(seen - 0.5, pixels, atol=1e-6)
-        picture = read_image(tmp_path / frame["file_path"]).astype(float)
-        u, v = np.floor(seen).astype(int).T
-        inside = (u >= 0) & (u < 240) & (v >= 0) & (v < 180)
-        assert inside.mean() > 0.6
-        assert np.median(np.abs(picture[v[inside], u[inside]] - colours[inside])) < 6.0
-        assert frame["mask_path"].startswith("masks/")
-
-
-def test_nerfstudios_file_alone_brings_the_views_back(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
-    light_field = scene[0]
-    write_nerfstudio(tmp_path, light_field)
-    (tmp_path / "views.json").unlink()
-    found = read_nerfstudio(tmp_path)
-    assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
-    assert found.reference_depth_mm == pytest.approx(light_field.reference_depth_mm, abs=1e-4)
-    assert np.allclose(found.project(points(scene)), light_field.project(points(scene)), atol=1e-4)
-    assert np.array_equal(found.samples, light_field.samples)
-
-
-def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
-    write_nerfstudio(tmp_path, scene[0])
-    (tmp_path / "views.json").unlink()
-    path = tmp_path / "transforms.json"
-    good = path.read_text(encoding="utf-8")
-
-    def bad(change: Any) -> None:
-        said = json.loads(good)
-        change(said["frames"])
-        path.write_text(json.dumps(said), encoding="utf-8")
-
-    def turn(frames: Any) -> None:
-        frames[3]["transform_matrix"][0][0] = 0.9
-
-    for change, message in (
-        (lambda frames: frames.pop(4), "not a dataset of a grid"),
-        (lambda frames: frames[0].update(k1=0.1), "have distortion"),
-        (lambda frames: frames[0].update(cx=5.0), "do not share a plane"),
-        (lambda frames: frames[0].pop("fl_x"), "not a dataset of a grid"),
-        (turn, "turned differently"),
-    ):
-        bad(change)
-        with pytest.raises(InputError, match=message):
-            read_nerfstudio(tmp_path)
-
-
-def test_point_clouds_lie_on_the_scene_and_open_elsewhere(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
-    light_field, depth = scene
-    holes = depth.copy()
-    holes[:20] = np.nan
-    cloud, colours = point_cloud(light_field, holes)
-    write_ply(tmp_path / "a.ply", cloud, colours)
-    opened: Any = trimesh.load(tmp_path / "a.ply")
-    assert np.allclose(opened.vertices, cloud, atol=1e-4)
-    assert np.array_equal(opened.colors[:, :3], colours)
-    assert len(cloud) == 160 * 240
-    # In the rig the depth from the pupil is y; pixels of the middle view show them.
-    assert np.allclose(cloud[:, 1], depth[20:].ravel())
-    assert np.allclose(light_field.project(cloud)[1, 1], light_field.pixel_grid()[20:].reshape(-1, 2), atol=1e-6)
-
-
-def test_depths_of_other_sizes_are_refused(scene: tuple[LightField, FloatArray]) -> None:
-    with pytest.raises(InputError, match="expected 240x180"):
-        point_cloud(scene[0], scene[1][1:])

@@ -1,0 +1,57 @@
+"""The folder of exports: pictures, the same bytes, what is refused, and its README."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports import write_exports
+from tests.optics.exports.conftest import Case
+
+
+def test_pictures_are_the_flipped_frame(case: Case, folder: Path) -> None:
+    frame = read_image(folder.parent / "a.png")
+    for view in case.views:
+        flipped = frame[:, ::-1] if view.flip == "left-right" else frame[::-1]
+        for name in ("a.png", "b.png"):
+            image = read_image(folder / "colmap" / "images" / view.name / name)
+            mask = read_image(folder / "colmap" / "masks" / view.name / f"{name}.png", grey=True)
+            np.testing.assert_array_equal(image[mask > 0], flipped[mask > 0])
+            assert not image[mask == 0].any()
+        part = read_image(folder / "nerfstudio" / "images" / f"{view.name}.png")
+        np.testing.assert_array_equal(part, flipped[view.sub_image.slices])
+
+
+def test_the_same_layout_makes_the_same_bytes(case: Case, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_exports(case.layout, tmp_path / name)
+    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    assert len(files) > 10
+    for path in files:
+        assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes()
+
+
+def test_a_picture_of_another_size_is_refused(case: Case, tmp_path: Path) -> None:
+    write_image(tmp_path / "small.png", np.zeros((10, 20), dtype=np.uint8))
+    with pytest.raises(InputError, match=r"small.png: 20x10 px, expected \d+x\d+ as calibrated"):
+        write_exports(case.layout, tmp_path / "exports", [tmp_path / "small.png"])
+
+
+def test_pictures_that_share_a_name_are_refused(case: Case, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="pictures share a name"):
+        write_exports(case.layout, tmp_path / "exports", [tmp_path / "x" / "a.png", tmp_path / "y" / "a.png"])
+
+
+def test_the_readme_names_flip_and_every_view(case: Case, folder: Path) -> None:
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    assert f"flipped\n{case.views[0].flip}" in text
+    lines = [line for line in text.splitlines() if line.startswith("| view_")]
+    assert len(lines) == len(case.views)
+    assert len({line.split("|")[1] for line in lines}) == len(lines)
+    for before, after in pairwise(lines):
+        assert before < after

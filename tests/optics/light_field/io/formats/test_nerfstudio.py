@@ -1,0 +1,78 @@
+"""nerfstudio: the cameras that it sees in our files, against the scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
+from mirrorcam.optics.light_field.io.formats.ply import point_cloud
+from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.io.formats.conftest import points
+
+
+def nerfstudio_pixels(frame: dict[str, Any], points_in_world_mm: FloatArray) -> FloatArray:
+    """Pixels, centres at half, of nerfstudio's cameras: right, up, back, as its documentation has them."""
+    camera_from_world = np.linalg.inv(frame["transform_matrix"])
+    x, y, z = camera_from_world[:3, :3] @ points_in_world_mm.T / 1000.0 + camera_from_world[:3, 3:]
+    return np.stack([frame["cx"] + frame["fl_x"] * x / -z, frame["cy"] - frame["fl_y"] * y / -z], axis=-1)
+
+
+def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_nerfstudio(tmp_path, scene[0])
+    frames = json.loads((tmp_path / "transforms.json").read_text(encoding="utf-8"))["frames"]
+    places, colours = points(scene), point_cloud(*scene)[1][::10].astype(float)
+    expected = scene[0].project(places).reshape(9, -1, 2)
+    for frame, pixels in zip(frames, expected, strict=True):
+        # The rig of a 90 degree fold has y to the scene and z up, as this world.
+        seen = nerfstudio_pixels(frame, places)
+        assert np.allclose(seen - 0.5, pixels, atol=1e-6)
+        picture = read_image(tmp_path / frame["file_path"]).astype(float)
+        u, v = np.floor(seen).astype(int).T
+        inside = (u >= 0) & (u < 240) & (v >= 0) & (v < 180)
+        assert inside.mean() > 0.6
+        assert np.median(np.abs(picture[v[inside], u[inside]] - colours[inside])) < 6.0
+        assert frame["mask_path"].startswith("masks/")
+
+
+def test_nerfstudios_file_alone_brings_the_views_back(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    light_field = scene[0]
+    write_nerfstudio(tmp_path, light_field)
+    (tmp_path / "views.json").unlink()
+    found = read_nerfstudio(tmp_path)
+    assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
+    assert found.reference_depth_mm == pytest.approx(light_field.reference_depth_mm, abs=1e-4)
+    assert np.allclose(found.project(points(scene)), light_field.project(points(scene)), atol=1e-4)
+    assert np.array_equal(found.samples, light_field.samples)
+
+
+def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_nerfstudio(tmp_path, scene[0])
+    (tmp_path / "views.json").unlink()
+    path = tmp_path / "transforms.json"
+    good = path.read_text(encoding="utf-8")
+
+    def bad(change: Any) -> None:
+        said = json.loads(good)
+        change(said["frames"])
+        path.write_text(json.dumps(said), encoding="utf-8")
+
+    def turn(frames: Any) -> None:
+        frames[3]["transform_matrix"][0][0] = 0.9
+
+    for change, message in (
+        (lambda frames: frames.pop(4), "not a dataset of a grid"),
+        (lambda frames: frames[0].update(k1=0.1), "have distortion"),
+        (lambda frames: frames[0].update(cx=5.0), "do not share a plane"),
+        (lambda frames: frames[0].pop("fl_x"), "not a dataset of a grid"),
+        (turn, "turned differently"),
+    ):
+        bad(change)
+        with pytest.raises(InputError, match=message):
+            read_nerfstudio(tmp_path)

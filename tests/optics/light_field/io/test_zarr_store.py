@@ -1,0 +1,66 @@
+"""Recordings in Zarr: arrays by name, beginnings, and what was spoilt on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.formats.registry import open_light_field
+from mirrorcam.optics.light_field.io.frames import Video
+from mirrorcam.optics.light_field.io.stream import record
+from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
+from tests.optics.light_field.io.conftest import COUNT, DAMAGED, begin
+
+
+def test_other_programs_find_the_arrays_by_name(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, recording)
+    recording.finish()
+    group = zarr.open_group(tmp_path / "a.zarr", mode="r")
+    samples: Any = group["samples"]
+    assert samples.metadata.dimension_names == ("frame", "t", "s", "v", "u", "c")
+    assert samples.shape == (COUNT - 1, *decoder.weights.shape, 3)
+    assert samples.chunks == (1, *decoder.weights.shape, 3)
+    assert sorted(name for name, _ in group.arrays()) == ["number", "samples", "time_s", "weights"]
+    views: Any = group.attrs["views"]
+    assert np.array_equal(views["positions_mm"], decoder.views.positions_mm)
+    assert group.attrs["lost"] == [[DAMAGED, "is damaged"]]
+
+
+def test_a_beginning_can_be_looked_at(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    begun = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, begun, limit=9)
+    begun.close()
+    stored = StoredLightFields(tmp_path / "a.zarr.partial")
+    assert stored.numbers == (0, 1, 2, 3, 4, 5, 6, 8)
+    assert stored.lost == {7: "is damaged"}
+    assert stored[7].samples.any()
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    with pytest.raises(InputError, match=r"nowhere.zarr: "):
+        StoredLightFields(tmp_path / "nowhere.zarr")
+    zarr.open_group(tmp_path / "other.zarr", mode="w")
+    with pytest.raises(InputError, match=r"other.zarr: not a recording of light fields"):
+        open_light_field(tmp_path / "other.zarr")
+
+
+def test_a_frame_that_was_spoilt_on_disk_is_refused_not_made_up(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, recording, limit=4)
+    recording.finish()
+    chunks = [tmp_path / "a.zarr" / "samples" / "c" / str(number) / "0" / "0" / "0" / "0" / "0" for number in range(3)]
+    chunks[0].unlink()
+    chunks[1].write_bytes(chunks[1].read_bytes()[:50])
+    stored = StoredLightFields(tmp_path / "a.zarr")
+    with pytest.raises(InputError, match=r"a.zarr: frame 0 is missing, expected samples/c/0/0/0/0/0/0$"):
+        stored[0]
+    with pytest.raises(InputError, match=r"a.zarr: frame 1 cannot be read: "):
+        stored[1]
+    assert stored[2].samples.any()
