@@ -11,7 +11,7 @@ from mirrorcam.optics.base.html.templates import FigureTable, PageFile, PagePict
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent
 LABELS = {
     "normal_error_max_deg": "Direction of the worst mirror, from the truth",
     "normal_error_between_mirrors_max_deg": "Direction of the worst mirror, a turn of all mirrors together aside",

@@ -27,7 +27,7 @@ from mirrorcam.pages.calibration.drawings import (
     residual_needles,
 )
 
-TEMPLATES = Path(__file__).parents[1] / "templates"
+TEMPLATES = Path(__file__).parent
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
 
 

@@ -10,58 +10,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, Metric
-from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution, empty_region, sigma_px
-from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
+from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution
+from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
-from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.pages.calibration.calibration_page import report_html, write_report
-from mirrorcam.pages.calibration.inline_svg import Scale, coordinate, tick_text
 from tests.mirrorcam.pages.test_run_report import outline
-from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
-from tests.optics.layouts import faceted_parabola
-
-BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
-NOISE_PX = 0.05
-
-
-@pytest.fixture(scope="module")
-def truth() -> Layout:
-    camera = Camera.c920()
-    return as_built(faceted_parabola(camera, DesignSpec(camera=camera, rows=2, cols=2), fill=0.9), seed=3)
+from tests.optics.calibration.sound_calibration import (
+    NOISE_PX,
+    rows_of,
+    sound_calibration,
+)
 
 
-@pytest.fixture(scope="module")
-def poses() -> tuple[list[FloatArray], list[FloatArray]]:
-    return mirrored_poses(BOARD, 12, tilt_deg=30, seed=1), direct_poses(BOARD, 5, tilt_deg=30, seed=2)
-
-
-@pytest.fixture(scope="module")
-def calibration(truth: Layout, poses: tuple[list[FloatArray], list[FloatArray]]) -> Calibration:
-    camera = Camera.c920()
-    nominal = faceted_parabola(camera, DesignSpec(camera=camera, rows=2, cols=2), fill=0.9)
-    views = views_of(truth, BOARD, *poses, noise_px=NOISE_PX)
-    return calibrate_corners(views.seen, views.base, nominal, BOARD.corners_in_board_mm)
+@pytest.fixture
+def calibration() -> Calibration:
+    return sound_calibration()
 
 
 def verdict_of(calibration: Calibration) -> Verdict:
     return check_solution(calibration, view_figures(calibration))
-
-
-def rows_of(calibration: Calibration, keep: np.ndarray) -> Calibration:
-    """The same with only some of the corners (n,)."""
-    return replace(
-        calibration,
-        observations=calibration.observations.where(keep),
-        residuals_px=calibration.residuals_px[keep],
-        inliers=calibration.inliers[keep],
-    )
 
 
 def test_a_sound_calibration_is_good_to_use(calibration: Calibration) -> None:
@@ -260,81 +229,3 @@ def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
     page = report_html(replace(calibration, notes=("frame 3: no <board> & nothing",)), command="a <b>")
     assert "Frame 3: no &lt;board&gt; &amp; nothing." in page
     assert "a &lt;b&gt;" in page
-
-
-def test_distances_and_tilts_are_those_of_the_board(
-    calibration: Calibration, truth: Layout, poses: tuple[list[FloatArray], list[FloatArray]]
-) -> None:
-    """Against the true poses and virtual centres; the calibration is right to far less than the tolerance."""
-    seen = calibration.observations
-    for view in view_figures(calibration):
-        centre = np.zeros(3) if view.view == DIRECT else truth.virtual_centres_in_rig_mm[view.view]
-        for frame, distance, tilt in zip(
-            np.unique(seen.frame[seen.view == view.view]), view.distances_mm, view.tilts_deg, strict=True
-        ):
-            pose = [*poses[0], *poses[1]][frame]
-            corners = seen.corner[(seen.view == view.view) & (seen.frame == frame)]
-            rays = transform(pose, BOARD.corners_in_board_mm[corners]) - centre
-            lengths = np.linalg.norm(rays, axis=1)
-            assert distance == pytest.approx(np.median(lengths), rel=2e-3)
-            cosines = np.abs(rays @ pose[:3, 2]) / lengths
-            assert tilt == pytest.approx(np.median(np.degrees(np.arccos(cosines))), abs=0.3)
-
-
-def test_normals_are_in_view_axes_before_mirrors_only(
-    calibration: Calibration, poses: tuple[list[FloatArray], list[FloatArray]]
-) -> None:
-    normals, mirrored = board_normals(calibration)
-    assert mirrored.tolist() == [True] * 12 + [False] * 5
-    expected = [calibration.layout.view_from_rig @ pose[:3, 2] for pose in poses[0]]
-    np.testing.assert_allclose(normals[:12], expected, atol=1e-3)
-    np.testing.assert_allclose(normals[12:], [pose[:3, 2] for pose in poses[1]], atol=1e-3)
-    assert (normals[:, 2] > 0.5).all()
-
-
-def test_cells_of_noise_are_seldom_systematic_and_shifted_ones_are(calibration: Calibration) -> None:
-    random = np.random.default_rng(0)
-    sigma = 0.05
-    noise = random.normal(0.0, sigma, (40, *calibration.residuals_px.shape))
-    found = [
-        cell_means(replace(calibration, residuals_px=residuals), 0, sigma).systematic.mean() for residuals in noise
-    ]
-    assert np.mean(found) == pytest.approx(0.01, abs=0.003)
-    shifted = replace(calibration, residuals_px=noise[0] + 5.0 * sigma)
-    assert cell_means(shifted, 0, sigma).systematic.mean() > 0.95
-
-
-@pytest.mark.parametrize(("corner", "words"), [((0, 0), "at the top left"), ((1, 1), "at the bottom right")])
-def test_the_empty_region_is_where_no_corner_was_seen(
-    calibration: Calibration, corner: tuple[int, int], words: str
-) -> None:
-    seen, outline_px = calibration.observations, calibration.layout.outline_px(0)
-    low, high = outline_px.min(axis=0), outline_px.max(axis=0)
-    place = (seen.pixels - low) / (high - low)
-    near = (np.abs(place - corner) < 0.45).all(axis=1)
-    views = view_figures(rows_of(calibration, (seen.view != 0) | ~near))
-    assert empty_region(views[0]) == words
-    assert views[0].coverage < 0.9 * view_figures(calibration)[0].coverage
-
-
-def test_sigma_is_that_of_the_fit(calibration: Calibration) -> None:
-    assert sigma_px(calibration) == calibration.metrics["sigma_px"].value
-    bare = replace(calibration, metrics={})
-    assert sigma_px(bare) == pytest.approx(NOISE_PX, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "about", "expected"),
-    [
-        (0.0, 1.0, 5, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
-        (200.0, 1000.0, 9, [200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0, 1000.0]),
-        (-3.2, 4.1, 4, [-2.0, 0.0, 2.0, 4.0]),
-    ],
-)
-def test_ticks_are_round_and_within(low: float, high: float, about: int, expected: list[float]) -> None:
-    assert Scale(low, high, 0.0, 1.0).ticks(about) == pytest.approx(expected)
-
-
-def test_numbers_of_drawings_are_short() -> None:
-    assert [coordinate(value) for value in (1.0, 1.25, 0.001, -0.5)] == ["1", "1.25", "0", "-0.5"]
-    assert [tick_text(value) for value in (-0.0, 0.30000000000000004, -2.0)] == ["0", "0.3", "\N{MINUS SIGN}2"]

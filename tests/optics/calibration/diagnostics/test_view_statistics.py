@@ -1,0 +1,62 @@
+"""Statistics of the views of a calibration are those of the boards that were simulated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.transforms import transform
+from tests.optics.calibration.sound_calibration import (
+    BOARD,
+    board_poses,
+    sound_calibration,
+    true_layout,
+)
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    return sound_calibration()
+
+
+def test_distances_and_tilts_are_those_of_the_board(calibration: Calibration) -> None:
+    """Against the true poses and virtual centres; the calibration is right to far less than the tolerance."""
+    seen = calibration.observations
+    for view in view_figures(calibration):
+        centre = np.zeros(3) if view.view == DIRECT else true_layout().virtual_centres_in_rig_mm[view.view]
+        for frame, distance, tilt in zip(
+            np.unique(seen.frame[seen.view == view.view]), view.distances_mm, view.tilts_deg, strict=True
+        ):
+            pose = [*board_poses()[0], *board_poses()[1]][frame]
+            corners = seen.corner[(seen.view == view.view) & (seen.frame == frame)]
+            rays = transform(pose, BOARD.corners_in_board_mm[corners]) - centre
+            lengths = np.linalg.norm(rays, axis=1)
+            assert distance == pytest.approx(np.median(lengths), rel=2e-3)
+            cosines = np.abs(rays @ pose[:3, 2]) / lengths
+            assert tilt == pytest.approx(np.median(np.degrees(np.arccos(cosines))), abs=0.3)
+
+
+def test_normals_are_in_view_axes_before_mirrors_only(calibration: Calibration) -> None:
+    normals, mirrored = board_normals(calibration)
+    assert mirrored.tolist() == [True] * 12 + [False] * 5
+    expected = [calibration.layout.view_from_rig @ pose[:3, 2] for pose in board_poses()[0]]
+    np.testing.assert_allclose(normals[:12], expected, atol=1e-3)
+    np.testing.assert_allclose(normals[12:], [pose[:3, 2] for pose in board_poses()[1]], atol=1e-3)
+    assert (normals[:, 2] > 0.5).all()
+
+
+def test_cells_of_noise_are_seldom_systematic_and_shifted_ones_are(calibration: Calibration) -> None:
+    random = np.random.default_rng(0)
+    sigma = 0.05
+    noise = random.normal(0.0, sigma, (40, *calibration.residuals_px.shape))
+    found = [
+        cell_means(replace(calibration, residuals_px=residuals), 0, sigma).systematic.mean() for residuals in noise
+    ]
+    assert np.mean(found) == pytest.approx(0.01, abs=0.003)
+    shifted = replace(calibration, residuals_px=noise[0] + 5.0 * sigma)
+    assert cell_means(shifted, 0, sigma).systematic.mean() > 0.95
