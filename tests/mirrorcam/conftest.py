@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.optics.design.assess.monte_carlo import Study, study
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.tolerances import Tolerances
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,6 +34,12 @@ def small_layout() -> Layout:
     """Two mirrors beside each other before a C920."""
     mirrors = (_folding_mirror(-0.3, -0.02), _folding_mirror(0.02, 0.3))
     return Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=mirrors)
+
+
+@pytest.fixture(scope="session")
+def found(default_layout: Layout) -> Study:
+    """A small tolerance study of the default layout."""
+    return study(default_layout, Tolerances.hobby(), (300.0, 500.0), devices=20)
 
 
 def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
 from mirrorcam.commands.render import reach_text
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.base.values import InputError
@@ -26,10 +25,9 @@ from mirrorcam.optics.base.worker_pool import run_local
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, save_board
-from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
-from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
+from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.rendering import finished_frames, in_workers, on_cluster
 
 # Not by importing it: that would choose an LLVM.
@@ -352,10 +350,3 @@ def test_a_mirror_that_shows_no_board_is_named(finished: Path) -> None:
     far = Reach(nearest_mm=300, farthest_mm=500, tilt_deg=40)
     both = dataset.replaced(reaches=(near, far))
     assert reach_text(both) == "every mirror shows boards from 300 to 400 mm away and tilted by up to 40°"
-
-
-def test_texts_become_tolerances_and_sensors() -> None:
-    assert tolerances_from_text("") == Tolerances()
-    assert tolerances_from_text("none") == Tolerances.none()
-    assert tolerances_from_text("tilt_deg=0.5,centre_px=2") == Tolerances(tilt_deg=0.5, centre_px=2.0)
-    assert sensor_from_text("poor") == SENSORS["poor"]

@@ -6,17 +6,13 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from mirrorcam import cli
 from mirrorcam.commands.design import print_tolerance
 from mirrorcam.console.progress import console
-from mirrorcam.figures.tolerance_figure import COLOURS, tolerance_figure
 from mirrorcam.optics.base.figure_texts import figure_text
-from mirrorcam.optics.base.files import read_image
-from mirrorcam.optics.design.assess.monte_carlo import Study, study
+from mirrorcam.optics.design.assess.monte_carlo import Study
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -28,19 +24,8 @@ FILES = ("tolerance.json", "tolerance.png")
 
 
 @pytest.fixture(scope="module")
-def found(default_layout: Layout) -> Study:
-    return study(default_layout, Tolerances.hobby(), (300.0, 500.0), devices=20)
-
-
-@pytest.fixture(scope="module")
 def pair() -> Layout:
     return design(DesignSpec(rows=1, cols=2))
-
-
-@pytest.fixture
-def picture(found: Study, tmp_path: Path) -> NDArray[np.uint8]:
-    tolerance_figure(found, tmp_path / "tolerance.png")
-    return read_image(tmp_path / "tolerance.png")
 
 
 def test_figures_lie_flat_with_their_units(found: Study) -> None:
@@ -70,37 +55,6 @@ def test_tables_show_every_figure(found: Study, capsys: pytest.CaptureFixture[st
     for spread in found.spreads[1.0].values():
         for value in (spread.nominal, spread.low, spread.median, spread.high):
             assert figure_text(value) in printed
-
-
-def share_of(picture: NDArray[np.uint8], colour: str) -> float:
-    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    return float((np.abs(picture.astype(int) - wanted).max(axis=-1) < 12).mean())
-
-
-def test_bars_are_as_long_as_the_shares(picture: NDArray[np.uint8], found: Study) -> None:
-    """The lower part of the picture is one block of bars in the colours of the causes."""
-    bars = picture[picture.shape[0] * 62 // 100 :]
-    areas = np.array([share_of(bars, colour) for colour in COLOURS])
-    shares = np.array([sum(of_cause.values()) for of_cause in found.shares.values()])
-    np.testing.assert_allclose(areas[:5] / areas.sum(), shares / shares.sum(), atol=0.02)
-    assert areas.sum() > 0.3
-
-
-def test_nothing_is_cut_off_at_the_border(picture: NDArray[np.uint8]) -> None:
-    height, width, _ = picture.shape
-    assert 1400 < width < 2000
-    assert 1200 < height < 2200
-    border = np.concatenate([picture[:2].reshape(-1, 3), picture[-2:].reshape(-1, 3), picture[:, 0], picture[:, -1]])
-    assert (border > 250).all()
-
-
-@pytest.mark.parametrize("depths_mm", [(400.0,), (300.0, 400.0, 500.0)])
-def test_any_number_of_depths_and_no_cause_at_all(
-    default_layout: Layout, depths_mm: tuple[float, ...], tmp_path: Path
-) -> None:
-    nothing = study(default_layout, Tolerances.none(), depths_mm, devices=2)
-    tolerance_figure(nothing, tmp_path / "tolerance.png")
-    assert share_of(read_image(tmp_path / "tolerance.png"), COLOURS[0]) > 0.001
 
 
 def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> None:
