@@ -1,7 +1,7 @@
 """Depth of light fields beside OpenCV's stereo and beside the truth, and how fast it is.
 
 `python benchmarks/light_field_depth.py hci FOLDER` scores depth from 3x3 of the 9x9 views of a scene in the format of
-the 4D Light Field Benchmark; a folder that does not exist gets a rendered desk in that format first (minutes).
+the 4D Light Field Benchmark; a folder that does not exist gets a rendered scene in that format first (minutes).
 `... desk FOLDER` compares with the truth of a set of `mirrorcam scene`, `... speed` times estimates.
 """
 
@@ -55,8 +55,8 @@ def mean_square_error(disparity_px: Disparity | FloatArray, truth_px: Disparity 
 
 
 def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: int = 16, views: int = 9) -> None:
-    """Photograph the desk with an even grid of square pinhole views about the central virtual camera, 9x9 as in the
-    benchmark, and write it with its truth."""
+    """Photograph the tabletop scene with an even grid of square pinhole views about the central virtual camera, 9x9 as
+    in the benchmark, and write it with its truth."""
     from mirrorcam.render_scenes.tabletop.tabletop import arrange_tabletop, nearest_mm
     from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene, pinhole_rays
     from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm

@@ -67,14 +67,14 @@ def in_focus_everywhere(folder: Path, light_field: LightField, depth_mm: float) 
 
 
 def decoded(folder: Path) -> LightField:
-    """The frame of a desk, by the layout as built, its views made equally bright."""
+    """The frame of a tabletop set, by the layout as built, its views made equally bright."""
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
     frame = read_image(folder / TabletopSet.load(folder).frame_name)
     return decoder.equalised(measure([decoder.decode(frame)])).decode(frame)
 
 
 def quality(folder: Path) -> None:
-    """Print how near pictures of a desk are to what pinholes see."""
+    """Print how near pictures of a tabletop set are to what pinholes see."""
     light_field = decoded(folder)
     t, s = TabletopSet.load(folder).central_view
     true, central = true_view(folder, t, s), light_field.samples[t, s].astype(np.float64)

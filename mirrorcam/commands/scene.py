@@ -1,4 +1,4 @@
-"""`mirrorcam scene`: what a layout photographs of a desk, with the truth of its light field."""
+"""`mirrorcam scene`: a tabletop scene photographed through a layout, with the ground truth of its light field."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SceneOptions(Value):
-    """Render what a layout, built with tolerances, photographs of a desk, and the true views and depths beside it."""
+    """Photograph a tabletop scene through a layout built with tolerances, with its true views and depths."""
 
     layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
         description="layout.json, as designed"
@@ -31,7 +31,7 @@ class SceneOptions(Value):
         tyro.conf.arg(metavar="FILE[:x,y,z]", help_behavior_hint=""),
     ] = Field(
         default=(),
-        description="a mesh to stand on the desk, STL, PLY or OBJ in mm, z up, and where in view axes its base is",
+        description="a mesh to stand on the table, STL, PLY or OBJ in mm, z up, and where in view axes its base is",
     )
     seed: int = Field(
         default=0, ge=0, description="seed of things, tolerances and noise; the same seed, the same bytes"

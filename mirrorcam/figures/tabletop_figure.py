@@ -1,4 +1,4 @@
-"""A photographed desk at a glance: the frame, the true central view and how near everything in it is."""
+"""Overview of a tabletop set: the frame, the true central view and its inverse depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GAP_PX = 10
 
 
 def overview(folder: Path) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) of a rendered desk; frame and view are brightened as screens expect, red is near."""
+    """Overview (h, w, 3) of a tabletop set; frame and view are brightened as screens expect, red is near."""
     manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
     frame, view = (

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.targets import Target, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
-from mirrorcam.render_scenes.reference.device_bodies import bodies_around, parts_of
+from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around, parts_of
 from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
@@ -114,23 +114,7 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
     plan, moments = _frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
-    dataset = Dataset(
-        layout_identity=layout.identity,
-        target=request.target,
-        frames=len(plan.poses),
-        base_frames=request.base_frames,
-        width_px=layout.camera.width_px,
-        height_px=layout.camera.height_px,
-        tolerances=request.tolerances,
-        settings=settings,
-        rate_hz=request.rate_hz,
-        parts=None if parts is None else parts.checksum,
-        renderer=f"{settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
-        coverage=tuple(plan.coverage),
-        reaches=reaches(plan, request.target, layout.view_from_rig[2]),
-        base_coverage=float(base_plan.coverage[0]),
-        request="",
-    )
+    dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = _continue(out, dataset)
     dataset = _write_known(out, dataset, layout)
@@ -138,34 +122,81 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
-    tasks = [
+    tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
+    return _render_missing(out, dataset, tasks, run or in_this_process, progress)
+
+
+def _manifest(
+    request: SetRequest, plan: PosePlan, base_plan: PosePlan, parts_checksum: str | None, variant: str
+) -> Dataset:
+    """The manifest without its digest and files."""
+    layout = request.layout
+    return Dataset(
+        layout_identity=layout.identity,
+        target=request.target,
+        frames=len(plan.poses),
+        base_frames=request.base_frames,
+        width_px=layout.camera.width_px,
+        height_px=layout.camera.height_px,
+        tolerances=request.tolerances,
+        settings=request.settings,
+        rate_hz=request.rate_hz,
+        parts=parts_checksum,
+        renderer=f"{request.settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
+        coverage=tuple(plan.coverage),
+        reaches=reaches(plan, request.target, layout.view_from_rig[2]),
+        base_coverage=float(base_plan.coverage[0]),
+        request="",
+    )
+
+
+def _tasks(
+    request: SetRequest,
+    dataset: Dataset,
+    built: Layout,
+    finishes: tuple[MirrorFinish, ...],
+    parts: DeviceParts | None,
+    moments: FloatArray,
+    base_plan: PosePlan,
+    variant: str,
+) -> list[FrameTask]:
+    """Tasks of all frames, by way of the mirrors and of the bare camera."""
+    through_mirrors, bare = (
+        CaptureSetup(
+            built=built,
+            mirrors=mirrors,
+            target=request.target,
+            settings=request.settings,
+            finishes=finishes if mirrors else (),
+            parts=parts if mirrors else None,
+            variant=variant,
+        )
+        for mirrors in (True, False)
+    )
+    return [
         FrameTask(
-            setup=CaptureSetup(
-                built=built,
-                mirrors=mirrors,
-                target=request.target,
-                settings=settings,
-                finishes=finishes if mirrors else (),
-                parts=parts if mirrors else None,
-                variant=variant,
-            ),
+            setup=setup,
             name=name,
             map_name=dataset.map_of(name),
             poses=poses,
             key=(request.seed, stream, index),
         )
-        for stream, mirrors, names, moments_of in (
-            (_FRAMES, True, dataset.frame_names, moments),
-            (_BASE, False, dataset.base_names, base_plan.poses[:, None]),
+        for stream, setup, names, moments_of in (
+            (_FRAMES, through_mirrors, dataset.frame_names, moments),
+            (_BASE, bare, dataset.base_names, base_plan.poses[:, None]),
         )
         for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
     ]
+
+
+def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run: Run, progress: Progress) -> Dataset:
+    """Render the frames, and encode the video, that an interrupted run has not written."""
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
     in_video = 0 if dataset.video_name is None else dataset.frames
     total = len(tasks) + in_video
     done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
     progress(done, total)
-    for _, files in (run or in_this_process)([task.model_dump_json() for task in missing]):
+    for _, files in run([task.model_dump_json() for task in missing]):
         # The picture last, so that there is none without its maps.
         for name, content in sorted(files.items(), reverse=True):
             write_bytes(out / name, content)

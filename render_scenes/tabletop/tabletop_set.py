@@ -1,7 +1,7 @@
-"""A desk as a layout photographs it, with the truth of its light field in a folder of its own.
+"""A tabletop scene photographed through a layout, with the ground truth of its light field in a folder of its own.
 
 The truth: what a pinhole at each virtual camera sees, on the very grid that decoding with the layout as built uses, and
-how far away that is. A set follows from its request, to the byte; every file is written whole or not at all, and an
+how far away that is. A set follows from its request, to the byte; every file is written atomically, and an
 interrupted set is continued where it stopped.
 """
 
@@ -35,7 +35,7 @@ from mirrorcam.render_scenes.variant import use_variant
 
 MANIFEST = "scene.json"
 MAPS = "truth/maps/frames/0000.exr"
-# What a pixel of a mask says: nothing was met, or something that is ... and whose depth is that of its surface.
+# Values of a mask: no object, or an object of this material.
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 # Streams of random numbers, each independent of how much the others draw.
 _AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
@@ -43,7 +43,27 @@ _SUBPIXELS = 2
 
 
 class TabletopRequest(Value):
-    """All that a photographed desk follows from; without depths, things stand at those the layout was designed for."""
+    """Everything that the files of a tabletop set follow from.
+
+    Parameters
+    ----------
+    layout
+        Nominal layout; the scene is photographed with an as-built copy of it, drawn with `tolerances`.
+    depths_mm
+        Depths of the objects, ascending; by default those the layout was designed for.
+    meshes
+        Additional objects from files.
+    seed
+        Seed of the as-built copy, of colours, textures and shifts, and of the noise.
+    tolerances
+        Tolerances of the as-built copy.
+    sensor
+        Lens and sensor.
+    spp
+        Samples per pixel.
+    mirror_reflectance
+        Reflectance of all mirrors.
+    """
 
     layout: Layout
     depths_mm: tuple[float, ...] = ()
@@ -56,15 +76,15 @@ class TabletopRequest(Value):
 
 
 class TabletopSet(Value):
-    """The manifest, `scene.json`: what a real user would know, and a checksum for each file written so far.
+    """The manifest, `scene.json`: what a user of a real camera knows, and a checksum of each file written so far.
 
-    `request` names, as a digest, everything that the bytes of the set follow from, the seed included.
+    `request` is a digest of everything that determines the bytes of the set, the seed included.
     """
 
     schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
     layout_identity: str
     depths_mm: tuple[float, ...]
-    meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the desk")
+    meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the table")
     width_px: int
     height_px: int
     tolerances: Tolerances
@@ -92,26 +112,73 @@ class TabletopSet(Value):
 
 
 def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress = no_progress) -> TabletopSet:
-    """Photograph a desk through an as-built copy of a layout into `out`, and write the truth beside it.
+    """Photograph a tabletop scene through an as-built copy of a layout, with its ground truth.
 
-    `progress(done, total)` is called at the start and after the frame and each true view. Raises InputError where
-    nothing compiles the renderer, depths or meshes make no desk, views share no field, or `out` holds something else.
+    Parameters
+    ----------
+    request
+        What to render; the same request gives the same bytes.
+    out
+        Folder for the set. Finished files of an interrupted run with the same request are kept.
+    progress
+        Called with the numbers of pictures done and of all, at the start, after the frame and after each true view.
+
+    Returns
+    -------
+    TabletopSet
+        The manifest.
+
+    Raises
+    ------
+    InputError
+        If no backend compiles the renderer, depths or meshes make no scene, views have no common field, or `out` holds
+        something else.
     """
     layout = request.layout
     if request.sensor.h264_crf is not None:
-        raise InputError("a desk is one picture, expected a sensor without h264_crf")
+        raise InputError("a scene is one picture, expected a sensor without h264_crf")
     depths = request.depths_mm or default_depths_mm(layout)
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
-    tabletop = arrange_tabletop(
-        layout, depths, int(_random(request.seed, _ARRANGEMENT).integers(2**31)), request.meshes
-    )
-    objects = tabletop.objects
-    check_meshes(layout, objects)
+    seed = int(_random(request.seed, _ARRANGEMENT).integers(2**31))
+    tabletop = arrange_tabletop(layout, depths, seed, request.meshes)
+    check_meshes(layout, tabletop.objects)
     views = _views(built, default_reference_depth_mm(layout))
-    manifest = TabletopSet(
+    manifest = _manifest(request, depths, variant)
+    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed)))
+    layout.save(out / "layout.json")
+    built.save(out / "truth/layout.json")
+    write_json(out / "truth/things.json", _object_list(tabletop.objects, views, request.seed))
+    manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
+    total = 1 + views.rows * views.cols
+    progress(0, total)
+    scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
+    if not {manifest.frame_name, MAPS} <= manifest.files.keys():
+        picture, maps = _frame(scene, request)
+        write_bytes(out / MAPS, maps)
+        write_bytes(out / manifest.frame_name, picture)
+        manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
+    progress(1, total)
+    classes = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
+    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
+        # One view alone has no disparity.
+        kinds = [kind for kind in _KINDS if kind != "disparity" or total > 2]
+        names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
+        if not set(names.values()) <= manifest.files.keys():
+            files = _true_view(scene, views, t, s, request, classes)
+            for kind, name in names.items():
+                write_bytes(out / name, files[kind])
+            manifest = _recorded(out, manifest, *names.values())
+        progress(2 + number, total)
+    return manifest
+
+
+def _manifest(request: TabletopRequest, depths_mm: tuple[float, ...], variant: str) -> TabletopSet:
+    """The manifest without its digest and files."""
+    layout = request.layout
+    return TabletopSet(
         layout_identity=layout.identity,
-        depths_mm=depths,
+        depths_mm=depths_mm,
         meshes=tuple((mesh.file.name, digest(read_bytes(mesh.file))) for mesh in request.meshes),
         width_px=layout.camera.width_px,
         height_px=layout.camera.height_px,
@@ -123,32 +190,6 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
         central_view=divmod(layout.central_index, layout.cols),
         request="",
     )
-    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, objects, request.seed)))
-    layout.save(out / "layout.json")
-    built.save(out / "truth/layout.json")
-    write_json(out / "truth/things.json", _object_list(objects, views, request.seed))
-    manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
-    grid = [(t, s) for t in range(views.rows) for s in range(views.cols)]
-    progress(0, 1 + len(grid))
-    scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
-    if not {manifest.frame_name, MAPS} <= manifest.files.keys():
-        picture, maps = _frame(scene, request)
-        write_bytes(out / MAPS, maps)
-        write_bytes(out / manifest.frame_name, picture)
-        manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
-    progress(1, 1 + len(grid))
-    classes = np.array([*(MASK[item.material] for item in objects), MASK["nothing"]], dtype=np.uint8)
-    for number, (t, s) in enumerate(grid):
-        # One view alone has no disparity.
-        kinds = [kind for kind in _KINDS if kind != "disparity" or len(grid) > 1]
-        names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
-        if not set(names.values()) <= manifest.files.keys():
-            files = _true_view(scene, views, t, s, request, classes)
-            for kind, name in names.items():
-                write_bytes(out / name, files[kind])
-            manifest = _recorded(out, manifest, *names.values())
-        progress(2 + number, 1 + len(grid))
-    return manifest
 
 
 def read_map(path: Path, channel: str) -> FloatArray:
@@ -180,13 +221,13 @@ def _random(*key: int) -> np.random.Generator:
 
 
 def _views(built: Layout, reference_depth_mm: float) -> Views:
-    """The grid that decoding with the layout as built uses; sheets coated behind are seen as what they look like."""
+    """Views of decoding with the layout as built; second-surface mirrors are replaced by their apparent mirrors."""
     seen = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
     return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
 
 
 def _frame(scene: TabletopScene, request: TabletopRequest) -> tuple[bytes, bytes]:
-    """The file of what the camera photographs, and the maps of what its pixels show."""
+    """Files of the picture and of the ground-truth maps of its pixels."""
     layout = scene.layout
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     radiance = scene.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
@@ -226,7 +267,7 @@ def _true_view(
 
 
 def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> dict[str, object]:
-    """What stands where, as `truth/things.json`: pixels of `truth/things` count from 1, in this order."""
+    """Content of `truth/things.json`; labels in `truth/things` count from 1, in this order."""
     return {
         "seed": seed,
         "mask": MASK,

@@ -1,4 +1,4 @@
-"""A photographed desk: its frame, decoded, against its true views; its depths against rays; and its files."""
+"""A tabletop set: its frame, decoded, against its true views; its depths against rays; and its files."""
 
 from __future__ import annotations
 
@@ -304,7 +304,7 @@ def test_other_requests_leave_a_set_alone(finished: Path, asked: TabletopRequest
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match=r"file: is a file, expected a folder for the scene$"):
         render_tabletop(asked, tmp_path / "file")
-    with pytest.raises(InputError, match=r"^a desk is one picture, expected a sensor without h264_crf$"):
+    with pytest.raises(InputError, match=r"^a scene is one picture, expected a sensor without h264_crf$"):
         render_tabletop(asked.replaced(sensor=SENSORS["ideal"].replaced(h264_crf=20)), tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
