@@ -6,7 +6,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -16,27 +16,18 @@ from build123d import Box, Pos
 from shapely import LineString, Polygon
 
 from mirrorcam.cad.assembly.catalogue import parts_of
-from mirrorcam.cad.assembly.device_plan import Device, plan_device
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.documents.annotation import number
 from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parents[3]
+
+
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@dataclass(frozen=True)
-class Dimensions:
-    """A plan of which nothing is known but its dimensions."""
-
-    dimensions: tuple[Length | Hole, ...]
 
 
 def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
@@ -108,16 +99,6 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
     assert "40" not in said
 
 
-def test_holes_are_read_from_the_cuts_without_the_drivers_ways() -> None:
-    down, at = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0])
-    screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
-    slot = Bore(np.zeros(3), down, 1.7, 4.0, np.array([1.0, 0.0, 0.0]), 8.0)
-    found = holes((screw, driver, slot, "another cut"))
-    assert [(hole.diameter_mm, hole.text) for hole in found] == [(3.4, ""), (3.4, "slot, 8 travel")]
-    # Beside the screw, the same wide bore is a hole of its own.
-    assert len(holes((screw, replace(driver, mouth=np.array([9.0, 0.0, 0.0]))))) == 2
-
-
 @pytest.mark.parametrize("name", ["mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"])
 def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
     part = next(part for part in parts_of(device) if part.name == name)
@@ -144,19 +125,6 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     assert "4x Ø3.4" in said
 
 
-def test_what_lies_askew_has_its_line_beside_it_off_the_part(block: Callable[..., PartPlan]) -> None:
-    part = block()
-    ends = np.array([(-30.0, -15.0, 5.0), (10.0, 15.0, 5.0)])
-    askew, level = Length(ends, "askew"), Length(ends, "across", np.array([1.0, 0.0, 0.0]))
-    plan = Dimensions((askew, level))
-    sheet = draw(part.make(part.plan), replace(part, plan=plan), HARDWARE.printer)
-    said = {words.text: words.corners for words in sheet.words}
-    assert {"50 askew", "40 across"} <= set(said)
-    base = said["50 askew"][1] - said["50 askew"][0]
-    assert np.degrees(np.arctan2(base[1], base[0])) == pytest.approx(np.degrees(np.arctan2(30.0, 40.0)), abs=0.1)
-    assert said["40 across"][1, 1] == pytest.approx(said["40 across"][0, 1])
-
-
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
     part = block()
     svg, pdf = write_drawing(tmp_path / "a", part.make(part.plan), part, HARDWARE.printer)
@@ -175,19 +143,3 @@ def test_files_are_real_and_the_same_in_another_process(block: Callable[..., Par
     subprocess.run([sys.executable, "-c", program, str(ROOT), str(tmp_path / "b")], check=True)
     for path in (svg, pdf):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
-
-
-def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout]) -> None:
-    layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
-    device = plan_device(layout, HARDWARE)
-    part = next(part for part in parts_of(device) if part.name == "mirror_holder")
-    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
-    said = [words.text for words in sheet.words]
-    assert overlaps(sheet) == []
-    assert outside(sheet) == []
-    # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
-    back = part.print_from_rig[2, :3]
-    for index, mirror in enumerate(layout.mirrors):
-        tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
-        assert f"{tilt:.3f}" in said
-        assert said.count(f"{index // 2}-{index % 2}") == 2

@@ -5,26 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
 import pytest
 from build123d import GeomType
-from manifold3d import Manifold
-from shapely import Polygon, get_coordinates, union_all
+from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece, plan_holder
+from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
-from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
-from mirrorcam.cad.holder.screw_holes import POINT_MM, slot_way, slot_width_mm, tip_mm
+from mirrorcam.cad.holder.screw_holes import POINT_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.transforms import transform
 
 
 def test_a_frustums_solid_has_its_volume() -> None:
@@ -94,70 +90,6 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     assert part.is_valid
 
 
-@pytest.mark.parametrize("kind", ["insert", "nut"])
-def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
-    """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""
-    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
-    plan = plan_holder(default_layout, hardware)
-    part = make_holder(plan)
-    into = -plan.rig_from_mount[:3, 2]
-    cones = [face for face in part.faces() if face.geom_type == GeomType.CONE]
-    assert len(cones) == 4
-    for cone in cones:
-        assert cone.semi_angle is not None
-        assert 0.0 < cone.semi_angle < hardware.printer.overhang_deg
-    for hole in transform(plan.rig_from_mount, np.column_stack([plan.holes_in_mount_mm, np.zeros(4)])):
-        end = hole + (plan.hole_depth_mm + tip_mm(hardware.screw)) * into
-        assert not part.is_inside(tuple(end - 0.05 * into))
-        for over in (0.05, hardware.printer.wall_mm - 0.05):
-            assert part.is_inside(tuple(end + over * into))
-
-
-def test_slots_leave_square_to_the_edge(default_layout: Layout) -> None:
-    """No tip of a wall stands over a slot: each leaves a side of the part's outline at a right angle, the nearest."""
-    square = Polygon([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
-    np.testing.assert_allclose(slot_way(square, np.array([3.0, 5.0])), [-1.0, 0.0])
-    np.testing.assert_allclose(slot_way(square, np.array([5.0, 8.0])), [0.0, 1.0])
-    plan = plan_holder(default_layout, HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut")))
-    corners = get_coordinates(on_back(plan, plan.slab.top).convex_hull)
-    sides = np.diff(corners, axis=0) / np.linalg.norm(np.diff(corners, axis=0), axis=1)[:, None]
-    ways = plan.slot_ways @ plan.rig_from_mount[:3, :2]
-    assert len(ways) == 4
-    np.testing.assert_allclose(np.abs(ways @ sides.T).min(axis=1), 0.0, atol=1e-9)
-
-
-def test_hollows_keep_the_floor_and_webs(device: Device) -> None:
-    """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
-    plan = device.holder
-    solid = one_piece(body_of(PlanarCsg(), plan), HARDWARE.printer.wall_mm)
-    assert len(plan.hollows) > 4
-    away = plan.rig_from_mount[:3, 2]
-    hollows = [Manifold.hull_points(np.vstack([hollow.eaves, hollow.top])) for hollow in plan.hollows]
-    for hollow, body in zip(plan.hollows, hollows, strict=True):
-        block = np.vstack([hollow.eaves + 8.0 * (hollow.eaves - hollow.eaves.mean(axis=0)), hollow.top - 9.0 * away])
-        air = Manifold.hull_points(block) - solid
-        assert air.min_gap(body, 9.0) >= HARDWARE.holder.web_mm - 1e-6
-        above = (
-            Manifold.hull_points(np.vstack([hollow.eaves, hollow.top - 9.0 * away, hollow.eaves - 9.0 * away])) - solid
-        )
-        assert above.min_gap(body, 9.0) >= HARDWARE.holder.floor_mm - 1e-6
-    for first, second in combinations(hollows, 2):
-        assert first.min_gap(second, 5.0) >= HARDWARE.holder.web_mm - 1e-6
-
-
-def test_a_roof_prints_without_support(device: Device) -> None:
-    plan = device.holder
-    for hollow in plan.hollows:
-        normals, _ = hollow.half_spaces
-        # Outward of a hollow's roof is up on the bed, against the mount's z: at 45 deg at most from upright.
-        roofs = [normal for normal in normals if -0.99 < normal @ plan.rig_from_mount[:3, 2] < -1e-9]
-        assert len(roofs) == len(hollow.eaves)
-        assert max(-normal @ plan.rig_from_mount[:3, 2] for normal in roofs) <= np.sin(np.radians(45.0))
-        rectangle = get_coordinates(on_back(plan, hollow.top).minimum_rotated_rectangle)
-        spans = np.linalg.norm(np.diff(rectangle[:3], axis=0), axis=1)
-        assert spans.min() <= HARDWARE.printer.bridge_mm
-
-
 def test_the_back_is_one_flat_face(device: Device) -> None:
     plan = device.holder
     part = make_holder(plan)
@@ -190,20 +122,3 @@ def test_a_holder_that_the_light_cuts_apart_is_refused(make_flat_pair: Callable[
     parted = replace(body, keep_outs=(*body.keep_outs, (slot,)))
     with pytest.raises(InputError, match="falls apart into 2 pieces where the light passes"):
         make_holder(parted)
-
-
-def floor_sag_um(load_n: float, floor_mm: float) -> float:
-    """How far the floor over the widest hollow sags under a force spread over it: a square plate, edges clamped.
-
-    w = 0.00126 q a^4 / D, D = E t^3 / (12 (1 - nu^2)), nu = 0.35 (Timoshenko, Theory of Plates and Shells, table 35).
-    The roof is thicker than the floor everywhere but at its apex.
-    """
-    stiffness = HARDWARE.printer.plastic_mpa * floor_mm**3 / (12.0 * (1.0 - 0.35**2))
-    return 0.00126 * load_n * HARDWARE.holder.cell_mm**2 / stiffness * 1000.0
-
-
-def test_the_floor_over_a_hollow_is_stiff() -> None:
-    """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; twice as thick, by an eighth of that."""
-    sag = floor_sag_um(10.0, HARDWARE.holder.floor_mm)
-    assert sag < 3.0
-    assert floor_sag_um(10.0, 2.0 * HARDWARE.holder.floor_mm) == pytest.approx(sag / 8.0)

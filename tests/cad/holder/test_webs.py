@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
-from shapely import box
+from shapely import Polygon, box, get_coordinates
 
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 
@@ -39,3 +45,57 @@ def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int)
         top, eaves = transform(mount_from_rig, hollow.top), transform(mount_from_rig, hollow.eaves)
         assert top[:, 2] == pytest.approx(floor - height, abs=1e-9)
         assert (np.abs(eaves[:, :2]).max(axis=0) < np.array([length, width]) / 2.0 - web + 1e-9).all()
+
+
+def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
+    """A loop (n, 3) as seen straight from the back."""
+    return Polygon(loop @ plan.rig_from_mount[:3, :2])
+
+
+def test_hollows_keep_the_floor_and_webs(device: Device) -> None:
+    """No air within the thinnest floor of any hollow, but below the back; and a web between any two."""
+    plan = device.holder
+    solid = one_piece(body_of(PlanarCsg(), plan), HARDWARE.printer.wall_mm)
+    assert len(plan.hollows) > 4
+    away = plan.rig_from_mount[:3, 2]
+    hollows = [Manifold.hull_points(np.vstack([hollow.eaves, hollow.top])) for hollow in plan.hollows]
+    for hollow, body in zip(plan.hollows, hollows, strict=True):
+        block = np.vstack([hollow.eaves + 8.0 * (hollow.eaves - hollow.eaves.mean(axis=0)), hollow.top - 9.0 * away])
+        air = Manifold.hull_points(block) - solid
+        assert air.min_gap(body, 9.0) >= HARDWARE.holder.web_mm - 1e-6
+        above = (
+            Manifold.hull_points(np.vstack([hollow.eaves, hollow.top - 9.0 * away, hollow.eaves - 9.0 * away])) - solid
+        )
+        assert above.min_gap(body, 9.0) >= HARDWARE.holder.floor_mm - 1e-6
+    for first, second in combinations(hollows, 2):
+        assert first.min_gap(second, 5.0) >= HARDWARE.holder.web_mm - 1e-6
+
+
+def test_a_roof_prints_without_support(device: Device) -> None:
+    plan = device.holder
+    for hollow in plan.hollows:
+        normals, _ = hollow.half_spaces
+        # Outward of a hollow's roof is up on the bed, against the mount's z: at 45 deg at most from upright.
+        roofs = [normal for normal in normals if -0.99 < normal @ plan.rig_from_mount[:3, 2] < -1e-9]
+        assert len(roofs) == len(hollow.eaves)
+        assert max(-normal @ plan.rig_from_mount[:3, 2] for normal in roofs) <= np.sin(np.radians(45.0))
+        rectangle = get_coordinates(on_back(plan, hollow.top).minimum_rotated_rectangle)
+        spans = np.linalg.norm(np.diff(rectangle[:3], axis=0), axis=1)
+        assert spans.min() <= HARDWARE.printer.bridge_mm
+
+
+def floor_sag_um(load_n: float, floor_mm: float) -> float:
+    """How far the floor over the widest hollow sags under a force spread over it: a square plate, edges clamped.
+
+    w = 0.00126 q a^4 / D, D = E t^3 / (12 (1 - nu^2)), nu = 0.35 (Timoshenko, Theory of Plates and Shells, table 35).
+    The roof is thicker than the floor everywhere but at its apex.
+    """
+    stiffness = HARDWARE.printer.plastic_mpa * floor_mm**3 / (12.0 * (1.0 - 0.35**2))
+    return 0.00126 * load_n * HARDWARE.holder.cell_mm**2 / stiffness * 1000.0
+
+
+def test_the_floor_over_a_hollow_is_stiff() -> None:
+    """A thumb (10 N) bends it by less than 3 um, an eighth of a pixel; twice as thick, by an eighth of that."""
+    sag = floor_sag_um(10.0, HARDWARE.holder.floor_mm)
+    assert sag < 3.0
+    assert floor_sag_um(10.0, 2.0 * HARDWARE.holder.floor_mm) == pytest.approx(sag / 8.0)

@@ -16,12 +16,10 @@ from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, stiff_profiles
-from mirrorcam.cad.parts.mount_openings import _scale
 from mirrorcam.cad.parts.part_solids import make_mount
-from mirrorcam.cad.parts.truss import truss
 from mirrorcam.cad.plan.fasteners import Bore
-from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
-from mirrorcam.cad.plan.prisms import moved, overlap_mm, volume_mm3
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.prisms import moved, overlap_mm
 from mirrorcam.cad.plan.seats import keep_outs
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -122,21 +120,6 @@ def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
     assert min(profiles, key=lambda profile: profile.volume_mm3).section == taken
 
 
-def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
-    """Skins and webs along the middle, and the foot's plate: but for what bends and short panels add."""
-    _, holder, clip, mount = planned
-    for profile in stiff_profiles(holder, clip, mount.load_g, mount.load_at, HARDWARE):
-        skins, webs = truss(profile.inner, profile.outer, profile.section, HARDWARE)
-        volume = sum(volume_mm3(piece) for piece in (*skins, *webs))
-        assert profile.volume_mm3 == pytest.approx(volume, rel=0.15)
-
-
-def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
-    layout, holder, clip, mount = planned
-    wide = HARDWARE.replaced(mount=HARDWARE.mount.replaced(cable_window_mm=(50.0, 10.0)))
-    assert plan_mount(layout, holder, clip, wide).half_width_mm > max(mount.half_width_mm, 25.0 + 5.0 + 4.0)
-
-
 def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: Planned) -> None:
     layout, holder, clip, _ = planned
     soft = HARDWARE.replaced(printer=HARDWARE.printer.replaced(plastic_mpa=20.0))
@@ -187,38 +170,6 @@ def test_any_parabola_gets_a_mount_off_its_light(
     assert mount.tilt_deg <= HARDWARE.mount.tilt_deg
     assert mount.light == ()
     assert beside(holder, mount) < 1e-6
-
-
-def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
-    """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
-    *_, plan = planned
-    away = -plan.rig_from_head[:3, 2]
-    through = HARDWARE.screw.clearance_hole_mm / 2.0
-    holes = [
-        cut
-        for cut in plan.cuts
-        if isinstance(cut, Bore) and cut.radius_mm == through and abs(cut.axis @ away) > 1.0 - 1e-9
-    ]
-    assert len(holes) >= 4
-    assert all(hole.roof_deg <= 36.0 for hole in holes)
-
-
-@pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 14.0), ("board_38", 6.5)])
-def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
-    default_layout: Layout, camera: str, longest_mm: float
-) -> None:
-    hardware = HARDWARE.replaced(camera=read_camera(camera))
-    clip, holder = plan_clip(hardware), plan_holder(default_layout, hardware)
-    mount = plan_mount(default_layout, holder, clip, hardware)
-    scale = _scale(clip, mount.half_width_mm, hardware)
-    radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
-    top = clip.slide_z_mm + clip.travel_mm + radius + wall
-    longest = 0.0
-    for mark in scale:
-        corners = np.vstack([mark.base, mark.top])
-        longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
-        assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
-    assert 0.8 * longest_mm < longest <= longest_mm
 
 
 def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(

@@ -1,13 +1,11 @@
-"""The sheets as files: DXF and SVG say the same, in mm, and the same sheet gives the same bytes."""
+"""Mirrors as DXF: every mirror comes back, in mm, and the same stock sheet gives the same bytes."""
 
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
 import ezdxf.filemanagement
 import numpy as np
@@ -16,12 +14,9 @@ from ezdxf.entities.lwpolyline import LWPolyline
 
 from mirrorcam.cad.checks.cut_outlines import read_cuts
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
-from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
-
-SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
@@ -63,29 +58,6 @@ def test_the_dxf_says_its_unit_side_kerf_sheet_and_layout(
     assert all(isinstance(line, LWPolyline) and line.closed for line in cuts)
     assert len(cuts) == len(sheet.cuts)
     assert not drawing.audit().errors
-
-
-def test_the_svg_draws_what_the_dxf_does(sheet: StockSheet, tmp_path: Path) -> None:
-    write_svg(tmp_path / "mirrors.svg", sheet)
-    root = ElementTree.parse(tmp_path / "mirrors.svg").getroot()
-    width, height, total = (float(root.get("viewBox", "").split()[i]) for i in (2, 3, 3))
-    assert (root.get("width"), root.get("height")) == (f"{width:g}mm", f"{total:g}mm")
-    assert width == HARDWARE.cutting.sheet_mm[0]
-    assert height > HARDWARE.cutting.sheet_mm[1]
-    layers = {group.get("id"): group for group in root.findall(f"{SVG}g")}
-    assert list(layers) == ["NOTES", "ENGRAVE", "CUT"]
-    assert layers["CUT"].get("stroke") == "#ff0000"
-    assert layers["ENGRAVE"].get("stroke") == "#0000ff"
-    assert float(layers["CUT"].get("stroke-width", "1")) < 0.05
-    paths = {path.get("id"): path.get("d", "") for path in layers["CUT"].findall(f"{SVG}path")}
-    for cut in sheet.cuts:
-        data = paths[f"mirror_{cut.name}"]
-        assert data.endswith("Z")
-        points = np.array([float(number) for number in re.findall(r"-?\d+\.\d+", data)]).reshape(-1, 2)
-        flipped = np.column_stack([points[:, 0], HARDWARE.cutting.sheet_mm[1] - points[:, 1]])
-        np.testing.assert_allclose(flipped, cut.outline, atol=5.1e-5)
-    engraved = layers["ENGRAVE"].findall(f"{SVG}path")[0].get("d", "")
-    assert engraved.count("M") == sum(len(cut.strokes) for cut in sheet.cuts)
 
 
 def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(

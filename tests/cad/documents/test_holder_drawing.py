@@ -1,0 +1,44 @@
+"""The drawing of the holder: a table of its seats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+from shapely import Polygon
+
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.documents.drawing import draw
+from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.layout import Layout
+
+
+def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
+    """Pairs of words that cover each other."""
+    boxes = [(words.text, Polygon(words.corners).buffer(-0.05)) for words in sheet.words]
+    return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
+
+
+def outside(sheet: DrawingSheet) -> list[str]:
+    width, height = sheet.size_mm
+    low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
+    return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
+
+
+def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
+    device = plan_device(layout, HARDWARE)
+    part = next(part for part in parts_of(device) if part.name == "mirror_holder")
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    said = [words.text for words in sheet.words]
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
+    back = part.print_from_rig[2, :3]
+    for index, mirror in enumerate(layout.mirrors):
+        tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
+        assert f"{tilt:.3f}" in said
+        assert said.count(f"{index // 2}-{index % 2}") == 2

@@ -1,0 +1,48 @@
+"""Labels of pictures: leaders that do not cross, anchors inside what is seen, hidden bodies without one."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import LineString
+
+from mirrorcam.cad.documents.labels import Label, anchor, annotate, uncrossed
+from mirrorcam.cad.documents.shading import Screen, Shot
+
+
+def shot_of(bodies: NDArray[np.int32]) -> Shot:
+    height, width = bodies.shape
+    screen = Screen(np.eye(3), np.zeros(2), 1.0, (width, height))
+    white = np.full((height, width, 3), 255, dtype=np.uint8)
+    return Shot(white, bodies, np.zeros((height, width), dtype=np.float32), screen)
+
+
+def test_leaders_of_random_places_never_cross() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        starts = [np.array([0.0, float(y)]) for y in range(12)]
+        ends = list(random.uniform((1.0, 0.0), (10.0, 12.0), (12, 2)))
+        order = uncrossed(starts, ends)
+        assert sorted(order) == list(range(12))
+        lines = [LineString([start, ends[index]]) for start, index in zip(starts, order, strict=True)]
+        assert not any(first.crosses(second) for first, second in combinations(lines, 2))
+
+
+def test_an_anchor_is_deepest_inside_what_is_seen_of_a_body() -> None:
+    bodies = np.full((40, 60), -1, dtype=np.int32)
+    bodies[10:31, 20:41] = 3
+    bodies[0:2, 0:2] = 5
+    point = anchor(shot_of(bodies), 3)
+    assert point is not None
+    np.testing.assert_allclose(point, [30.0, 20.0], atol=1.0)
+    assert anchor(shot_of(bodies), 4) is None
+
+
+def test_only_what_is_seen_gets_a_label() -> None:
+    bodies = np.full((300, 400), -1, dtype=np.int32)
+    bodies[120:180, 170:230] = 0
+    shot = shot_of(bodies)
+    assert (annotate(shot, [Label(1, "hidden")]) == shot.image).all()
+    assert (annotate(shot, [Label(0, "seen")]) != shot.image).any()

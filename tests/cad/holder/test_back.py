@@ -1,0 +1,60 @@
+"""The back of the holder: its frame, the front as seen from it, and layouts without room for one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.back import FrontSurface, mount_axes
+from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.seats import mirror_prism, seat_distance_mm
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+
+def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layout: Layout, device: Device) -> None:
+    body = device.holder
+    turn, origin = body.rig_from_mount[:3, :3], body.rig_from_mount[:3, 3]
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    assert all(turn[:, 2] @ mirror.normal_in_rig < -0.8 for mirror in default_layout.mirrors)
+    np.testing.assert_allclose(body.slab.base @ turn[:, 2], origin @ turn[:, 2])
+    for solid in (*body.cores, *body.fillers, *body.rims):
+        assert (solid.top @ turn[:, 2] < origin @ turn[:, 2]).all()
+
+
+def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> None:
+    axes = mount_axes(default_layout)
+    front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm)
+    seats = [Polygon(mirror_prism(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
+    for index, filler in enumerate(front.fillers):
+        shadow = Polygon(filler @ axes[:2].T)
+        for other, (mirror, seat) in enumerate(zip(default_layout.mirrors, seats, strict=True)):
+            if other != index and shadow.intersects(seat):
+                common = np.array(shadow.intersection(seat).exterior.coords) @ axes[:2]
+                normal = np.cross(filler[1] - filler[0], filler[2] - filler[1])
+                level = ((filler[0] - common) @ normal) / (axes[2] @ normal)
+                points = common + level[:, None] * axes[2]
+                assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror) < 1e-9).all()
+
+
+def test_a_back_without_room_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:
+    with pytest.raises(InputError, match="expected room for four M3 inserts with 4 mm of material"):
+        plan_holder(make_parabola(1, 2, scale_mm=8.0, gap_mm=1.0), HARDWARE)
+
+
+def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    mirrors = []
+    for side in (-1.0, 1.0):
+        point, normal = np.array([60.0 * side, 0.0, 60.0]), np.array([-0.95 * side, 0.0, -0.3])
+        across = np.cross(normal, [0.0, 1.0, 0.0])
+        outline = [point + 10.0 * across * a + np.array([0.0, 10.0 * b, 0.0]) for a, b in ((0, 0), (1, 0), (1, 1))]
+        mirrors.append(Mirror.from_plane(point, normal, outline_in_rig_mm=outline))
+    with pytest.raises(InputError, match="the mirrors face apart, expected normals within 60 deg of their mean"):
+        plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)

@@ -1,0 +1,61 @@
+"""Openings of the mount: the scale, the window for the cable, roofs that print."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
+from mirrorcam.cad.parts.mount import MountPlan, plan_mount
+from mirrorcam.cad.parts.mount_openings import _scale
+from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
+from mirrorcam.optics.geometry.layout import Layout
+
+Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
+
+
+@pytest.fixture(scope="module")
+def planned(default_layout: Layout, device: Device) -> Planned:
+    holder, clip = device.holder, plan_clip(HARDWARE)
+    return default_layout, holder, clip, plan_mount(default_layout, holder, clip, HARDWARE)
+
+
+def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
+    layout, holder, clip, mount = planned
+    wide = HARDWARE.replaced(mount=HARDWARE.mount.replaced(cable_window_mm=(50.0, 10.0)))
+    assert plan_mount(layout, holder, clip, wide).half_width_mm > max(mount.half_width_mm, 25.0 + 5.0 + 4.0)
+
+
+def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
+    """PrusaSlicer 2.5 put support under roofs of 42 deg in the head's skin, and none under these of 36 deg."""
+    *_, plan = planned
+    away = -plan.rig_from_head[:3, 2]
+    through = HARDWARE.screw.clearance_hole_mm / 2.0
+    holes = [
+        cut
+        for cut in plan.cuts
+        if isinstance(cut, Bore) and cut.radius_mm == through and abs(cut.axis @ away) > 1.0 - 1e-9
+    ]
+    assert len(holes) >= 4
+    assert all(hole.roof_deg <= 36.0 for hole in holes)
+
+
+@pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 14.0), ("board_38", 6.5)])
+def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
+    default_layout: Layout, camera: str, longest_mm: float
+) -> None:
+    hardware = HARDWARE.replaced(camera=read_camera(camera))
+    clip, holder = plan_clip(hardware), plan_holder(default_layout, hardware)
+    mount = plan_mount(default_layout, holder, clip, hardware)
+    scale = _scale(clip, mount.half_width_mm, hardware)
+    radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
+    top = clip.slide_z_mm + clip.travel_mm + radius + wall
+    longest = 0.0
+    for mark in scale:
+        corners = np.vstack([mark.base, mark.top])
+        longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
+        assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
+    assert 0.8 * longest_mm < longest <= longest_mm
