@@ -1,9 +1,9 @@
 """Blind calibration of rendered sets against their truth: `python benchmarks/calibration_blind.py SET [SET ...]`.
 
-Sets come from `mirrorcam render LAYOUT --renderer mitsuba --sensor c920 --frames 20 --seed N`, of layouts with mirrors
-coated in front and behind (`mirrorcam design --surface second --thickness-mm 2`). Each is calibrated from its frames,
-nominal layout and board alone before its truth is read. One with mirrors coated behind is calibrated once more from
-the same corners as if they were coated in front, which must raise the alarm.
+Sets come from `mirrorcam render LAYOUT --renderer mitsuba --sensor c920 --frames 20 --seed N`, of layouts with
+first- and second-surface mirrors (`mirrorcam design --surface second --thickness-mm 2`). Each is calibrated from its
+frames, nominal layout and board alone before its truth is read. One with second-surface mirrors is calibrated once more
+from the same corners as if they were first-surface, which must raise the alarm.
 """
 
 from __future__ import annotations

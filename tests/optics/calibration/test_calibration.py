@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import direct_view, sub_images
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -27,6 +28,7 @@ from tests.optics.synthetic import posed, render
 # The renderer of these tests errs by a thousandth of a pixel, which less noise than this would bring to light.
 NOISE_GREY = 8.0
 BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
+PLAIN = Checkerboard(cols=9, rows=6, square_mm=9.0)
 CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
 
 
@@ -83,15 +85,30 @@ def small_set() -> Set:
 
 
 @pytest.fixture(scope="module")
-def corners(small_set: Set) -> tuple[list[Observations], list[Observations]]:
-    """What is found in the frames with and without mirrors, for tests that look at the solving alone."""
-    seen = [sub_images(frame, small_set.nominal, BOARD) for frame in small_set.frames]
-    return seen, [direct_view(frame, BOARD) for frame in small_set.base]
+def detections(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that caches detected corners, so that no picture is searched twice with the same layout."""
+    return tmp_path_factory.mktemp("detections")
 
 
 @pytest.fixture(scope="module")
-def calibrated(small_set: Set) -> Calibration:
-    return calibrate(small_set.frames, small_set.base, small_set.nominal, BOARD)
+def corners(small_set: Set, detections: Path) -> tuple[list[Observations], list[Observations]]:
+    """The corners of the frames with and without mirrors, for tests of the solving alone."""
+    find = partial(detect_frames, layout=small_set.nominal, target=BOARD, folder=detections)
+    return find(small_set.frames, mirrored=True), find(small_set.base, mirrored=False)
+
+
+@pytest.fixture(scope="module")
+def calibrated(small_set: Set, detections: Path) -> Calibration:
+    return calibrate(small_set.frames, small_set.base, small_set.nominal, BOARD, detections=detections)
+
+
+@pytest.fixture(scope="module")
+def plain_frames(small_set: Set) -> list[Grey]:
+    """Two frames of a checkerboard of 9 x 6 squares through the mirrors."""
+    return [
+        render(small_set.truth.camera, small_set.truth, PLAIN, posed(PLAIN, np.array(at), np.array(turn), direct=False))
+        for at, turn in (([0.0, 330.0, 85.0], [10.0, 12.0, 20.0]), ([10.0, 350.0, 80.0], [-15.0, 20.0, 0.0]))
+    ]
 
 
 def test_a_calibrated_layout_does_not_keep_the_verdict_on_its_design(small_set: Set, calibrated: Calibration) -> None:
@@ -210,27 +227,19 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
 
 @pytest.mark.parametrize(("cols", "rows"), [(10, 6), (9, 7), (12, 9)])
 def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
-    small_set: Set, cols: int, rows: int
+    small_set: Set, plain_frames: list[Grey], cols: int, rows: int
 ) -> None:
-    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
-    pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
-    frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
-    assert len(sub_images(frame, small_set.nominal, drawn))
+    assert len(sub_images(plain_frames[0], small_set.nominal, PLAIN))
     with pytest.raises(InputError, match="no corner of the board found in any of 1 frames"):
-        calibrate([frame], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+        calibrate(plain_frames[:1], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
 
 
 @pytest.mark.parametrize(("cols", "rows"), [(8, 6), (9, 5), (7, 5)])
 def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_not_believed(
-    small_set: Set, cols: int, rows: int
+    small_set: Set, plain_frames: list[Grey], cols: int, rows: int
 ) -> None:
-    drawn = Checkerboard(cols=9, rows=6, square_mm=9.0)
-    frames = [
-        render(small_set.truth.camera, small_set.truth, drawn, posed(drawn, np.array(at), np.array(turn), direct=False))
-        for at, turn in (([0.0, 330.0, 85.0], [10.0, 12.0, 20.0]), ([10.0, 350.0, 80.0], [-15.0, 20.0, 0.0]))
-    ]
     with pytest.raises(InputError):
-        calibrate(frames, [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+        calibrate(plain_frames, [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
 
 
 def test_a_frame_without_a_board_is_named_and_left_out(
@@ -243,9 +252,7 @@ def test_a_frame_without_a_board_is_named_and_left_out(
     assert len(found.rig_from_board) == 5 + len(base)
 
 
-def test_without_base_frames_the_note_says_so(
-    small_set: Set, corners: tuple[list[Observations], list[Observations]]
-) -> None:
+def test_missing_base_frames_are_noted(small_set: Set, corners: tuple[list[Observations], list[Observations]]) -> None:
     found = calibrate_corners(corners[0], [], small_set.nominal, BOARD.corners_in_board_mm)
     assert any("no frame without mirrors" in note for note in found.notes)
     assert angles_deg(found.layout, small_set.truth).max() < 0.2
@@ -265,18 +272,20 @@ def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
         calibrate(small_set.frames[:1], small_set.base[:2], small_set.nominal, BOARD)
 
 
-def test_a_layout_that_is_wrong_about_its_coating_is_told_so(small_set: Set) -> None:
+def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detections: Path) -> None:
     second = small_set.nominal.replaced(
         mirrors=tuple(mirror.replaced(surface="second") for mirror in small_set.nominal.mirrors)
     )
-    found = calibrate(small_set.frames, small_set.base, second, BOARD)
+    found = calibrate(small_set.frames, small_set.base, second, BOARD, detections=detections)
     assert found.diagnostics is not None
     assert found.diagnostics.level == "joint+sheet"
     assert any("look first-surface" in alarm for alarm in found.diagnostics.alarms)
 
 
-def test_one_frame_of_one_mirror_does_not_determine_a_camera(small_set: Set) -> None:
-    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(
+    small_set: Set, corners: tuple[list[Observations], list[Observations]]
+) -> None:
+    seen = corners[0][0]
     alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
     with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
         calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)
