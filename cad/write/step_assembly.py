@@ -36,7 +36,7 @@ from mirrorcam.cad.write.step_text import ordered_step
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 ROOT = "mirrorcam"
 
@@ -95,7 +95,7 @@ def connect(connection: Connection, parent: Solid, child: Solid) -> None:
     slide = LinearJoint(connection.name, parent, way, (-connection.slides_mm, connection.slides_mm))
     # A linear joint hands on where it is, but not how its frame is turned: that is left to the child's.
     level = rigid(np.eye(3), origin)
-    turned = rig_from_child @ np.linalg.inv(rig_from_parent) @ level
+    turned = rig_from_child @ inverse(rig_from_parent) @ level
     slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
 
 
