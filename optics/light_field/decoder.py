@@ -161,7 +161,7 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
     shown = layout.mirrors[mirror_index].usable_normalized
     if len(shown) < 3:
-        raise InputError(f"mirror {mirror_index} shows nothing: its sheet is too thick for its size")
+        raise InputError(f"mirror {mirror_index} shows nothing: its plate is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
     along = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
@@ -231,7 +231,8 @@ def sources(
     """Where on the sensor each decoded pixel comes from (t, s, v, u, 2), and its weight (t, s, v, u).
 
     A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
-    direction in which the mirror shows that point, through its sheet where it has one, is where the camera sees it.
+    direction in which the mirror shows that point, through the plate of a second-surface one, is where the camera sees
+    it.
     """
     depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
     shape = (len(layout.mirrors), views.height_px, views.width_px)

@@ -75,10 +75,10 @@ class Equalisation(Value):
 
 
 def measure(light_fields: Iterable[LightField]) -> Equalisation:
-    """The equalisation measured in light fields of anything: a scene, or one evenly lit sheet.
+    """The equalisation measured in light fields of anything: a scene, or an evenly lit surface.
 
     Every place of a view is compared with the place of the central view that shows the same: of many depths, the one at
-    which the two correlate best. Textured places that match count; where there are too few, as of a plain sheet, those
+    which the two correlate best. Textured places that match count; where there are too few, as on a plain wall, those
     without texture. The factor is the median over the light fields of the medians over their places.
 
     Raises InputError for a view that has too few places to compare, light fields of different layouts, and none at all.

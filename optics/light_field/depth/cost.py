@@ -31,7 +31,7 @@ UNITS = 4
 ONE_SIDE = 6 * UNITS
 """Surcharge on views of one side alone, so that without need all views decide."""
 WARP_PX = 0.1
-"""By how much a picture's edge may be off, where a shift stands for shift and stretch."""
+"""Largest error at a picture's edge, where a shift stands for shift and stretch."""
 AXIS_SHARE = 0.25
 """A view lies to a side if it is that part of the farthest view's offset away along the axis."""
 

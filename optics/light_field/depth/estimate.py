@@ -26,7 +26,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 Float32 = NDArray[np.float32]
 
 NEAR, FAR = 0.6, 2.0
-"""Nearest and farthest depth that is looked for unless told, in reference depths."""
+"""Nearest and farthest depth that is searched by default, in reference depths."""
 FULL_STEP_PX, HALF_STEP_PX = 0.5, 1.0
 """How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
 FULL_PLANES = 64
@@ -141,11 +141,11 @@ class DepthEstimator:
         found, statistics = self._refiner.stepped(found, pictures, reference, step)
         px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
         moved = found * np.float32(px)
-        # Where nothing is told, a little trust lets the surroundings in.
+        # Where the views carry no information, a little trust lets the surroundings in.
         usual = max(float(statistics.information.mean()), float(np.finfo(np.float32).tiny))
         trust = statistics.information * np.float32(1.0 / usual) + np.float32(1e-3)
         found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)
-        return self._told(found, statistics, distinct, known, step)
+        return self._depth_map(found, statistics, distinct, known, step)
 
     def _coarse(self, reference: Float32, pictures: list[Float32]) -> tuple[Float32, Float32]:
         """Inverse distances (v, u) to part of a plane, at the size searched at, and how much worse the next best is."""
@@ -181,14 +181,14 @@ class DepthEstimator:
         distinct = 1.0 - least / np.maximum(next_best, np.uint16(1)).astype(np.float32)
         return (first + step * (inner + part)).astype(np.float32), distinct
 
-    def _told(
+    def _depth_map(
         self, found: Float32, statistics: MatchStatistics, distinct: Float32, known: NDArray[np.bool_], step: float
     ) -> DepthMap:
         """The depth map of inverse distances (v, u) and what is known of them."""
         low, high = self._inverse_distances[[0, -1]]
         found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
         known = known & (statistics.seeing >= min(2, len(self.others)))
-        # Where nothing is told, any depth of the range is as likely as any other.
+        # Without information, any depth of the range is as likely as any other.
         flat = np.float32((high - low) / np.sqrt(12.0))
         deviation = np.sqrt(
             (statistics.variance + np.float32(QUANTISATION)) / np.maximum(statistics.information, 1e-30)

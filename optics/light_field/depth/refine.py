@@ -29,7 +29,7 @@ OUTLIER_GREY = 6.0
 NOISE_SLOPE = 236.0 / 1024.0
 """Variance of a Scharr slope, per px, of noise of variance one."""
 FAKE = 1.5
-"""Slopes are told from noise where their squares exceed those that noise is expected to have by that factor."""
+"""A slope is significant where its square exceeds the one expected of noise by this factor."""
 RIDGE = 0.01
 MEDIAN_PX = 5
 
@@ -101,7 +101,7 @@ class Refiner:
         return np.asarray(shown)
 
     def chosen(self, candidates: Sequence[Float32], pictures: Sequence[Float32], reference: Float32) -> Float32:
-        """Of several inverse distances (v, u), at each pixel the one on which the best half of the views agrees."""
+        """Choose among inverse distances (v, u), at each pixel, the one on which the best half of the views agrees."""
         numbers = range(len(pictures))
 
         def cost(job: tuple[int, int]) -> NDArray[np.uint8]:

@@ -2,8 +2,9 @@
 
 Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches of mean zero and length one, so that views
 need be neither equally bright nor equally rich in contrast. A patch moves by itself in each view; that it lies on a
-slanted surface is told by all views together: with the inverse distance w + n.o at an offset o, a view at p sees the
-offset moved by -f p (n.o). Left out, a slant would move patches by unlike amounts along s and t, as refraction does.
+slanted surface is estimated from all views together: with the inverse distance w + n.o at an offset o, a view at p sees
+the offset moved by -f p (n.o). Left out, a slant would move patches by unlike amounts along s and t, as refraction
+does.
 """
 
 from __future__ import annotations
@@ -137,13 +138,13 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     gradients = beyond_light(gradients)
     squares = np.einsum("nip,njp->nij", gradients, gradients).astype(np.float64)
     least, most = np.linalg.eigvalsh(squares).T
-    told = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
-    steps = np.linalg.inv(squares[told]).astype(np.float32) @ gradients[told]
-    slants = slants[told]
+    usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
+    steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients[usable]
+    slants = slants[usable]
     leaning = np.einsum("nkp,nijp->nkij", steps, slants)
-    slants -= np.einsum("nkij,nkp->nijp", leaning, gradients[told])
+    slants -= np.einsum("nkij,nkp->nijp", leaning, gradients[usable])
     products = np.einsum("nijp,nklp->nijkl", slants, slants)
-    return Templates(int(level), index[told], patches[told], steps, slants, products, leaning)
+    return Templates(int(level), index[usable], patches[usable], steps, slants, products, leaning)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,15 +238,15 @@ def _align_level(
         alike = np.einsum("vnp,np->vn", difference, each.patches)
         difference -= each.patches
         if MOVING_ROUNDS <= number < MOVING_ROUNDS + SLANTING_ROUNDS:
-            told = (looked & (alike >= LEAST_ALIKE_FOR_SLANT)).astype(np.float32)
-            step, covariance = _slant_step(each, difference, told, across_mm, distance_mm)
+            usable = (looked & (alike >= LEAST_ALIKE_FOR_SLANT)).astype(np.float32)
+            step, covariance = _slant_step(each, difference, usable, across_mm, distance_mm)
             slant -= step
         step = np.einsum("nkp,vnp->vnk", each.steps, difference)
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
         centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
     pixels = (centre - origin).astype(np.float64) * 2**each.level
     leaning = each.leaning.astype(np.float64) * 2**each.level
-    told_by_slant = np.stack(
+    slant_per_pixel = np.stack(
         [
             leaning[:, 0, 0] + leaning[:, 1, 1],
             leaning[:, 0, 0] - leaning[:, 1, 1],
@@ -253,24 +254,24 @@ def _align_level(
         ],
         axis=1,
     )
-    covariance = told_by_slant @ covariance @ told_by_slant.transpose(0, 2, 1) / 4.0
+    covariance = slant_per_pixel @ covariance @ slant_per_pixel.transpose(0, 2, 1) / 4.0
     return np.where(looked[..., None], pixels, np.nan), np.where(looked, alike, 0.0).astype(np.float64), covariance
 
 
 def _slant_step(
-    each: Templates, difference: Floats, told: Floats, across_mm: Floats, distance_mm: FloatArray
+    each: Templates, difference: Floats, usable: Floats, across_mm: Floats, distance_mm: FloatArray
 ) -> tuple[Floats, FloatArray]:
-    """By how much the slants (n, 2) are to be taken back, and their covariance (n, 2, 2).
+    """Corrections (n, 2) to subtract from the slants, and their covariance (n, 2, 2).
 
     Least squares over differences (views, n, SAMPLES) in the views that tell it (views, n), with a prior: surfaces are
     not seen edge-on.
     """
-    weighted = told[..., None] * across_mm[:, None]
+    weighted = usable[..., None] * across_mm[:, None]
     right = -np.einsum("njkp,njp->nk", each.slants, np.einsum("vnj,vnp->njp", weighted, difference))
     positions = np.einsum("vni,vj->nij", weighted, across_mm)
     left = np.einsum("nij,nikjl->nkl", positions, each.products).astype(np.float64)
-    squares = np.einsum("vn,vnp,vnp->n", told, difference, difference)
-    noise = squares / (np.maximum(told.sum(axis=0), 1.0) * SAMPLES)
+    squares = np.einsum("vn,vnp,vnp->n", usable, difference, difference)
+    noise = squares / (np.maximum(usable.sum(axis=0), 1.0) * SAMPLES)
     # tan(slant) is the slant's coefficient, 1/mm, times the distance.
     prior = np.maximum(noise, 1e-9) * (distance_mm / USUAL_TAN_SLANT) ** 2
     left += prior[:, None, None] * np.eye(2)

@@ -25,7 +25,7 @@ def save_npz(path: Path, features: Features) -> None:
 
 
 def save_csv(path: Path, features: Features) -> None:
-    """Write a table with one line per feature, atomically; what is not told is an empty cell."""
+    """Write a table with one line per feature, atomically; an unknown value is an empty cell."""
     numbers = np.column_stack(
         [
             features.pixels,

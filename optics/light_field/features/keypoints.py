@@ -41,7 +41,7 @@ class Keypoints:
 
 
 def detector(name: DetectorName, keypoints: int) -> Any:
-    """A new OpenCV detector that keeps about so many keypoints, the strongest; thresholds suit dim and soft views.
+    """Make an OpenCV detector that keeps about this number of the strongest keypoints; thresholds suit dim, soft views.
 
     Raises InputError for another name, and where this OpenCV comes without AKAZE (since version 5 it is among the
     contributed modules).

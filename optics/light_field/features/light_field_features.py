@@ -41,7 +41,7 @@ from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 MATCH_PX = 1.0
 # How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
 LEAST_ALIKE = 0.85
-# Residuals count as if so many more, usual ones had been seen (see `moderated_variance`).
+# Residuals count as if this number of usual ones had been added (see `moderated_variance`).
 PRIOR_FREEDOM = 4.0
 # Errors of a patch are in part alike in all views (surfaces bend within it, views are not equally soft): in the views
 # farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
@@ -69,7 +69,7 @@ class Features:
         apart_disparity_px: (n, 2) the slopes along s and along t estimated apart, each as `disparity_px` (both in px
             per mean step of the same axis, so that they are equal for a point); NaN where views in one line, or too
             few, cannot tell.
-        two_slope_sigma: (n,) how many standard deviations the two principal slopes are apart; NaN where not told.
+        two_slope_sigma: (n,) how many standard deviations the two principal slopes are apart; NaN where unknown.
         refracted: (n,) whether that is more than the test's limit: seen by way of a curved or through a refracting
             surface; their depth is not that of anything at this pixel.
         descriptors: (n, d) of the reference view: bits as uint64 words, SIFT's as float32 (RootSIFT).
@@ -214,8 +214,8 @@ class FeatureFinder:
         sure = (aligned.alike >= LEAST_ALIKE) & _shown(inner[others], aligned.pixels)
         seen_px = np.full((len(images), len(tried), 2), np.nan)
         seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
-        told = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
-        seen_px[geometry.reference, told] = pixels[told]
+        indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
+        seen_px[geometry.reference, indices] = pixels[indices]
         return seen_px, aligned.slant_covariance / self.views.focal_px**2
 
     def _consolidated(
@@ -318,7 +318,7 @@ def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
 def _one_of_each(
     pixels: FloatArray, views: NDArray[np.int64], moved_px: FloatArray, most_px: float
 ) -> NDArray[np.bool_]:
-    """Of keypoints (n, 2) at the very same place (tried with two slopes, or SIFT's with two orientations), one at most.
+    """Keep one keypoint at most of those (n, 2) at the same place (two slopes tried, or two orientations of SIFT).
 
     The one that most views see; none where the moves that their slopes tell (n,) differ by more than `most_px`.
     """

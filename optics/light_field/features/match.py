@@ -71,8 +71,8 @@ def candidates(
         as_like = unlike[order] <= REPEATED[0] * likest + REPEATED[1] * MOST_UNLIKE[name]
         repeating[first[(rank == KEPT) & as_like]] = True
         first, second, rank = first[rank < KEPT], second[rank < KEPT], rank[rank < KEPT]
-        told = _told(geometry, view, reference.pixels[first], other.pixels[second])
-        for array, values in zip(arrays, told, strict=True):
+        seen = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
+        for array, values in zip(arrays, seen, strict=True):
             array[first, place, rank] = values
 
     list(run(one, range(len(others)), others.keys(), others.values()))
@@ -81,7 +81,7 @@ def candidates(
     return Candidates(*arrays)
 
 
-def _told(
+def _slope_estimates(
     geometry: Geometry, view: int, reference_px: FloatArray, seen_px: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What a match tells: inverse distance (n,), distance off the line in px, px along it per 1/mm."""
@@ -119,7 +119,7 @@ def _near_the_line(
     ratio = np.abs(np.log(reference.scale_px[first] / other.scale_px[second]))
     keep = (turn <= np.deg2rad(MOST_TURN_DEG)) & (ratio <= np.log(MOST_SCALE_RATIO))
     first, second = first[keep], second[keep]
-    inverse, off, rate = _told(geometry, view, reference.pixels[first], other.pixels[second])
+    inverse, off, rate = _slope_estimates(geometry, view, reference.pixels[first], other.pixels[second])
     tolerance = tolerance_px[first]
     slack = tolerance / rate
     keep = np.abs(off) <= tolerance

@@ -154,11 +154,11 @@ def fit_two_slopes(
     right = np.einsum("vn,vnki,vnk->ni", use, columns, rest)
     freedom = 2 * used.sum(axis=0) - 5
     scale = np.trace(normal, axis1=1, axis2=2) / 3.0
-    told = (freedom > 0) & (np.linalg.eigvalsh(normal)[:, 0] > 1e-3 * scale)
-    normal[~told] = np.eye(3)
+    determined = (freedom > 0) & (np.linalg.eigvalsh(normal)[:, 0] > 1e-3 * scale)
+    normal[~determined] = np.eye(3)
     unknown = np.linalg.solve(normal, right[..., None])[..., 0]
     squares = np.einsum("vn,vnk,vnk->n", use, rest, rest) - (unknown * right).sum(axis=1)
-    unknown[~told] = np.nan
+    unknown[~determined] = np.nan
     w, d, e = unknown.T
     return TwoSlopes(
         matrices_mm=np.stack([np.stack([w + d, e], -1), np.stack([e, w - d], -1)], axis=-2),
@@ -176,10 +176,10 @@ def moderated_variance(squares: FloatArray, freedom: NDArray[np.int64], prior_fr
 
     Smyth, "Linear models and empirical Bayes methods", SAGMB 2004, with the usual variance from the median.
     """
-    told = freedom > 0
-    if not told.any():
+    determined = freedom > 0
+    if not determined.any():
         return np.ones(len(squares))
-    usual = float(np.median(squares[told] / freedom[told]))
+    usual = float(np.median(squares[determined] / freedom[determined]))
     moderated = (prior_freedom * usual + squares) / (prior_freedom + np.maximum(freedom, 0))
     return np.maximum(moderated, LEAST_NOISE_PX**2)
 

@@ -1,4 +1,4 @@
-"""Frames one after another, from a video file or a camera; a frame that is damaged is told, never made up."""
+"""Frames one after another, from a video file or a camera; a damaged frame is reported, never made up."""
 
 from __future__ import annotations
 

@@ -36,9 +36,9 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     """
     colours, opacity = read_rgba(path)
     stated = read_views(path.with_suffix(".json"))
-    said_order: object = order
+    stated_order: object = order
     if stated is not None:
-        grid, said_order = (stated[0].rows, stated[0].cols), stated[1].get("order")
+        grid, stated_order = (stated[0].rows, stated[0].cols), stated[1].get("order")
     elif assumed.rows is None or assumed.cols is None:
         raise InputError(
             f"{path}: a picture without {path.stem}.json beside it, expected --layout of the camera whose frame it is, "
@@ -46,15 +46,15 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
         )
     else:
         grid = (assumed.rows, assumed.cols)
-    if said_order not in _AXES:
-        raise InputError(f"{path.with_suffix('.json')}: order is {said_order!r}, expected 'eslf' or 'tiles'")
+    if stated_order not in _AXES:
+        raise InputError(f"{path.with_suffix('.json')}: order is {stated_order!r}, expected 'eslf' or 'tiles'")
     height, width = (side // count for side, count in zip(opacity.shape, grid, strict=True))
     shape = (*grid, height, width)
     if (grid[0] * height, grid[1] * width) != opacity.shape or not height * width:
         raise InputError(
             f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px do not divide into {grid[1]}x{grid[0]} views"
         )
-    axes = _AXES[str(said_order)]
+    axes = _AXES[str(stated_order)]
     parts, back = [shape[axis] for axis in axes], np.argsort(axes)
     views = even_views(path, assumed, grid, (width, height)) if stated is None else stated[0]
     if (views.width_px, views.height_px) != (width, height):

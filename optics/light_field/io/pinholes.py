@@ -10,7 +10,7 @@ from mirrorcam.optics.light_field.light_field import Views
 SAME_PX = 1e-6
 """Differences of principal points and focal lengths that are none: zero disparity is at infinity."""
 WITHIN_PX = 0.01
-"""By how much principal points and focal lengths may differ from those of views that share a plane."""
+"""Largest difference of principal points and focal lengths from those of views that share a plane."""
 
 
 def view_name(t: int, s: int) -> str:
@@ -36,12 +36,12 @@ def views_of_pinholes(
     positions = (centres_mm - centres_mm[middle]) @ view_from_world.T
     positions[middle] = 0.0
     focal_px, centre = float(matrices[middle][0, 0]), matrices[middle][:2, 2]
-    told = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
+    offsets = np.concatenate([matrices[..., :2, 2] - centre, matrices[..., :1, 0] - focal_px], axis=-1)
     moves = focal_px * positions * [1.0, 1.0, -1.0]
-    inverse = float((told * moves).sum() / max(np.square(moves).sum(), np.finfo(float).tiny))
-    if float(np.abs(told).max()) < SAME_PX:
+    inverse = float((offsets * moves).sum() / max(np.square(moves).sum(), np.finfo(float).tiny))
+    if float(np.abs(offsets).max()) < SAME_PX:
         inverse = 0.0
-    wrong_px = float(np.abs(told - inverse * moves).max())
+    wrong_px = float(np.abs(offsets - inverse * moves).max())
     skewed_px = float(np.abs(matrices[..., 1, 1] - matrices[..., 0, 0]).max())
     if inverse < 0 or max(wrong_px, skewed_px) > WITHIN_PX:
         reason = f"off by {max(wrong_px, skewed_px):.3g} px" if inverse >= 0 else "none in front of them"

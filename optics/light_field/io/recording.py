@@ -88,8 +88,8 @@ class Recording:
         if self.complete:
             # There still where a run was cut off between its last two steps.
             (path / JOURNAL).unlink(missing_ok=True)
-            said, self.entries = sink.read(path)
-            if said != self._about:
+            attributes, self.entries = sink.read(path)
+            if attributes != self._about:
                 raise InputError(f"{path}: exists and holds something else, expected a new name or the same job again")
             return
         journal = self._folder / JOURNAL
@@ -204,8 +204,8 @@ class Folders:
         """What `frames.json` says."""
         if not path.is_dir() or not (path / INDEX).exists():
             raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
-        said = json.loads(read_bytes(path / INDEX))
+        attributes = json.loads(read_bytes(path / INDEX))
         entries = Entries()
-        for line in (*said.pop("frames"), *said.pop("lost")):
+        for line in (*attributes.pop("frames"), *attributes.pop("lost")):
             entries.note(line)
-        return said, entries
+        return attributes, entries

@@ -75,15 +75,15 @@ def read_views(path: Path) -> tuple[Views, dict[str, Any]] | None:
     if not path.exists():
         return None
     try:
-        said = json.loads(read_bytes(path))
+        stated = json.loads(read_bytes(path))
     except ValueError as error:
         raise InputError(f"{path}: does not describe views: {' '.join(str(error).split())}") from None
-    if not isinstance(said, dict) or said.get("schema") != SCHEMA:
+    if not isinstance(stated, dict) or stated.get("schema") != SCHEMA:
         raise InputError(f"{path}: expected the schema {SCHEMA!r}")
-    given = said.pop("views", None)
+    given = stated.pop("views", None)
     if not isinstance(given, dict):
         raise InputError(f"{path}: does not describe views: has no 'views'")
-    return views_of_fields(given, str(path)), said
+    return views_of_fields(given, str(path)), stated
 
 
 def parallel_views(

@@ -54,11 +54,11 @@ class ZarrSink:
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """What the group's attributes and arrays say."""
         group = open_group(path)
-        said = dict(group.attrs)
-        if said.get("schema") != SCHEMA:
+        attributes = dict(group.attrs)
+        if attributes.get("schema") != SCHEMA:
             raise InputError(f"{path}: not a recording of light fields, expected the schema {SCHEMA!r}")
-        lost = {int(number): str(reason) for number, reason in said.pop("lost")}
-        return said, Entries(group["number"][:].tolist(), group["time_s"][:].tolist(), lost)
+        lost = {int(number): str(reason) for number, reason in attributes.pop("lost")}
+        return attributes, Entries(group["number"][:].tolist(), group["time_s"][:].tolist(), lost)
 
     def _created(self, light_field: LightField) -> Any:
         """The arrays as they are before the first frame."""

@@ -34,7 +34,7 @@ class Epi:
     plane_depth_mm: float
 
     def slope_px_per_mm(self, views: Views, depth_mm: float) -> float:
-        """By how much a point at a depth moves along the line per mm of view position, in px: the EPI's slope."""
+        """Slope of the EPI at a depth: px that a point moves along the line per mm of view position."""
         return float(views.slope_from_depth(depth_mm) - views.slope_from_depth(self.plane_depth_mm))
 
 

@@ -26,7 +26,7 @@ Combine = Literal["mean", "median"]
 SEEN = 1e-3
 """Weight below which a pixel has no sample."""
 SUPER_STEPS = 3
-"""Of back-projection: more sharpen noise rather than pictures."""
+"""Steps of back-projection: more sharpen noise rather than pictures."""
 LARGEST_SCALE = 8
 STEEPEST_DEG = 85.0
 ROWS_AT_ONCE = 64

@@ -41,7 +41,7 @@ class ViewDepths:
 
     @classmethod
     def of_depths(cls, views: Views, depth_mm: NDArray[np.floating]) -> ViewDepths:
-        """Of depths (t, s, v, u) in mm from the pupil, infinity included; NaN where not known, sure elsewhere.
+        """Depths of views from (t, s, v, u) in mm from the pupil, infinity included; NaN where unknown, sure elsewhere.
 
         Raises InputError for depths of another shape, or behind the reference view.
         """
@@ -101,7 +101,7 @@ def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float)
 
 
 def px_per_nearness(views: Views) -> float:
-    """By how many px the farthest view moves what is nearer by 1/mm."""
+    """Shift in px between the reference view and the farthest one per 1/mm of inverse distance."""
     return float(views.focal_px * np.abs(views.positions_mm[..., :2]).max())
 
 

@@ -358,7 +358,7 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
     small = middle + 0.1 * (mirrors[4].outline_in_rig_mm - middle)
     centre = mirrors[4].virtual_centre_in_rig_mm
     thick = Mirror.second_surface(centre, small, thickness_mm=9.0, refractive_index=1.49)
-    with pytest.raises(InputError, match=r"^mirror 4 shows nothing: its sheet is too thick for its size$"):
+    with pytest.raises(InputError, match=r"^mirror 4 shows nothing: its plate is too thick for its size$"):
         Decoder(parabola_layout.replaced(mirrors=(*mirrors[:4], thick, *mirrors[5:])))
     with pytest.raises(InputError, match=r"^the plane at 5 mm lies nearer than mirror \d, expected more than"):
         Decoder(parabola_layout, reference_depth_mm=5.0)

@@ -23,16 +23,16 @@ from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
-ROOM_PX = 1.0
-"""By how much principal points stay away from the edge."""
+EDGE_PX = 1.0
+"""Least distance of principal points from the edge."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
     """Left, top, right and bottom px to add to every view so that all principal points lie inside."""
     centres = views.matrices[..., :2, 2].reshape(-1, 2)
     size = np.array([views.width_px, views.height_px])
-    before = np.ceil(np.maximum(0.0, ROOM_PX - centres.min(axis=0))).astype(int)
-    after = np.ceil(np.maximum(0.0, centres.max(axis=0) + ROOM_PX - (size - 1))).astype(int)
+    before = np.ceil(np.maximum(0.0, EDGE_PX - centres.min(axis=0))).astype(int)
+    after = np.ceil(np.maximum(0.0, centres.max(axis=0) + EDGE_PX - (size - 1))).astype(int)
     return int(before[0]), int(before[1]), int(after[0]), int(after[1])
 
 

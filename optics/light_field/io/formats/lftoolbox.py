@@ -24,7 +24,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 OURS = "MirrorCam"
 LARGEST_BYTES = 2**31 - 1
-"""Of a variable in a .mat file before version 7.3, which is HDF5."""
+"""Largest variable in a .mat file before version 7.3, which is HDF5."""
 
 
 def intrinsics(views: Views) -> FloatArray:
@@ -85,14 +85,14 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
     if lf.nbytes > LARGEST_BYTES:
         raise InputError(f"{path}: {lf.nbytes / 2**30:.1f} GiB of samples, a .mat file holds less than 2")
     ours = {name: getattr(light_field, name) for name in Views.__dataclass_fields__}
-    said = {
+    variables = {
         "LF": lf,
         "GeneratedByInfo": {"mfilename": "mirrorcam", "VersionStr": light_field.layout_identity},
         "RectOptions": {"RectCamIntrinsicsH": intrinsics(light_field)},
         OURS: ours,
     }
     with atomic(path) as temporary:
-        savemat(temporary, said, do_compression=True, oned_as="column")
+        savemat(temporary, variables, do_compression=True, oned_as="column")
         # MATLAB's header has the time of day in its first line; the same light field is to give the same bytes.
         with temporary.open("r+b") as file:
             file.write(b"MATLAB 5.0 MAT-file, light field of mirrorcam".ljust(116))
@@ -104,14 +104,14 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
     Geometry is that of `MirrorCam`, else of H, else assumed. Raises InputError in one line for a file that is not such
     a one.
     """
-    said = _hdf5(path) if b"MATLAB 7.3" in read_bytes(path)[:128] else _before_hdf5(path)
-    lf, h = said.get("LF"), said.get("H")
+    variables = _hdf5(path) if b"MATLAB 7.3" in read_bytes(path)[:128] else _before_hdf5(path)
+    lf, h = variables.get("LF"), variables.get("H")
     if not isinstance(lf, np.ndarray) or lf.ndim not in (4, 5):
         raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
     samples, weights = _samples_and_weights(lf if lf.ndim == 5 else lf[..., None], path)
     rows, cols, height, width = weights.shape
-    if OURS in said:
-        views = _our_views(said[OURS], path)
+    if OURS in variables:
+        views = _our_views(variables[OURS], path)
     elif h is not None:
         views = views_of(np.asarray(h, np.float64), (rows, cols), (width, height), f"{path}: RectOptions")
     else:
@@ -128,11 +128,11 @@ def _before_hdf5(path: Path) -> dict[str, Any]:
     from scipy.io.matlab import MatReadError
 
     try:
-        said: dict[str, Any] = loadmat(path)
+        variables: dict[str, Any] = loadmat(path)
     except (ValueError, TypeError, OSError, EOFError, MatReadError, NotImplementedError) as error:
         raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
-    h = _field(said.get("RectOptions"), "RectCamIntrinsicsH")
-    return {**said, "H": h}
+    h = _field(variables.get("RectOptions"), "RectCamIntrinsicsH")
+    return {**variables, "H": h}
 
 
 def _hdf5(path: Path) -> dict[str, Any]:

@@ -47,8 +47,8 @@ def read_nerfstudio(folder: Path) -> LightField:
     """
     path = folder / TRANSFORMS
     try:
-        said = json.loads(read_bytes(path))
-        frames = {_index(each["file_path"]): {**said, **each} for each in said["frames"]}
+        dataset = json.loads(read_bytes(path))
+        frames = {_index(each["file_path"]): {**dataset, **each} for each in dataset["frames"]}
         rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
         order = [frames[index] for index in np.ndindex(rows, cols)]
         transforms = np.array([each["transform_matrix"] for each in order], np.float64)
