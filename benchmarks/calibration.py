@@ -1,6 +1,6 @@
 """The solver beside SciPy, and at the statistical limit: `python benchmarks/calibration.py [speed] [limit] [start]`.
 
-Give it one thread (`OPENBLAS_NUM_THREADS=1`): the peers gain little from more. Without arguments, all of these:
+Run it on one thread (`OPENBLAS_NUM_THREADS=1`): the peers gain little from more. Without arguments, all of these:
 
 - speed: 216 parameters and 29,160 residuals, from mirrors off by 0.5 deg and 0.5 mm and boards placed from them. Ours
   (`minimise`, plain least squares) and the methods of `scipy.optimize.least_squares` with the same analytic derivatives
@@ -122,10 +122,10 @@ def limit() -> bool:
     found = run_trials(TRIALS, outliers=TRIALS)
     print(f"{TRIALS} trials, {2 * len(found.scene.clean)} residuals, {time.perf_counter() - begun:.0f} s")
     ours, linear = np.array(over_bound(found, found.errors)), np.array(over_bound(found, found.linear))
-    spoilt = np.array(over_bound(found, found.with_outliers))
+    with_outliers = np.array(over_bound(found, found.with_outliers))
     plain = np.sqrt(ours.mean(axis=1))
     paired = np.sqrt(1.0 + (ours - linear).mean(axis=1))
-    costs = np.sqrt(spoilt.mean(axis=1) / ours.mean(axis=1))
+    costs = np.sqrt(with_outliers.mean(axis=1) / ours.mean(axis=1))
     print(f"RMSE / bound, worst of the mirrors, sampled with a spread of {np.sqrt(0.5 / TRIALS):.3f}:")
     for name, *rows in zip(("normals", "distances"), plain, paired, costs, strict=True):
         worst, tight, cost = (row.max() for row in rows)

@@ -1,10 +1,10 @@
-"""What calibration makes of real photographs: `python benchmarks/calibration_photos.py PHOTOS_FOLDER`.
+"""Calibration of real photographs: `python benchmarks/calibration_photos.py PHOTOS_FOLDER`.
 
 The folder holds photographs of a checkerboard of 8 x 7 squares (1 unit of length each) and two mirrors that meet in a
-corner. Prints how well models of growing freedom fit, what each photograph's direct view predicts of its mirrored views
-under planes, camera and board that were fitted to the other photographs, and where the corners that both mirrors show
-are, against where they were predicted. The table keeps apart what is the model's from what is the paper board's and
-the phone's: beside every figure stands that of views each free to lie anywhere, which no mirror model can better.
+corner. Prints how well nested models fit, how well each photograph's direct view predicts its mirrored views with
+planes, camera and board fitted to the other photographs, and the prediction errors of corners seen in both mirrors
+one after the other. The table separates errors of the model from those of the paper board and the phone: beside every
+figure stands that of views with free poses, which no mirror model can improve on.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def main(folder: Path) -> None:
     print("\nrms per axis, px (x y)           all            direct         mirror 0       mirror 1       predicted*")
     fold = np.arange(len(photos))
     for label, rows, board, sheet in (
-        ("as drawn, coated in front", as_seen, drawn, False),
+        ("as drawn, first-surface", as_seen, drawn, False),
         ("+ camera turned back", steady, drawn, False),
-        ("+ coated behind glass", steady, drawn, True),
+        ("+ second-surface", steady, drawn, True),
         ("+ corners of the board free", steady, free, True),
         ("free board, glass, as seen", as_seen, free, True),
     ):

@@ -35,16 +35,16 @@ from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 TILT_DEG = 2.0
 FALSE_PX, FALSE_SIGMAS = 1.0, 5.0
-LEAST_FALSE_PX = 0.1  # below which no corner is called false, however small the others' errors are
+MIN_FALSE_PX = 0.1  # below which no corner is called false, however small the others' errors are
 LIMIT_S = 10.0
-WAYS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
+CONDITIONS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
 
 
-def spoilt(grey: Grey, way: str, random: np.random.Generator) -> Grey:
-    """A frame with one of the `WAYS`."""
+def degraded(grey: Grey, condition: str, random: np.random.Generator) -> Grey:
+    """A frame with one of the `CONDITIONS`."""
     light = grey.astype(np.float32)
-    everything = way == "all at once"
-    if way == "motion blur" or everything:
+    everything = condition == "all at once"
+    if condition == "motion blur" or everything:
         length, angle = random.uniform(2.0, 5.0), random.uniform(0.0, np.pi)
         kernel = np.zeros((15, 15), np.float32)
         for step in np.linspace(-length / 2.0, length / 2.0, 41):
@@ -52,16 +52,16 @@ def spoilt(grey: Grey, way: str, random: np.random.Generator) -> Grey:
             column, row, right, down = int(x), int(y), x % 1.0, y % 1.0
             kernel[row : row + 2, column : column + 2] += np.outer([1.0 - down, down], [1.0 - right, right])
         light = np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()), dtype=np.float32)
-    if way == "glare" or everything:
+    if condition == "glare" or everything:
         y, x = np.mgrid[: grey.shape[0], : grey.shape[1]].astype(np.float32)
         for _ in range(6):
             u, v, size = random.uniform(0, grey.shape[1]), random.uniform(0, grey.shape[0]), random.uniform(15, 70)
             light += random.uniform(100, 900) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / np.float32(2.0 * size**2))
-    if way == "dim" or everything:
+    if condition == "dim" or everything:
         light = np.clip(light, 0, 255) * (0.5 if everything else 0.25)
         light += random.normal(0.0, 1.5, grey.shape).astype(np.float32)
     picture = np.clip(np.rint(light), 0, 255).astype(np.uint8)
-    if way == "JPEG 40" or everything:
+    if condition == "JPEG 40" or everything:
         encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 40])[1]
         picture = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
     return picture
@@ -69,21 +69,21 @@ def spoilt(grey: Grey, way: str, random: np.random.Generator) -> Grey:
 
 @dataclass(frozen=True)
 class Score:
-    """Of corners found in some frames.
+    """Detection score of some frames.
 
-    `visible` and `found` count them, `rms_px` is per axis, of those that are not off by more than `FALSE_PX`; `far` are
-    those that are, `astray` those beyond `FALSE_SIGMAS` of the spread of their mirror's.
+    `visible` and `found` are numbers of corners, `rms_px` is the error per axis of those within `FALSE_PX`; `far` is
+    the number beyond it, `outlying` the number beyond `FALSE_SIGMAS` of the errors in their mirror.
     """
 
     visible: int
     found: int
     rms_px: float
     far: int
-    astray: int
+    outlying: int
 
     @property
     def false(self) -> int:
-        return max(self.far, self.astray)
+        return max(self.far, self.outlying)
 
 
 def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score:
@@ -93,17 +93,17 @@ def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score
     distance = np.linalg.norm(off, axis=1)
     far = ~(distance <= FALSE_PX)
     near = off[~far]
-    astray = far.copy()
+    outlying = far.copy()
     for view in np.unique(views):
         # Each mirror has its own light and sharpness. Rayleigh's median is 1.177 sigma; a few outliers do not move it.
         sigma = float(np.median(distance[views == view])) / 1.1774
-        astray |= (views == view) & (np.abs(off) > max(FALSE_SIGMAS * sigma, LEAST_FALSE_PX)).any(axis=1)
+        outlying |= (views == view) & (np.abs(off) > max(FALSE_SIGMAS * sigma, MIN_FALSE_PX)).any(axis=1)
     rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
-    return Score(visible, len(off), rms, int(far.sum()), int(astray.sum()))
+    return Score(visible, len(off), rms, int(far.sum()), int(outlying.sum()))
 
 
 def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
-    """The score of each of the `WAYS`, of a set that is rendered into a folder."""
+    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder."""
     target = default_board()
     request = SetRequest(
         layout=layout,
@@ -118,10 +118,10 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     with np.load(folder / "truth" / "corners.npz") as truth:
         truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
-    for number, way in enumerate(WAYS):
+    for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
-        bad = [spoilt(picture, way, random) for picture in pictures]
-        yield way, score(detect_frames(bad, layout, target, mirrored=True, workers=cores()), truth_px, visible)
+        bad = [degraded(picture, condition, random) for picture in pictures]
+        yield condition, score(detect_frames(bad, layout, target, mirrored=True, workers=cores()), truth_px, visible)
 
 
 def main() -> None:
@@ -135,12 +135,12 @@ def main() -> None:
     with TemporaryDirectory() as name:
         for seed, sensor in enumerate(sensors):
             folder = Path(name) / sensor
-            for way, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
+            for condition, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
                 total, false = total + found.found, false + found.false
                 print(
-                    f"{sensor:5} {way:12} found {found.found:6d} of {found.visible:6d} "
+                    f"{sensor:5} {condition:12} found {found.found:6d} of {found.visible:6d} "
                     f"({found.found / found.visible:4.0%}), rms {found.rms_px:.4f} px, false: "
-                    f"{found.far} beyond {FALSE_PX:g} px, {found.astray} beyond {FALSE_SIGMAS:g} sigma",
+                    f"{found.far} beyond {FALSE_PX:g} px, {found.outlying} beyond {FALSE_SIGMAS:g} sigma",
                     flush=True,
                 )
         print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")

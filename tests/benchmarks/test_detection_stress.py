@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.detection import DEFAULT_LAYOUT, WAYS, Score, score, stress
+from benchmarks.detection import CONDITIONS, DEFAULT_LAYOUT, Score, score, stress
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.settings import SensorName
@@ -25,7 +25,7 @@ EXPECTED = {
 
 def test_no_corner_is_false_in_a_frame_of_a_good_camera(tmp_path: Path) -> None:
     found = dict(stress(Layout.load(DEFAULT_LAYOUT), tmp_path / "set", sensor="c920", frames=1, seed=4))
-    assert set(found) == set(EXPECTED) == set(WAYS)
+    assert set(found) == set(EXPECTED) == set(CONDITIONS)
     assert sum(each.found for each in found.values()) > 2500
     for way, (part, rms_px) in EXPECTED.items():
         assert found[way].false == 0, way
@@ -55,4 +55,4 @@ def test_a_score_tells_false_corners() -> None:
     pixels[7] += 0.6
     pixels[9] += 40.0
     bad = score([Observations.of_view(0, 0, np.arange(500), pixels)], truth, 600)
-    assert (bad.far, bad.astray, bad.false) == (1, 2, 2)
+    assert (bad.far, bad.outlying, bad.false) == (1, 2, 2)
