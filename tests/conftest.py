@@ -10,6 +10,10 @@ import pytest
 from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parent.parent
+# Test workers share the cores: linear algebra on all of them in each would wait for itself.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
 
 
 @pytest.fixture(scope="session")
