@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 
@@ -25,3 +26,8 @@ def drawn(draw: Callable[[], object], path: Path) -> Figure:
     assert path.stat().st_size > 1000
     assert len(saved) == 1
     return saved[0]
+
+
+def values_of(item: ScalarMappable) -> Any:
+    """The values that an image or a scatter plot colours."""
+    return item.get_array()

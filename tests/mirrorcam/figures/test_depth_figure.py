@@ -9,13 +9,13 @@ import pytest
 
 from mirrorcam.figures.depth_figure import draw_depth
 from mirrorcam.optics.light_field.depth import DepthMap
-from tests.mirrorcam.figures.drawn import drawn
+from tests.mirrorcam.figures.drawn import drawn, values_of
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
 def test_view_nearness_and_confidence_stand_beside_each_other(tmp_path: Path) -> None:
-    light_field, depth_mm, _ = photograph(grid_views(), [Surface(500.0)])
-    depth_mm = depth_mm.astype(np.float32)
+    light_field, true_mm, _ = photograph(grid_views(), [Surface(500.0)])
+    depth_mm = true_mm.astype(np.float32)
     depth_mm[:, : depth_mm.shape[1] // 2] *= 0.8
     depth_mm[:4] = np.nan
     confidence = np.where(np.isfinite(depth_mm), np.float32(0.9), np.float32(0.0))
@@ -23,7 +23,7 @@ def test_view_nearness_and_confidence_stand_beside_each_other(tmp_path: Path) ->
         views=light_field, view=(1, 1), depth_mm=depth_mm, sigma_mm=np.ones_like(depth_mm), confidence=confidence
     )
     figure = drawn(lambda: draw_depth(tmp_path / "depth.png", light_field, depth), tmp_path / "depth.png")
-    view, nearness, sure = (axes.images[0].get_array() for axes in figure.axes[:3])
+    view, nearness, sure = (values_of(axes.images[0]) for axes in figure.axes[:3])
     assert np.array_equal(view[..., 0], light_field.samples[1, 1, ..., 0])
     known = np.isfinite(depth_mm)
     assert np.array_equal(~np.ma.getmaskarray(np.ma.masked_invalid(nearness)), known)

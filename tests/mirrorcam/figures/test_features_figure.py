@@ -8,7 +8,7 @@ import numpy as np
 
 from mirrorcam.figures.features_figure import draw_features
 from mirrorcam.optics.light_field.features import FeatureFinder
-from tests.mirrorcam.figures.drawn import drawn
+from tests.mirrorcam.figures.drawn import drawn, values_of
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
 
@@ -21,6 +21,6 @@ def test_marks_are_at_the_features_and_crosses_at_the_refracted_ones(tmp_path: P
     figure = drawn(lambda: draw_features(path, light_field, features), path)
     discs, *crosses = figure.axes[0].collections
     assert np.allclose(discs.get_offsets(), features.pixels[plain])
-    assert np.allclose(discs.get_array(), 1.0 / features.depth_mm[plain])
+    assert np.allclose(values_of(discs), 1.0 / features.depth_mm[plain])
     assert all(np.allclose(each.get_offsets(), features.pixels[~plain]) for each in crosses)
     assert f"{(~plain).sum()} with two slopes" in figure.axes[0].get_title()

@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
-from tests.optics.conftest import faceted_parabola
+from tests.optics.layouts import faceted_parabola
 
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
 NOISE_PX = 0.05

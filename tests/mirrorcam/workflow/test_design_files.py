@@ -1,0 +1,35 @@
+"""A design as files: what lies in the folder, with a parabola and without one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.design_files import write_design
+
+
+def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = DesignSpec()
+    figures = {"metrics": evaluate(default_layout, spec.depths_mm), "verdict": verify(default_layout, spec)}
+    layout = default_layout.replaced(spec=spec, **figures)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    found = write_design(spec, tmp_path)
+    assert found.no_parabola == ""
+    assert Layout.load(tmp_path / "layout.json") == found.optimised == layout
+    assert Layout.load(tmp_path / "parabola.json") == found.parabola
+    assert found.parabola is not None
+    assert found.parabola.metrics.keys() == layout.metrics.keys()
+
+    def refuse(spec: DesignSpec) -> Layout:
+        raise InfeasibleDesign("spacing", "facets do not fit")
+
+    monkeypatch.setattr("mirrorcam.optics.design.program.seeds.faceted_parabola", refuse)
+    found = write_design(spec, tmp_path)
+    assert found.parabola is None
+    assert "facets do not fit" in found.no_parabola
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json"]

@@ -1,0 +1,42 @@
+"""Light fields to work through: each is opened in its turn, under a name of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+
+
+def test_given_depths_come_before_those_of_the_file() -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    scene = NamedLightField("scene", light_field, (300.0, 700.0))
+    assert scene.depths_to_search(None, None) == (300.0, 700.0)
+    assert scene.depths_to_search(350.0, None) == (350.0, 700.0)
+    assert NamedLightField("plain", light_field).depths_to_search(None, 900.0) == (None, 900.0)
+
+
+def test_each_file_is_opened_and_counted(tmp_path: Path) -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    for name in ("a", "b"):
+        save_npz(tmp_path / f"{name}.npz", light_field)
+    seen: list[tuple[int, int]] = []
+    inputs = LightFieldInputs((tmp_path / "b.npz", tmp_path / "a.npz"))
+    found = list(inputs.each(lambda done, total: seen.append((done, total))))
+    assert [each.name for each in found] == ["b", "a"]
+    assert np.array_equal(found[0].light_field.samples, light_field.samples)
+    assert seen == [(1, 2), (2, 2)]
+
+
+def test_names_that_would_meet_and_frames_without_a_layout_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="two light fields are called 'a', expected different names"):
+        LightFieldInputs((tmp_path / "a.npz", tmp_path / "other" / "a.npz"))
+    write_image(tmp_path / "frame.png", np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(InputError, match="--layout"):
+        list(LightFieldInputs((tmp_path / "frame.png",)).each())

@@ -1,0 +1,49 @@
+"""Which pictures of a light field a request stands for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs
+from mirrorcam.workflow.refocusing_files import RefocusRequest, stills, write_refocused
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+
+
+@pytest.mark.parametrize(
+    ("request_", "needed"),
+    [
+        (RefocusRequest(), False),
+        (RefocusRequest(depths_mm=(400.0,), sweep="gif"), False),
+        (RefocusRequest(all_in_focus=True), True),
+        (RefocusRequest(from_mm=(0.0, 0.0)), True),
+        (RefocusRequest(behind_mm=300.0), True),
+        (RefocusRequest(orbit="mp4"), True),
+    ],
+)
+def test_depth_is_measured_only_where_a_picture_needs_it(request_: RefocusRequest, needed: bool) -> None:
+    assert request_.needs_depths == needed
+
+
+def test_without_a_wish_the_reference_plane_is_in_focus() -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    reference = f"focus_{light_field.reference_depth_mm:g}mm"
+    assert [title for title, _ in stills(light_field, None, RefocusRequest())] == [reference]
+    asked = RefocusRequest(depths_mm=(400.0, np.inf))
+    assert [title for title, _ in stills(light_field, None, asked)] == ["focus_400mm", "focus_infmm"]
+    assert list(stills(light_field, None, RefocusRequest(sweep="gif"))) == []
+
+
+def test_a_picture_and_its_array_are_written_under_the_name_of_the_light_field(tmp_path: Path) -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    save_npz(tmp_path / "wall.npz", light_field)
+    inputs = LightFieldInputs((tmp_path / "wall.npz",))
+    grey = write_refocused(inputs, tmp_path / "out", RefocusRequest(depths_mm=(500.0,)))
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["wall_focus_500mm.npz", "wall_focus_500mm.png"]
+    with np.load(tmp_path / "out" / "wall_focus_500mm.npz") as arrays:
+        hidden = float((arrays["weights"] == 0).mean())
+    assert [each.hidden for each in grey] == ([pytest.approx(hidden)] if hidden > 0.01 else [])
