@@ -109,18 +109,28 @@ class Features:
 class FeatureFinder:
     """Finds the features of light fields of the same views; keep one for a video, its detectors and threads stay.
 
-    Args:
-        views: of the light fields.
-        name: SIFT, ORB or AKAZE.
-        keypoints: about how many of each view's strongest keypoints are kept.
-        max_distance_px: farther from where its slope expects it, a view does not see the feature.
-        min_views: N_MIN, in how many views beside the reference view a feature must be found. Default: in most.
-        nearest_mm, farthest_mm: depths between which features are sought. Default: from half the distance of the
-            reference plane to infinity.
-        two_slope_sigma: features whose slopes are more standard deviations apart are flagged.
+    Parameters
+    ----------
+    views
+        Geometry of the light fields.
+    name
+        SIFT, ORB or AKAZE.
+    keypoints
+        Number of each view's strongest keypoints that are kept, about.
+    max_distance_px
+        Farther from where its slope expects it, a view does not see the feature.
+    min_views
+        N_MIN, the number of views beside the reference view in which a feature must be found. Default: most of them.
+    nearest_mm, farthest_mm
+        Depths between which features are sought. Default: from half the distance of the reference plane to infinity.
+    two_slope_sigma
+        Features whose slopes are more standard deviations apart are flagged.
 
-    Raises InputError for fewer views than `min_views` asks for, depths out of order or nearer than a view, and AKAZE
-    where OpenCV has none.
+    Raises
+    ------
+    InputError
+        For fewer views than `min_views` asks for, depths out of order or nearer than a view, and AKAZE where OpenCV
+        has none.
     """
 
     def __init__(

@@ -39,14 +39,29 @@ class Epi:
 
 
 def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | None = None) -> Epi:
-    """The epipolar-plane image of the reference view's row (`axis` s) or column (t) of views.
+    """Cut the epipolar-plane image of the reference view's row (`axis` s) or column (t) of views.
 
-    Args:
-        line: row, or column, of the reference view's picture.
-        depth_mm: depth at which all views' lines show the same places, so that it stands upright: by default that of
-            the reference plane. Where views are not quite in one row, lines elsewhere are a little off across.
+    Parameters
+    ----------
+    light_field
+        Two or more views along the axis.
+    axis
+        s: views beside each other; t: views above each other.
+    line
+        Row (s) or column (t) of the reference view's picture.
+    depth_mm
+        Depth at which all views' lines show the same places, so that it stands upright: by default that of the
+        reference plane. Where views are not quite in one row, lines elsewhere are a little off across.
 
-    Raises InputError for a line outside the picture, fewer than two views along the axis, or a depth within the views.
+    Returns
+    -------
+    Epi
+        Samples (n, length, c) and weights (n, length) of the n views, and their positions in mm.
+
+    Raises
+    ------
+    InputError
+        For a line outside the picture, fewer than two views along the axis, or a depth within the views.
     """
     lines, count = (
         (light_field.height_px, light_field.cols) if axis == "s" else (light_field.width_px, light_field.rows)

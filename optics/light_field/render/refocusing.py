@@ -126,14 +126,36 @@ def refocus(
     view_weights: Float32 | None = None,
     scale: int = 1,
 ) -> RenderedPicture:
-    """The picture in focus on a plane, in the frame of the reference view.
+    """Render the picture in focus on a plane, in the frame of the reference view.
 
-    Args:
-        combine: `mean` blurs what lies elsewhere; `median` leaves out what few views show.
-        view_weights: (t, s), of the mean: how much each view counts.
-        scale: pixels of the picture along one of a view. From two on, what the picture would show in each view is
-            compared with what it shows, and the difference is put back (Irani and Peleg, CVGIP 1991; by the median,
-            Zomet et al., CVPR 2001): views that sample in between each other's pixels resolve more than one does.
+    Parameters
+    ----------
+    light_field
+        Two or more views.
+    plane
+        The focal plane, `FocalPlane.at_depth` or `FocalPlane.through`.
+    combine
+        `mean` blurs what lies elsewhere; `median` leaves out what few views show.
+    view_weights
+        (t, s) weights of the views, for the mean.
+    scale
+        Pixels of the picture along one of a view. From two on, what the picture would show in each view is compared
+        with what it shows, and the difference is put back: views that sample in between each other's pixels resolve
+        more than one does.
+
+    Returns
+    -------
+    RenderedPicture
+        Image (h, w, c) from 0 to 1 and weights (h, w).
+
+    Raises
+    ------
+    InputError
+        For a scale that is not offered.
+
+    Notes
+    -----
+    Super-resolution is by back-projection (Irani and Peleg, CVGIP 1991; by the median, Zomet et al., CVPR 2001).
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
