@@ -126,24 +126,24 @@ def test_what_cannot_be_built_is_refused_before_any_file(make_parabola: Callable
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_a_file_is_refused(default_layout: Layout, tmp_path: Path) -> None:
+def test_a_folder_that_is_a_file_is_refused(small_layout: Layout, tmp_path: Path) -> None:
     (tmp_path / "parts").write_text("")
     with pytest.raises(InputError, match="parts: cannot be written: File exists"):
-        build_parts(default_layout, tmp_path / "parts")
+        build_parts(small_layout, tmp_path / "parts")
 
 
 @pytest.mark.parametrize("missing", ["manifold3d", "build123d", "jinja2"])
 def test_a_missing_extra_is_named_with_its_command(
-    missing: str, default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    missing: str, small_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loaded = ("mirrorcam.cad.build", "mirrorcam.cad.plan.hardware")
     for name in [name for name in sys.modules if name.startswith("mirrorcam.cad.") and name not in loaded]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(InputError, match=rf'^{missing} is not installed.*: pip install "mirrorcam\[cad\]"$'):
-        mirrorcam.cad.build.build_parts(default_layout, tmp_path)
+        mirrorcam.cad.build.build_parts(small_layout, tmp_path)
     # What is missing for another reason is a bug, and is not blamed on the installation.
     monkeypatch.setitem(sys.modules, missing, type(sys)(missing))
     monkeypatch.setitem(sys.modules, "mirrorcam.cad.write.part_export", None)
     with pytest.raises(ImportError):
-        mirrorcam.cad.build.build_parts(default_layout, tmp_path)
+        mirrorcam.cad.build.build_parts(small_layout, tmp_path)
