@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.files import atomic, write_bytes, write_json
+from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.fingerprint import file_digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
@@ -28,7 +28,8 @@ from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
-from mirrorcam.render_scenes.sets.video import write_h264, write_mjpeg
+from mirrorcam.render_scenes.sets.set_truth import write_truth
+from mirrorcam.render_scenes.sets.set_video import check_video, write_video
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.variant import use_variant
@@ -105,7 +106,7 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
         If the extra `render` is not installed, the board cannot be seen, the tolerances cannot be built, the pictures
         make no such video, or `out` holds another set.
     """
-    _check_video(request)
+    check_video(request.settings, request.layout.camera, request.rate_hz)
     if request.parts is not None and request.settings.renderer == "fast":
         raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
     variant = use_variant()
@@ -121,7 +122,8 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
-    dataset = _write_truth(out, dataset, oracle, finishes, moments, base_plan, request.seed)
+    names = write_truth(out, oracle, finishes, moments, base_plan, request.seed)
+    dataset = _recorded(out, dataset, *names)
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 
@@ -204,7 +206,7 @@ def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run
         done += 1
         progress(done, total)
     if dataset.video_name is not None and dataset.video_name not in dataset.files:
-        _write_video(out, dataset, lambda frames: progress(done + frames, total))
+        write_video(out, dataset, lambda frames: progress(done + frames, total))
         dataset = _recorded(out, dataset, dataset.video_name)
     return dataset
 
@@ -212,29 +214,6 @@ def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
     """Frames of their tasks, one after the other, with all cores at work on each."""
     yield from enumerate(map(render_frame, tasks))
-
-
-def _check_video(request: SetRequest) -> None:
-    """Raise InputError where the frames cannot be put into the video that is asked for."""
-    video, sensor, camera = request.settings.video, request.settings.sensor, request.layout.camera
-    if video is not None and request.rate_hz is None:
-        raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")
-    if video == "avi" and sensor.jpeg_quality is None:
-        raise InputError("video avi: holds the JPEG files of a sensor, expected one with jpeg_quality")
-    if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
-        size = f"{camera.width_px} x {camera.height_px}"
-        raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")
-
-
-def _write_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
-    assert dataset.rate_hz is not None
-    path, pictures = out / f"{dataset.video_name}", [out / name for name in dataset.frame_names]
-    settings = dataset.settings
-    if settings.video == "avi":
-        write_mjpeg(path, pictures, dataset.rate_hz, on_picture)
-    else:
-        crf = settings.video_crf if settings.sensor.h264_crf is None else settings.sensor.h264_crf
-        write_h264(path, pictures, dataset.rate_hz, crf, on_picture)
 
 
 def _random(*key: int) -> np.random.Generator:
@@ -320,38 +299,3 @@ def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
     layout.save(out / "layout.json")
     save_board(out / "board.toml", dataset.target)
     return _recorded(out, dataset, "layout.json", "board.toml")
-
-
-def _write_truth(
-    out: Path,
-    dataset: Dataset,
-    oracle: Oracle,
-    finishes: tuple[MirrorFinish, ...],
-    moments: FloatArray,
-    base_plan: PosePlan,
-    seed: int,
-) -> Dataset:
-    """What only a validation may read."""
-    names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
-    halfway = moments[:, moments.shape[1] // 2]
-    truth = out / "truth"
-    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
-    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
-    oracle.layout.save(truth / "layout.json")
-    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
-    if moments.shape[1] == 3:
-        write_json(truth / "readout.json", {"poses": moments.tolist()})
-        names.append("readout.json")
-    if finishes:
-        write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
-        names.append("finish.json")
-    write_json(truth / "seed.json", {"seed": seed})
-    with atomic(truth / "corners.npz") as temporary:
-        np.savez_compressed(
-            temporary,
-            frames_px=frames_px,
-            frames_visible=frames_visible,
-            base_px=base_px,
-            base_visible=base_visible,
-        )
-    return _recorded(out, dataset, *(f"truth/{name}" for name in names))

@@ -1,0 +1,47 @@
+"""Files of the ground truth of a rendered set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.base.files import atomic, write_json
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.sets.poses import PosePlan
+from mirrorcam.render_scenes.truth.corners import Oracle
+
+
+def write_truth(
+    out: Path,
+    oracle: Oracle,
+    finishes: tuple[MirrorFinish, ...],
+    moments: FloatArray,
+    base_plan: PosePlan,
+    seed: int,
+) -> tuple[str, ...]:
+    """Write the ground truth of a set, which only a validation may read; return the names of the files."""
+    names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
+    halfway = moments[:, moments.shape[1] // 2]
+    truth = out / "truth"
+    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
+    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
+    oracle.layout.save(truth / "layout.json")
+    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
+    if moments.shape[1] == 3:
+        write_json(truth / "readout.json", {"poses": moments.tolist()})
+        names.append("readout.json")
+    if finishes:
+        write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
+        names.append("finish.json")
+    write_json(truth / "seed.json", {"seed": seed})
+    with atomic(truth / "corners.npz") as temporary:
+        np.savez_compressed(
+            temporary,
+            frames_px=frames_px,
+            frames_visible=frames_visible,
+            base_px=base_px,
+            base_visible=base_visible,
+        )
+    return tuple(f"truth/{name}" for name in names)
