@@ -127,7 +127,7 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _refusal(error: SystemExit, box: str) -> str:
-    """What tyro found wrong, in one line: from the error behind it, else from the box that it printed."""
+    """The error that tyro reported, in one line: from its cause, else from the box that it printed."""
     for cause in _causes(error):
         if isinstance(cause, ValidationError):
             detail = cause.errors(include_url=False)[0]

@@ -158,7 +158,7 @@ def coverage_text(dataset: Dataset, cols: int) -> str:
 
 
 def reach_text(dataset: Dataset) -> str:
-    """What every mirror sees: the least of all their reaches."""
+    """Distances and tilts of boards that every mirror shows."""
     reaches = dataset.reaches
     blind = [str(number) for number, reach in enumerate(reaches) if reach.farthest_mm == 0]
     if blind:

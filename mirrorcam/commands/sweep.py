@@ -41,7 +41,7 @@ def depths_from_text(text: str) -> tuple[float, ...]:
 
 
 class CommonSpec(DesignSpec):
-    """What all designs of a sweep have in common: of a spec, what the sweep does not vary."""
+    """The part of a spec that all designs of a sweep share."""
 
     rows: tyro.conf.Suppress[int] = 3
     cols: tyro.conf.Suppress[int] = 3
@@ -97,7 +97,7 @@ class SweepOptions(Value):
 
 
 def _runner(options: SweepOptions) -> tuple[Runner, str]:
-    """Who does the work, and how people call it."""
+    """The runner of the designs, and its name for people."""
     from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 
@@ -108,7 +108,7 @@ def _runner(options: SweepOptions) -> tuple[Runner, str]:
 
 
 def summary(outcomes: Sequence[Outcome]) -> list[str]:
-    """What became of the designs, in lines: how many of each status, which constraints cannot hold, what failed."""
+    """The outcomes in lines of text: counts of each status, which constraints cannot hold, what failed."""
     statuses = Counter(outcome.status for outcome in outcomes)
     lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
     bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")

@@ -1,1 +1,1 @@
-"""What a person at a terminal sees of long work, and how they interrupt it."""
+"""Progress of long work on a terminal, and its interruption."""

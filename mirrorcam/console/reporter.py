@@ -1,4 +1,4 @@
-"""Who hears about work of several steps: a terminal, or nobody."""
+"""Reporters of work in several steps: one that prints on a terminal, and a silent one."""
 
 from __future__ import annotations
 

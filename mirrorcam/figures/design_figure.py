@@ -199,7 +199,7 @@ def _front(axes: Axes, layout: Layout) -> None:
 
 
 def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
-    """What each view sees of the plane at a depth, and what all see."""
+    """Draw the fields of all views on the plane at a depth, and the field that they share."""
     region, footprints = common_region(layout, depth_mm)
     opacity, linewidth = min(0.07, 0.7 / len(footprints)), max(0.9 - len(footprints) / 80.0, 0.3)
     for seen in footprints:

@@ -1,4 +1,4 @@
-"""What designs of a sweep trade: field of view for depth of field, grid error for efficiency, by their count."""
+"""The trade-offs between designs of a sweep: field of view for depth of field, grid error for efficiency, by their count."""
 
 from __future__ import annotations
 

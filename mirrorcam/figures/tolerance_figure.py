@@ -1,4 +1,4 @@
-"""What a maker can expect of a design: figures over the accuracy of printing and assembling, and what they hang on."""
+"""Figures that devices as built can be expected to reach, against the accuracy of printing, and their causes."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from mirrorcam.pages.calibration.calibration_page import write_report
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """What a calibration from files starts from.
+    """Inputs of a calibration from files.
 
     Parameters
     ----------

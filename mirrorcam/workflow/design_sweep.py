@@ -42,7 +42,7 @@ class Results:
         return self._folder / "results" / f"{_key(spec)}.json"
 
     def finished(self, spec: DesignSpec) -> Outcome | None:
-        """What became of a spec; None where that is unknown, a failure, altered, or made by other versions than now."""
+        """The outcome of a spec; None where that is unknown, a failure, altered, or made by other versions than now."""
         try:
             record = Record.model_validate_json(self._record(spec).read_bytes())
             layout = (self._folder / self.layout_name(spec)).read_bytes() if record.layout_sha256 else b""
@@ -76,7 +76,7 @@ class Results:
 
 
 def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
-    """What became of a spec, from what its workers left."""
+    """The outcome of a spec, from the answer or the end of its workers."""
     if isinstance(got, Died):
         return Outcome(spec=spec, status="failed", finding=got.reason)
     return Record.model_validate_json(got.record).outcome
@@ -87,7 +87,7 @@ def _key(spec: DesignSpec) -> str:
 
 
 def sweep(specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress) -> list[Outcome]:
-    """What became of each spec, in their order. What `folder` holds already is taken from there, the rest is run.
+    """The outcome of each spec, in their order. What `folder` holds already is taken from there, the rest is run.
 
     Every design is in the folder as soon as it is finished, whatever ends the run after that.
     """

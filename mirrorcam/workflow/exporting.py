@@ -27,7 +27,7 @@ SURE = 0.5
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: where, from which format, of which light field.
+    """An exported light field: its path, the format it was read from, and its samples.
 
     `measured` is the share of its pixels with a sure depth where depth was measured for the export, else None.
     """

@@ -1,4 +1,4 @@
-"""What is measured in light fields as files: depth, features and epipolar-plane images, each with a figure."""
+"""Measurements in light fields as files: depth, features and epipolar-plane images, each with a figure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SURE = 0.5
 
 @dataclass(frozen=True)
 class DepthSummary:
-    """Of one light field: the share of its pixels whose depth is sure, and the median of these (NaN without any)."""
+    """Depth of one light field: share of pixels with a sure depth, and their median depth (NaN without any)."""
 
     name: str
     sure: float
@@ -64,7 +64,7 @@ def write_depths(
 
 @dataclass(frozen=True)
 class FeaturesSummary:
-    """Of one light field: how many features it has, how many are refracted, and the median sigma of their depth."""
+    """Features of one light field: their count, how many are refracted, and the median sigma of their depth."""
 
     name: str
     count: int
@@ -74,7 +74,7 @@ class FeaturesSummary:
 
 @dataclass(frozen=True)
 class FeatureSearch:
-    """How features are searched for: `FeatureFinder` says what each number means."""
+    """Parameters of a search for features, as `FeatureFinder` documents them."""
 
     detector: DetectorName = "SIFT"
     keypoints: int = 600

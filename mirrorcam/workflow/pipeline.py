@@ -1,4 +1,4 @@
-"""The whole way once: design, part, synthetic set, blind calibration checked against truth, light field, page."""
+"""The whole pipeline: design, part, synthetic set, blind calibration checked against truth, light field, page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SETTINGS = RenderSettings(maps=False)
 
 @dataclass(frozen=True)
 class Recipe:
-    """What one run makes."""
+    """Everything that decides about the results of a run."""
 
     spec: DesignSpec
     target: Target

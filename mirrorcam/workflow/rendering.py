@@ -20,7 +20,7 @@ from mirrorcam.workflow.cluster import run_cluster
 
 OVERVIEW = "truth/overview.jpg"
 JPEG_QUALITY = 85
-"""Of a picture of the device."""
+"""JPEG quality of a picture of the device."""
 
 
 def in_workers(workers: int) -> Run:

@@ -1,4 +1,4 @@
-"""Whether a rendered set is still what was rendered."""
+"""Check of the files of a rendered set against their checksums."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class Stage:
 
 
 class Manifest(Value):
-    """What made a stage's folder, and what is in it: path -> sha256."""
+    """Inputs that a stage's folder was made from, and its files: path -> sha256."""
 
     schema_id: Literal["mirrorcam.stage/2"] = Field(default="mirrorcam.stage/2", alias="schema")
     made_of: Fingerprint

@@ -18,7 +18,7 @@ TableFormat = Literal["csv", "parquet", "json"]
 
 @dataclass(frozen=True)
 class SweepFiles:
-    """What became of the specs of a sweep, in their order, and the files of them all."""
+    """Outcomes of the specs of a sweep, in their order, and the files that sum them up."""
 
     outcomes: tuple[Outcome, ...]
     files: tuple[Path, ...]

@@ -1,4 +1,4 @@
-"""Who does the designs of a sweep: processes on this machine, or the workers of a Dask cluster."""
+"""Runners of the designs of a sweep: processes on this machine, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Record(Value):
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker hands back: the text of a record's file and, of a solved spec, of its layout's; and its time."""
+    """The answer of a worker: the text of a record's file and, of a solved spec, of its layout's; and its time."""
 
     record: str
     layout: str = ""

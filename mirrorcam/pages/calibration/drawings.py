@@ -152,7 +152,7 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
 
 
 def board_turns(calibration: Calibration) -> str:
-    """How every board was tilted, and which of its edges was nearer for it."""
+    """Tilt of every board, and which of its edges was nearer."""
     normals, mirrored = board_normals(calibration)
     tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
     flat = np.linalg.norm(normals[:, :2], axis=1)
