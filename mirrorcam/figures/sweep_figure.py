@@ -1,4 +1,4 @@
-"""The trade-offs between designs of a sweep: field of view for depth of field, grid error for efficiency, by their count."""
+"""Trade-offs between designs of a sweep: field of view for depth of field, grid error for efficiency."""
 
 from __future__ import annotations
 
