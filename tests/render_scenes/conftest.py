@@ -19,8 +19,8 @@ def distorted_layout(default_layout: Layout) -> Layout:
 
 
 @pytest.fixture(scope="session")
-def sheets(distorted_layout: Layout) -> Layout:
-    """The layout with mirrors of 2 mm acrylic, coated behind, that look the same along their chief rays."""
+def plates(distorted_layout: Layout) -> Layout:
+    """The layout with second-surface mirrors of 2 mm acrylic that look the same along their chief rays."""
     mirrors = tuple(
         Mirror.second_surface(
             mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=2.0, refractive_index=1.49

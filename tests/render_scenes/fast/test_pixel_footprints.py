@@ -14,12 +14,12 @@ from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 
 
-def test_plates_agree_with_rays_traced_surface_by_surface(sheets: Layout, small_board: Charuco) -> None:
+def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_board: Charuco) -> None:
     """Where every pixel's light left the board, by formula and by `truth.pixel_maps`."""
-    camera = sheets.camera.replaced(width_px=480, height_px=270).with_intrinsics(
-        sheets.camera.intrinsics * [0.25, 0.25, 0.25, 0.25, 1, 1, 1, 1, 1]
+    camera = plates.camera.replaced(width_px=480, height_px=270).with_intrinsics(
+        plates.camera.intrinsics * [0.25, 0.25, 0.25, 0.25, 1, 1, 1, 1, 1]
     )
-    small = sheets.replaced(camera=camera)
+    small = plates.replaced(camera=camera)
     pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
     truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
     views, board = virtual_views(small.mirrors), board_from_texels(small_board)

@@ -114,7 +114,7 @@ def test_a_matte_wall_under_an_even_sky_is_as_bright_as_the_sky_times_its_reflec
     np.testing.assert_allclose(found, 0.2 * SETTINGS.surroundings, rtol=1e-4)
 
 
-def test_sheets_of_a_device_are_as_thick_as_they_are(
+def test_plates_of_a_device_are_as_thick_as_they_are(
     small_layout: Layout, small_board: Charuco, pose: FloatArray
 ) -> None:
     """Light that comes along the plane of a first-surface mirror, half its thickness behind it, ends at its edge."""

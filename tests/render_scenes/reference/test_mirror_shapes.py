@@ -1,4 +1,4 @@
-"""Mirrors as the reference traces them: sheets coated behind, and what is wrong about taking those for planes."""
+"""Second-surface mirrors as the reference traces them, and the error of taking them for planes."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ Pictures = dict[int, NDArray[np.float32]]
 
 
 @pytest.fixture(scope="module")
-def pose(sheets: Layout) -> FloatArray:
-    return tilted_board(sheets)
+def pose(plates: Layout) -> FloatArray:
+    return tilted_board(plates)
 
 
 @pytest.fixture(scope="module")
-def traced(sheets: Layout, pose: FloatArray) -> Pictures:
-    """The windows of some sheets of 2 mm acrylic by the reference."""
-    scene = BoardScene(sheets.camera, sheets.mirrors, TARGET, RenderSettings())
+def traced(plates: Layout, pose: FloatArray) -> Pictures:
+    """The windows of some plates of 2 mm acrylic by the reference."""
+    scene = BoardScene(plates.camera, plates.mirrors, TARGET, RenderSettings())
     scene.place_board(pose)
-    return {i: scene.render(spp=32, seed=1, subpixels=CUT, crop=windows(sheets)[i]) for i in SEEN}
+    return {i: scene.render(spp=32, seed=1, subpixels=CUT, crop=windows(plates)[i]) for i in SEEN}
 
 
 @pytest.fixture(scope="module")
-def computed(sheets: Layout, pose: FloatArray) -> Pictures:
+def computed(plates: Layout, pose: FloatArray) -> Pictures:
     """The same by formula, each with a sensor that is no larger than the window."""
     pictures = {}
     for index in SEEN:
-        x, y, width, height = windows(sheets)[index]
-        camera = sheets.camera.replaced(
-            width_px=width, height_px=height, cx_px=sheets.camera.cx_px - x, cy_px=sheets.camera.cy_px - y
+        x, y, width, height = windows(plates)[index]
+        camera = plates.camera.replaced(
+            width_px=width, height_px=height, cx_px=plates.camera.cx_px - x, cy_px=plates.camera.cy_px - y
         )
-        scene = FastScene(camera, (sheets.mirrors[index],), TARGET, FAST)
+        scene = FastScene(camera, (plates.mirrors[index],), TARGET, FAST)
         scene.place_board(pose)
         pictures[index] = scene.render()
     return pictures
 
 
-def test_sheets_look_the_same_by_both_renderers(
-    sheets: Layout, pose: FloatArray, traced: Pictures, computed: Pictures
+def test_plates_look_the_same_by_both_renderers(
+    plates: Layout, pose: FloatArray, traced: Pictures, computed: Pictures
 ) -> None:
     """Refraction, Fresnel's losses and the ghosts: flat areas to .5 %, corners to .02 px."""
-    crops, errors = windows(sheets), []
+    crops, errors = windows(plates), []
     for index in SEEN:
         window, kernel = computed[index], np.ones((3, 3))
         flat = cv2.dilate(window, kernel) - cv2.erode(window, kernel) < 2e-4
@@ -68,20 +68,20 @@ def test_sheets_look_the_same_by_both_renderers(
         np.testing.assert_allclose(traced[index][flat], window[flat], rtol=0.005)
     for pictures in (traced, computed):
         found = {index: photographed(picture, CUT) for index, picture in pictures.items()}
-        errors.append(errors_by_mirror(found, crops, sheets, pose, misfit_allowed=0.05))
+        errors.append(errors_by_mirror(found, crops, plates, pose, misfit_allowed=0.05))
     for index in SEEN:
         assert len(errors[0][index]) >= 6
         assert np.abs(errors[0][index] - errors[1][index]).max() <= 0.02, index
 
 
-def test_the_maps_tell_where_the_traced_light_left_the_board(sheets: Layout, pose: FloatArray) -> None:
+def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pose: FloatArray) -> None:
     """From face to face by Mitsuba's own intersections and BSDFs: the board's place in every pixel, to 1 um."""
-    scene = BoardScene(sheets.camera, sheets.mirrors, TARGET, RenderSettings())
+    scene = BoardScene(plates.camera, plates.mirrors, TARGET, RenderSettings())
     scene.place_board(pose)
     import mitsuba as mi
 
     step = 8
-    truth = board_maps(pixel_rays(sheets, mirrors=True, step=step), TARGET, pose)
+    truth = board_maps(pixel_rays(plates, mirrors=True, step=step), TARGET, pose)
     y, x = np.nonzero(np.isfinite(truth["board.x"]))
     assert len(x) > 5000
     ray = scene.sensor.ray_through(mi.Float(x * step + 0.5), mi.Float(y * step + 0.5))
@@ -99,20 +99,20 @@ def test_the_maps_tell_where_the_traced_light_left_the_board(sheets: Layout, pos
         np.testing.assert_allclose(found[inside], truth[name][y, x][inside], atol=1e-3, err_msg=name)
 
 
-def test_corners_of_the_truth_lie_where_the_maps_see_them(sheets: Layout, pose: FloatArray) -> None:
+def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: FloatArray) -> None:
     """A corner's pixel, followed by rays through the sheet, ends at the corner: solved one way, traced the other."""
-    oracle = Oracle(sheets, TARGET)
+    oracle = Oracle(plates, TARGET)
     px, visible = oracle.by_mirrors(pose)
     assert visible.sum() > 300
     board_from_rig = pose[:3, :3].T
-    for index, mirror in enumerate(sheets.mirrors):
-        rays = sheets.camera.unproject(px[index][visible[index]])
+    for index, mirror in enumerate(plates.mirrors):
+        rays = plates.camera.unproject(px[index][visible[index]])
         _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
         start, direction = (start - pose[:3, 3]) @ board_from_rig.T, direction @ board_from_rig.T
         at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
     # The part of a sheet that light enters but does not leave shows nothing.
-    planes = sheets.replaced(mirrors=tuple(mirror.apparent for mirror in sheets.mirrors))
+    planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
     assert visible.sum() < Oracle(planes, TARGET).by_mirrors(pose)[1].sum()
 
 
@@ -137,29 +137,29 @@ def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray
     return np.asarray(found.fun.reshape(-1, 2))
 
 
-def test_a_plane_is_not_a_sheet(sheets: Layout) -> None:
+def test_a_plane_is_not_a_plate(plates: Layout) -> None:
     """What calibration with plane mirrors cannot take away of 2 mm of acrylic: a tenth of a pixel and more."""
 
     def rms(layout: Layout, *depths_mm: float) -> list[float]:
         return [float(np.sqrt(np.mean(plane_residuals(layout, index, *depths_mm) ** 2))) for index in range(9)]
 
-    at_one, at_two = rms(sheets, 450.0), rms(sheets, 300.0, 500.0)
+    at_one, at_two = rms(plates, 450.0), rms(plates, 300.0, 500.0)
     assert min(at_one) > 0.05
     assert max(at_one) < 0.2
     assert np.median(at_one) == pytest.approx(0.14, abs=0.02)
     assert min(at_two) > 0.08
     assert max(at_two) < 0.3
     # It is the sheet: thin ones are planes.
-    thin = sheets.replaced(mirrors=tuple(mirror.replaced(thickness_mm=0.02) for mirror in sheets.mirrors))
+    thin = plates.replaced(mirrors=tuple(mirror.replaced(thickness_mm=0.02) for mirror in plates.mirrors))
     assert max(rms(thin, 300.0, 500.0)) < 0.004
 
 
-def test_corners_traced_through_a_sheet_are_not_a_planes(sheets: Layout, pose: FloatArray, traced: Pictures) -> None:
+def test_corners_traced_through_a_sheet_are_not_a_planes(plates: Layout, pose: FloatArray, traced: Pictures) -> None:
     """In rendered pictures: corners lie where the exact projection has them (ghosts pull a little), not the plane's."""
-    crops, found = windows(sheets), {index: photographed(picture, CUT) for index, picture in traced.items()}
-    planes = sheets.replaced(mirrors=tuple(mirror.apparent for mirror in sheets.mirrors))
+    crops, found = windows(plates), {index: photographed(picture, CUT) for index, picture in traced.items()}
+    planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
     by_sheet, by_plane = (
-        errors_by_mirror(found, crops, layout, pose, misfit_allowed=0.05) for layout in (sheets, planes)
+        errors_by_mirror(found, crops, layout, pose, misfit_allowed=0.05) for layout in (plates, planes)
     )
     for index in SEEN:
         assert np.sqrt(np.mean(by_sheet[index] ** 2)) < 0.02, index
@@ -167,11 +167,11 @@ def test_corners_traced_through_a_sheet_are_not_a_planes(sheets: Layout, pose: F
         assert by_plane[index].std(axis=0).max() > 0.04, index
 
 
-def test_the_scalar_variant_traces_sheets_alike(sheets: Layout, pose: FloatArray) -> None:
-    x, y, width, height = windows(sheets)[0]
+def test_the_scalar_variant_traces_plates_alike(plates: Layout, pose: FloatArray) -> None:
+    x, y, width, height = windows(plates)[0]
     pictures = []
     for variant in (None, SCALAR):
-        scene = BoardScene(sheets.camera, sheets.mirrors[:1], TARGET, RenderSettings(), variant=variant)
+        scene = BoardScene(plates.camera, plates.mirrors[:1], TARGET, RenderSettings(), variant=variant)
         scene.place_board(pose)
         pictures.append(scene.render(spp=2, seed=1, crop=(x + width // 2, y + height // 2, 36, 10)))
     assert np.ptp(pictures[0]) > 0.5

@@ -17,7 +17,7 @@ from tests.render_scenes.devices import box, write_glb
 
 
 def boxed(layout: Layout) -> dict[str, tuple[str, DeviceBody]]:
-    """A device of a camera, a wall behind it, and sheets of a millimetre where the layout's mirrors are."""
+    """A device of a camera, a wall behind it, and plates of a millimetre where the layout's mirrors are."""
     pieces = {
         "camera": ("camera", box((-40.0, -12.0, -30.0), (40.0, 12.0, 5.0))),
         "mount": ("part", box((-60.0, -60.0, -40.0), (60.0, -55.0, 150.0))),

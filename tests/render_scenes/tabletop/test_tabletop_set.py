@@ -332,13 +332,13 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: TabletopRequest, tmp_path:
     assert (labels == 10).sum() == pytest.approx(20.0 * 30.0 * px_per_mm**2, rel=0.15)
 
 
-def test_sheets_coated_behind_have_the_views_of_what_they_look_like(small_layout: Layout) -> None:
-    sheets = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in small_layout.mirrors)
-    built = small_layout.replaced(mirrors=sheets)
+def test_second_surface_mirrors_have_the_views_of_their_apparent_mirrors(small_layout: Layout) -> None:
+    plates = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in small_layout.mirrors)
+    built = small_layout.replaced(mirrors=plates)
     views = _views(built, 375.0)
     assert np.array_equal(views.reference_view_in_rig_mm, built.virtual_centres_in_rig_mm[4])
     assert views.layout_identity == built.identity
-    plain = Decoder(built.replaced(mirrors=tuple(mirror.apparent for mirror in sheets))).views
+    plain = Decoder(built.replaced(mirrors=tuple(mirror.apparent for mirror in plates))).views
     assert (views.width_px, views.height_px, views.focal_px) == (plain.width_px, plain.height_px, plain.focal_px)
 
 
