@@ -5,8 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.documents import write_drawing
 from mirrorcam.cad.plan.hardware import Printer
@@ -16,6 +14,7 @@ from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.cad.write.threemf import write_3mf
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.fingerprint import NOT_INSTALLED, Fingerprint, file_digest, source_digest, versions
+from mirrorcam.optics.base.resumable import intact, read_record
 from mirrorcam.optics.base.values import Value
 
 # Our code that a part's files depend on.
@@ -58,15 +57,10 @@ def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None
 def _take_over(part: PartPlan, key: str, out: Path, previous: Path) -> BuiltPart | None:
     """The part as it lies in `previous`, copied, where it was made of the same and no file has changed since."""
     path = _record_path(previous, part)
-    try:
-        record = _Record.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError, ValidationError):
+    record = read_record(_Record, path)
+    if record is None or record.key != key or intact(previous, record.files) != record.files:
         return None
     places = [previous / name for name in record.files]
-    if record.key != key or not all(place.is_file() for place in places):
-        return None
-    if [file_digest(place) for place in places] != list(record.files.values()):
-        return None
     for place in (*places, path):
         copy = out / place.relative_to(previous)
         copy.parent.mkdir(parents=True, exist_ok=True)

@@ -8,11 +8,10 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from mirrorcam.optics.base.files import atomic, write_json, write_text
-from mirrorcam.optics.base.fingerprint import differing, digest, value_digest
+from mirrorcam.optics.base.fingerprint import differing, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.base.resumable import intact, read_record
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
@@ -43,13 +42,12 @@ class Results:
 
     def finished(self, spec: DesignSpec) -> Outcome | None:
         """The outcome of a spec; None where that is unknown, a failure, altered, or made by other versions than now."""
-        try:
-            record = Record.model_validate_json(self._record(spec).read_bytes())
-            layout = (self._folder / self.layout_name(spec)).read_bytes() if record.layout_sha256 else b""
-        except (FileNotFoundError, ValidationError):
+        record = read_record(Record, self._record(spec))
+        if record is None:
             return None
         outcome = record.outcome
-        whole = not record.layout_sha256 or digest(layout) == record.layout_sha256
+        layout = {self.layout_name(spec): record.layout_sha256} if record.layout_sha256 else {}
+        whole = intact(self._folder, layout) == layout
         current = record.made_with == made_with() and outcome.spec == spec and outcome.status != "failed"
         return outcome if whole and current else None
 

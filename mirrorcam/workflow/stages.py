@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from mirrorcam.optics.base import fingerprint
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.fingerprint import Fingerprint, file_digests, source_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.base.resumable import read_record
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.folders import clear, replaced
 
@@ -70,13 +71,6 @@ def fingerprint_of(stage: Stage, root: Path) -> Fingerprint:
     )
 
 
-def _read_manifest(folder: Path) -> Manifest | None:
-    try:
-        return Manifest.model_validate_json((folder / MANIFEST).read_bytes())
-    except (FileNotFoundError, NotADirectoryError, ValidationError):
-        return None
-
-
 def _write_manifest(folder: Path, manifest: Manifest) -> None:
     write_text(folder / MANIFEST, manifest.model_dump_json(indent=1, by_alias=True) + "\n")
 
@@ -84,7 +78,7 @@ def _write_manifest(folder: Path, manifest: Manifest) -> None:
 def staleness(stage: Stage, root: Path) -> str:
     """Say why the stage has to be done (again), in a few words; empty where its folder holds what it would make now."""
     folder = root / stage.name
-    found = _read_manifest(folder)
+    found = read_record(Manifest, folder / MANIFEST)
     if found is None:
         return "not made yet"
     return fingerprint_of(stage, root).changed_since(found.made_of) or _altered(folder, found.files)
@@ -104,7 +98,7 @@ def perform(stage: Stage, root: Path, progress: Progress = no_progress) -> None:
     """
     begun = Manifest(made_of=fingerprint_of(stage, root))
     with replaced(root / stage.name, marker=MANIFEST, keep_interrupted=stage.resumes) as folder:
-        if _read_manifest(folder) != begun:
+        if read_record(Manifest, folder / MANIFEST) != begun:
             clear(folder)  # what is left there was interrupted while making something else
         _write_manifest(folder, begun)
         stage.work(folder, progress)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, write_text
-from mirrorcam.optics.base.fingerprint import file_digest
+from mirrorcam.optics.base.resumable import FolderManifest
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -25,11 +24,17 @@ class Reach(Value):
     tilt_deg: int
 
 
-class Dataset(Value):
+class Dataset(FolderManifest):
     """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, the seed included.
     """
+
+    FILE = MANIFEST
+    WHAT = "set"
+    FILES = ("layout.json", "board.toml", "video.avi", "video.mp4")
+    FOLDERS = ("frames", "base", "truth")
+    FOLLOWS = frozenset({"coverage", "reaches", "base_coverage"})
 
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
     layout_identity: str
@@ -80,17 +85,3 @@ class Dataset(Value):
         """Names of the pictures, and of the video, that have not been written."""
         wanted = (*self.frame_names, *self.base_names, self.video_name)
         return tuple(name for name in wanted if name is not None and name not in self.files)
-
-    def intact(self, folder: Path, name: str) -> bool:
-        """Whether a file of the set exists with the checksum of what was written."""
-        path = folder / name
-        return name in self.files and path.is_file() and file_digest(path) == self.files[name]
-
-    def save(self, folder: Path) -> None:
-        """Write `dataset.json` atomically."""
-        write_text(folder / MANIFEST, self.model_dump_json(indent=1, by_alias=True) + "\n")
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read the `dataset.json` of a set, or raise InputError in one line."""
-        return read_model(cls, folder / MANIFEST)

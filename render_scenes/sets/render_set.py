@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.fingerprint import file_digest, value_digest
+from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
@@ -25,7 +25,7 @@ from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around, parts_of
 from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
-from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
+from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
 from mirrorcam.render_scenes.sets.set_truth import write_truth
@@ -117,13 +117,13 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
-    dataset = _continue(out, dataset)
+    dataset = dataset.continued(out)
     dataset = _write_known(out, dataset, layout)
     finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     names = write_truth(out, oracle, finishes, moments, base_plan, request.seed)
-    dataset = _recorded(out, dataset, *names)
+    dataset = dataset.recorded(out, *names)
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 
@@ -202,12 +202,12 @@ def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run
         # The picture last, so that there is none without its maps.
         for name, content in sorted(files.items(), reverse=True):
             write_bytes(out / name, content)
-        dataset = _recorded(out, dataset, *files)
+        dataset = dataset.recorded(out, *files)
         done += 1
         progress(done, total)
     if dataset.video_name is not None and dataset.video_name not in dataset.files:
         write_video(out, dataset, lambda frames: progress(done + frames, total))
-        dataset = _recorded(out, dataset, dataset.video_name)
+        dataset = dataset.recorded(out, dataset.video_name)
     return dataset
 
 
@@ -249,53 +249,8 @@ def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan
     return value_digest(asked | drawn)[:16]
 
 
-def _continue(out: Path, dataset: Dataset) -> Dataset:
-    """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file, expected a folder for the set")
-    if not (out / MANIFEST).exists():
-        strangers = sorted(name for name in ("frames", "base", "truth") if (out / name).exists())
-        if strangers:
-            raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
-        _tidy(out, ".dataset-*.json")
-        dataset.save(out)
-        return dataset
-    before = Dataset.load(out)
-    if before.request != dataset.request:
-        asked = set(Dataset.model_fields) - {"schema_id", "request", "files", "coverage", "reaches", "base_coverage"}
-        other = sorted(name for name in asked if getattr(before, name) != getattr(dataset, name))
-        differs = " and ".join(other) or "seed (or of another version of this program)"
-        raise InputError(f"{out}: holds a set of another {differs}, expected the same request or a new folder")
-    _tidy(
-        out,
-        ".dataset-*.json",
-        ".layout-*.json",
-        ".board-*.toml",
-        ".video-*.*",
-        "frames/.*-*",
-        "base/.*-*",
-        "truth/**/.*-*",
-    )
-    return before.replaced(files={name: digest for name, digest in before.files.items() if before.intact(out, name)})
-
-
-def _tidy(out: Path, *patterns: str) -> None:
-    """Remove what a killed run could not: its temporary files (`optics.files.atomic`)."""
-    for leftover in [path for pattern in patterns for path in out.glob(pattern)]:
-        leftover.unlink(missing_ok=True)
-
-
-def _recorded(out: Path, dataset: Dataset, *names: str) -> Dataset:
-    """The manifest with the checksums of files just written, saved."""
-    written = dataset.files | {name: file_digest(out / name) for name in names}
-    # In the order of their names, not of the workers that made them.
-    dataset = dataset.replaced(files=dict(sorted(written.items())))
-    dataset.save(out)
-    return dataset
-
-
 def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
     """What the user knows besides the pictures."""
     layout.save(out / "layout.json")
     save_board(out / "board.toml", dataset.target)
-    return _recorded(out, dataset, "layout.json", "board.toml")
+    return dataset.recorded(out, "layout.json", "board.toml")

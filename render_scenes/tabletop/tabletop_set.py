@@ -10,15 +10,16 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.files import encoded_image, read_bytes, read_model, write_bytes, write_json, write_text
-from mirrorcam.optics.base.fingerprint import digest, file_digest, value_digest
+from mirrorcam.optics.base.files import encoded_image, read_bytes, write_bytes, write_json
+from mirrorcam.optics.base.fingerprint import digest, value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.base.resumable import FolderManifest
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
@@ -75,11 +76,16 @@ class TabletopRequest(Value):
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
 
 
-class TabletopSet(Value):
+class TabletopSet(FolderManifest):
     """The manifest, `scene.json`: what a user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, the seed included.
     """
+
+    FILE = MANIFEST
+    WHAT = "scene"
+    FILES = ("layout.json",)
+    FOLDERS = ("frames", "truth")
 
     schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
     layout_identity: str
@@ -100,15 +106,6 @@ class TabletopSet(Value):
     def frame_name(self) -> str:
         """The name of the picture."""
         return "frames/0000" + (".png" if self.sensor.jpeg_quality is None else ".jpg")
-
-    def save(self, folder: Path) -> None:
-        """Write `scene.json` atomically."""
-        write_text(folder / MANIFEST, self.model_dump_json(indent=1, by_alias=True) + "\n")
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read the `scene.json` of a set, or raise InputError in one line."""
-        return read_model(cls, folder / MANIFEST)
 
 
 def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress = no_progress) -> TabletopSet:
@@ -145,11 +142,11 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     check_meshes(layout, tabletop.objects)
     views = _views(built, default_reference_depth_mm(layout))
     manifest = _manifest(request, depths, variant)
-    manifest = _continue(out, manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed)))
+    manifest = manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed)).continued(out)
     layout.save(out / "layout.json")
     built.save(out / "truth/layout.json")
     write_json(out / "truth/things.json", _object_list(tabletop.objects, views, request.seed))
-    manifest = _recorded(out, manifest, "layout.json", "truth/layout.json", "truth/things.json")
+    manifest = manifest.recorded(out, "layout.json", "truth/layout.json", "truth/things.json")
     total = 1 + views.rows * views.cols
     progress(0, total)
     scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
@@ -157,7 +154,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
         picture, maps = _frame(scene, request)
         write_bytes(out / MAPS, maps)
         write_bytes(out / manifest.frame_name, picture)
-        manifest = _recorded(out, manifest, MAPS, manifest.frame_name)
+        manifest = manifest.recorded(out, MAPS, manifest.frame_name)
     progress(1, total)
     classes = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
     for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
@@ -168,7 +165,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
             files = _true_view(scene, views, t, s, request, classes)
             for kind, name in names.items():
                 write_bytes(out / name, files[kind])
-            manifest = _recorded(out, manifest, *names.values())
+            manifest = manifest.recorded(out, *names.values())
         progress(2 + number, total)
     return manifest
 
@@ -288,35 +285,3 @@ def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ..
     stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}
     return value_digest(asked | drawn)[:16]
-
-
-def _continue(out: Path, manifest: TabletopSet) -> TabletopSet:
-    """The manifest to go on with: that of an interrupted run of the same request, less what is not intact."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file, expected a folder for the scene")
-    if not (out / MANIFEST).exists():
-        strangers = sorted(name for name in ("frames", "truth") if (out / name).exists())
-        if strangers:
-            raise InputError(f"{out}: has a folder {strangers[0]!r} but no {MANIFEST}, expected a new or empty folder")
-        manifest.save(out)
-        return manifest
-    before = TabletopSet.load(out)
-    if before.request != manifest.request:
-        asked = set(TabletopSet.model_fields) - {"schema_id", "request", "files"}
-        other = sorted(name for name in asked if getattr(before, name) != getattr(manifest, name))
-        differs = " and ".join(other) or "seed (or of another version of this program)"
-        raise InputError(f"{out}: holds a scene of another {differs}, expected the same request or a new folder")
-    # A killed run cannot remove its temporary files (`optics.files.atomic`).
-    for pattern in ("frames/.*-*", "truth/**/.*-*", ".*-*.json"):
-        for leftover in out.glob(pattern):
-            leftover.unlink()
-    whole = {n: d for n, d in before.files.items() if (out / n).is_file() and file_digest(out / n) == d}
-    return before.replaced(files=whole)
-
-
-def _recorded(out: Path, manifest: TabletopSet, *names: str) -> TabletopSet:
-    """The manifest with the checksums of files just written, saved."""
-    written = manifest.files | {name: file_digest(out / name) for name in names}
-    manifest = manifest.replaced(files=dict(sorted(written.items())))
-    manifest.save(out)
-    return manifest

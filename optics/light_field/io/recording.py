@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, TextIO
 
 from mirrorcam.optics.base.files import read_bytes, write_json, write_text
+from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
@@ -89,13 +90,19 @@ class Recording:
             # There still where a run was cut off between its last two steps.
             (path / JOURNAL).unlink(missing_ok=True)
             attributes, self.entries = sink.read(path)
-            if attributes != self._about:
-                raise InputError(f"{path}: exists and holds something else, expected a new name or the same job again")
+            if other := differing(attributes, self._about):
+                raise InputError(
+                    f"{path}: exists and holds something else, expected a new name or the same job again: "
+                    f"{' and '.join(other)} differ"
+                )
             return
         journal = self._folder / JOURNAL
         lines = _whole_lines(journal)
-        if lines and lines[0] != self._about:
-            raise InputError(f"{self._folder}: begins something else, expected the same job again, or no such folder")
+        if lines and (other := differing(lines[0], self._about)):
+            raise InputError(
+                f"{self._folder}: begins something else, expected the same job again, or no such folder: "
+                f"{' and '.join(other)} differ"
+            )
         if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:
             raise InputError(f"{self._folder}: exists, expected the beginning of {path.name} or nothing")
         for line in lines[1:]:

@@ -1,0 +1,108 @@
+"""Folders that are written file by file, with a record of what has been written: what is intact is not made again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from pydantic import ValidationError
+
+from mirrorcam.optics.base.files import Model, read_model, write_text
+from mirrorcam.optics.base.fingerprint import differing, file_digest
+from mirrorcam.optics.base.values import InputError, Value
+
+
+def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the files, sha256 by name in the folder, that are there as they were written."""
+    return {name: sha256 for name, sha256 in files.items() if _is_intact(folder / name, sha256)}
+
+
+def _is_intact(path: Path, sha256: str) -> bool:
+    return path.is_file() and file_digest(path) == sha256
+
+
+def read_record(model: type[Model], path: Path) -> Model | None:
+    """Read a record as JSON; None where there is none, or none that is whole and of this version."""
+    try:
+        return model.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError, ValidationError):
+        return None
+
+
+class FolderManifest(Value):
+    """The manifest of a folder that follows from a request: the same request goes on where it was interrupted.
+
+    A subclass has the fields `request`, a digest of everything that the bytes of the folder follow from, and `files`,
+    the sha256 of each file written so far by its name in the folder; all others say what was asked for.
+    """
+
+    FILE: ClassVar[str]
+    """The manifest's own file."""
+    WHAT: ClassVar[str]
+    """What the folder holds, as messages name it."""
+    FILES: ClassVar[tuple[str, ...]] = ()
+    """Other files beside the manifest."""
+    FOLDERS: ClassVar[tuple[str, ...]] = ()
+    """Folders beside the manifest."""
+    FOLLOWS: ClassVar[frozenset[str]] = frozenset()
+    """Fields that follow from others, and say nothing about what was asked for."""
+
+    if TYPE_CHECKING:  # fields of the subclasses, which say in which order they are written
+        request: str
+        files: dict[str, str]
+
+    def save(self, folder: Path) -> None:
+        """Write the manifest atomically."""
+        write_text(folder / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read the manifest of a folder, or raise InputError in one line."""
+        return read_model(cls, folder / cls.FILE)
+
+    def intact(self, folder: Path, name: str) -> bool:
+        """Whether a file of the folder exists with the checksum of what was written."""
+        return name in self.files and _is_intact(folder / name, self.files[name])
+
+    def continued(self, folder: Path) -> Self:
+        """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
+
+        Raises InputError where the folder holds something else: it is not replaced.
+        """
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
+        if not (folder / self.FILE).exists():
+            foreign = [name for name in sorted(self.FOLDERS) if (folder / name).exists()]
+            if foreign:
+                found = f"has a folder {foreign[0]!r} but no {self.FILE}"
+                raise InputError(f"{folder}: {found}, expected a new or empty folder")
+            _remove_temporaries(folder, (self.FILE,), ())
+            self.save(folder)
+            return self
+        before = self.load(folder)
+        if before.request != self.request:
+            asked = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.FOLLOWS
+            other = differing(*({name: getattr(each, name) for name in asked} for each in (before, self)))
+            differs = " and ".join(other) or "seed (or of another version of this program)"
+            raise InputError(
+                f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
+            )
+        _remove_temporaries(folder, (self.FILE, *self.FILES), self.FOLDERS)
+        return before.replaced(files=intact(folder, before.files))
+
+    def recorded(self, folder: Path, *names: str) -> Self:
+        """Return the manifest with the checksums of files just written, saved."""
+        written = self.files | {name: file_digest(folder / name) for name in names}
+        # In the order of their names, not of the workers that made them.
+        manifest = self.replaced(files=dict(sorted(written.items())))
+        manifest.save(folder)
+        return manifest
+
+
+def _remove_temporaries(folder: Path, files: tuple[str, ...], folders: tuple[str, ...]) -> None:
+    """Remove what a killed run could not: the temporary files of `optics.base.files.atomic`."""
+    named = [f".{Path(name).stem}-*{Path(name).suffix}" for name in files]
+    for pattern in (*named, *(f"{inside}/**/.*-*" for inside in folders)):
+        for leftover in list(folder.glob(pattern)):
+            leftover.unlink(missing_ok=True)
