@@ -25,6 +25,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from tests.mirrorcam.command_line import assert_one_line, assert_refused, mirrorcam
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
@@ -35,27 +36,6 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
     small_layout.save(tmp_path / "layout.json")
     data: dict[str, Any] = json.loads((tmp_path / "layout.json").read_text())
     return data
-
-
-def mirrorcam(folder: Path, arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mirrorcam", *arguments.split()]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
-
-
-def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
-    """Exit 2, one line on standard error that holds the expected words, and not one new file."""
-    before = sorted(folder.rglob("*"))
-    result = mirrorcam(folder, arguments)
-    assert_one_line(result.stderr, *expected)
-    assert result.returncode == 2
-    assert sorted(folder.rglob("*")) == before
-
-
-def assert_one_line(said: str, *expected: str) -> None:
-    assert said.count("\n") == 1, said
-    assert said.startswith("mirrorcam: ")
-    for words in expected:
-        assert words in said
 
 
 @pytest.mark.parametrize(
@@ -72,17 +52,11 @@ def assert_one_line(said: str, *expected: str) -> None:
         ("design --depths-mm", "--depths-mm (): Tuple should have at least 1 item"),
         ("design --surface third", "invalid choice 'third' for argument '--surface'"),
         ("design --camera nikon.json", "nikon.json: no such file"),
-        ("cad", "LAYOUT"),
-        ("cad nowhere.json", "nowhere.json: no such file"),
-        ("cad nowhere.json --fasteners glue", "invalid choice 'glue' for argument '--fasteners'"),
         ("decode --layout layout.json", "expected frames, videos, or --device NUMBER"),
         ("decode frame.png", "--layout"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
         ("render nowhere.json", "nowhere.json: no such file"),
         ("render layout.json --frames 0", "--frames 0: Input should be greater than or equal to 1"),
-        ("calibrate picture.png --board board.toml", "expected --layout LAYOUT, or --direct-view"),
-        ("validate nowhere", "nowhere/dataset.json: no such file"),
-        ("run --seed -1", "--seed -1: Input should be greater than or equal to 0"),
     ],
 )
 def test_a_bad_command_line_is_refused_in_one_line(
@@ -96,29 +70,6 @@ def test_a_bad_command_line_is_refused_in_one_line(
     assert cli.main(arguments.split()) == 2
     assert_one_line(capfd.readouterr().err, expected)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ("--camera nikon", "camera body 'nikon': expected one of board_38, c920, or a .toml file"),
-        ("--camera nikon.toml", "nikon.toml: no such file"),
-        ("--hardware mine.toml", "mine.toml: no such file"),
-    ],
-)
-def test_hardware_that_is_none_is_refused_in_one_line(
-    default_layout: Layout,
-    tmp_path: Path,
-    arguments: str,
-    expected: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    default_layout.save(tmp_path / "layout.json")
-    assert cli.main(["cad", "layout.json", *arguments.split()]) == 2
-    assert_one_line(capfd.readouterr().err, expected)
-    assert [path.name for path in tmp_path.iterdir()] == ["layout.json"]
 
 
 def not_a_number(data: dict[str, Any]) -> None:
@@ -242,21 +193,6 @@ def test_a_board_too_large_to_be_seen_is_refused(tmp_path: Path, default_layout:
     assert_refused(tmp_path, "render layout.json --board board.toml --out set", "board: too large")
 
 
-def test_pictures_without_a_corner_are_refused(tmp_path: Path, default_layout: Layout) -> None:
-    default_layout.save(tmp_path / "layout.json")
-    save_board(tmp_path / "board.toml", default_board())
-    for name in ("one.png", "two.png", "base.png"):
-        write_image(tmp_path / name, np.zeros((1080, 1920, 3), dtype=np.uint8))
-    arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
-    before = set(tmp_path.rglob("*"))
-    result = mirrorcam(tmp_path, arguments)
-    assert_one_line(result.stderr, "no corner of the board found in any of 2 frames")
-    assert result.returncode == 2
-    # What was found in the pictures is kept, so that they are not searched again beside better ones.
-    kept = tmp_path / "calibrated" / "detections"
-    assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
-
-
 def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
     assert_refused(tmp_path, "design --depths-mm 20 --out design", "infeasible design, depth constraint")
 
@@ -344,18 +280,6 @@ def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(cli.RUNNERS, options, raising(KeyError("bug")))
     with pytest.raises(KeyError):
         cli.main(["cad", "layout.json"])
-
-
-def test_a_missing_extra_is_named_with_the_command_that_installs_it(
-    tmp_path: Path, layout_data: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = {"build123d": None}
-    monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: found.get(module, object()))
-    assert cli.main(["cad", "layout.json"]) == 2
-    assert capfd.readouterr().err == (
-        'mirrorcam: build123d not installed, needed for this command: pip install "mirrorcam[cad]"\n'
-    )
 
 
 def test_render_offers_the_tolerances_of_a_set_with_their_own_defaults() -> None:

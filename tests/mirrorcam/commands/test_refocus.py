@@ -1,4 +1,4 @@
-"""`mirrorcam refocus` and `mirrorcam epi`, from files to files."""
+"""`mirrorcam refocus`, from files to files."""
 
 from __future__ import annotations
 
@@ -129,10 +129,8 @@ def test_every_frame_of_a_recording_gets_its_pictures(light_field: LightField, t
     recording.finish()
     recording.close()
     assert main(["refocus", str(tmp_path / "film.zarr"), "--out", str(tmp_path / "out")]) == 0
-    assert main(["epi", str(tmp_path / "film.zarr"), "--out", str(tmp_path / "epi")]) == 0
     kinds = ("npz", "png")
     assert names(tmp_path / "out") == [f"film_{number:06d}_focus_375mm.{kind}" for number in (0, 1) for kind in kinds]
-    assert names(tmp_path / "epi") == [f"film_{number:06d}_epi.{kind}" for number in (0, 1) for kind in kinds]
 
 
 def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: Path) -> None:
@@ -144,20 +142,6 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
     (picture,) = (tmp_path / "out").glob("frame_focus_*.png")
     shown = read_image(picture)
     assert (shown[shown.shape[0] // 2, shown.shape[1] // 2] == 90).all()
-    assert main(["epi", *decoded]) == 0
-
-
-@pytest.mark.parametrize(("axis", "length"), [("s", 120), ("t", 90)])
-def test_epipolar_plane_images_are_drawn_and_written(inputs: Path, tmp_path: Path, axis: str, length: int) -> None:
-    asked = ["--axis", axis, "--line", "40", "--depth-mm", "320", "--out", str(tmp_path)]
-    assert main(["epi", str(inputs / "card.npz"), *asked]) == 0
-    with np.load(tmp_path / "card_epi.npz") as arrays:
-        assert arrays["samples"].shape == (3, length, 3)
-        assert arrays["positions_mm"][1] == 0.0
-        assert (arrays["axis"], arrays["line"], arrays["plane_depth_mm"]) == (axis, 40, 320.0)
-    picture = read_image(tmp_path / "card_epi.png")
-    assert picture.shape[1] == 1000
-    assert picture.std() > 20
 
 
 @pytest.mark.parametrize(
@@ -178,9 +162,6 @@ def test_epipolar_plane_images_are_drawn_and_written(inputs: Path, tmp_path: Pat
             ["refocus", "frame.png"],
             "frame.png: a picture without frame.json beside it, expected --layout of the camera",
         ),
-        (["epi", "card.npz", "--line", "90"], "line 90 along s, expected 0 to 89"),
-        (["epi", "card.npz", "card.npz"], "two light fields are called 'card'"),
-        (["epi", "frame.png"], "frame.png: a picture without frame.json beside it, expected --layout of the camera"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

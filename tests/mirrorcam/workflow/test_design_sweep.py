@@ -14,47 +14,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from mirrorcam import cli
-from mirrorcam.commands.sweep import SweepOptions, summary
-from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
-from mirrorcam.optics.design.spec_grid import Outcome, grid
+from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import sweep_work
-from mirrorcam.workflow.design_sweep import Results, Runner, sweep, table_of, write_table
+from mirrorcam.workflow.design_sweep import Results, sweep, table_of, write_table
 from mirrorcam.workflow.sweep_run import design_here
 from mirrorcam.workflow.sweep_work import Answer, answer, record_text
-
-SPECS = grid(
-    DesignSpec(),
-    counts=[(1, 2), (2, 1)],
-    depth_sets_mm=[(300.0, 500.0)],
-    scales_mm=[80.0],
-    tradeoffs=[0.3, 0.6],
-)
-
-
-class Counting:
-    """A runner that answers with made-up outcomes, and remembers which specs it was asked for."""
-
-    def __init__(self, outcome: Callable[[DesignSpec], Outcome] | None = None) -> None:
-        self.asked: list[DesignSpec] = []
-        self._outcome = outcome or (lambda spec: Outcome(spec=spec, status="infeasible", constraint="depth"))
-
-    def __call__(self, specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, spec in reversed(list(enumerate(specs))):
-            self.asked.append(spec)
-            layout = "{}" if (outcome := self._outcome(spec)).status == "solved" else ""
-            yield number, Answer(record_text(outcome, layout), layout)
-
-
-def solved(spec: DesignSpec) -> Outcome:
-    return Outcome(spec=spec, status="solved", metrics={"grid_error": Metric(value=spec.tradeoff, unit="")})
+from tests.mirrorcam.workflow.made_up_designs import SPECS, Counting, solved
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -322,109 +294,6 @@ def test_tables_hold_the_same_in_every_format(tmp_path: Path) -> None:
 
 def test_the_table_holds_no_time(finished: tuple[Path, list[Outcome]]) -> None:
     assert not [name for name in table_of(finished[1])[0] if "second" in name]
-
-
-def test_a_summary_names_what_bound_most_often_and_every_failure() -> None:
-    outcomes = [
-        *TABLE,
-        Outcome(spec=SPECS[0], status="infeasible", constraint="depth"),
-        Outcome(spec=SPECS[1], status="infeasible", constraint="depth"),
-        Outcome(spec=SPECS[3], status="failed", finding="RuntimeError: no"),
-    ]
-    assert summary(outcomes) == [
-        "2 solved, 3 infeasible, 1 failed",
-        "infeasible for depth (2), spacing (1)",
-        "2x1 scale 80 depths 300,500 tradeoff 0.6 failed: RuntimeError: no",
-    ]
-
-
-def stand_in(monkeypatch: pytest.MonkeyPatch, runner: Runner) -> None:
-    monkeypatch.setattr("mirrorcam.commands.sweep._runner", lambda options: (runner, "nobody"))
-
-
-def test_the_command_ends_with_1_where_a_design_failed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    stand_in(monkeypatch, Counting(lambda spec: Outcome(spec=spec, status="failed", finding="RuntimeError: no")))
-    assert cli.main(["sweep", "--counts", "1x2", "--out", str(tmp_path / "out")]) == 1
-    assert "0 solved, 0 infeasible, 9 failed" in capfd.readouterr().out
-    assert (tmp_path / "out" / "sweep.csv").read_text().count("RuntimeError: no") == 9
-
-
-def test_without_a_solved_design_there_is_a_table_and_no_figure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    stand_in(monkeypatch, Counting())
-    (tmp_path / "pareto.png").write_bytes(b"of an earlier sweep")
-    assert cli.main(["sweep", "--counts", "1x2", "--table", "json", "--out", str(tmp_path)]) == 0
-    printed = capfd.readouterr().out
-    assert "infeasible for depth (9)" in printed
-    assert "sweep.json written" in printed
-    assert not (tmp_path / "pareto.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ("--counts 3by3", "--counts '3by3': expected rows x columns, like 3x5"),
-        ("--counts 0x3", "counts: 0x3: rows: Input should be greater than or equal to 1"),
-        ("--counts", "counts: nothing to choose from"),
-        ("--counts 2x2 2x2", "counts: 2x2 is named twice"),
-        ("--depth-sets-mm 300;500", "--depth-sets-mm '300;500': expected depths with commas between them"),
-        ("--depth-sets-mm 300,-5", "depths_mm (300.0, -5.0), expected positive depths"),
-        ("--scales-mm nan", "--scales-mm nan: Input should be a finite number"),
-        ("--tradeoffs 1.5", "tradeoffs: 1.5: tradeoff: Input should be less than or equal to 1"),
-        ("--spacing-mm -1", "--spacing-mm -1.0: Input should be greater than or equal to 0"),
-        ("--rows 3", "Unrecognized or misplaced options: --rows"),
-        ("--table xls", "invalid choice 'xls' for argument '--table'"),
-        ("--workers 0", "--workers 0: Input should be greater than or equal to 1"),
-        ("--workers 2 --scheduler tcp://host:1", "--workers is for this machine, expected it without --scheduler"),
-        ("--camera folding.json", "folds inside the sensor"),
-        ("--out folding.json", "folding.json"),
-    ],
-)
-def test_a_bad_command_line_is_refused_in_one_line(
-    tmp_path: Path,
-    arguments: str,
-    expected: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    camera = DesignSpec().camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
-    (tmp_path / "folding.json").write_text(camera.model_dump_json())
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["sweep", *arguments.split()]) == 2
-    said = capfd.readouterr().err
-    assert said.count("\n") == 1, said
-    assert said.startswith("mirrorcam: ")
-    assert expected in said
-    assert [path.name for path in tmp_path.iterdir()] == ["folding.json"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "extra"), [("--table parquet", "parquet"), ("--scheduler tcp://localhost:1", "cluster")]
-)
-def test_a_missing_extra_is_named_before_any_work(
-    arguments: str, extra: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: None)
-    stand_in(monkeypatch, Counting())
-    assert cli.main(["sweep", *arguments.split()]) == 2
-    assert f'pip install "mirrorcam[{extra}]"' in capfd.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_what_the_sweep_varies_is_no_common_option() -> None:
-    options: Any = cli.parse(
-        ["sweep", "--spacing-mm", "2", "--surface", "second", "--sides", "5", "--counts", "2x4"]
-    ).command
-    assert isinstance(options, SweepOptions)
-    specs = options.specs()
-    assert len(specs) == 9
-    assert {(spec.rows, spec.cols, spec.spacing_mm, spec.surface, spec.sides) for spec in specs} == {
-        (2, 4, 2.0, "second", 5)
-    }
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path: Path) -> None:

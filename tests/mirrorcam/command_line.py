@@ -1,0 +1,28 @@
+"""Runs the command in a process, and checks that what it refuses takes one line and leaves no file."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+
+def mirrorcam(folder: Path, arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mirrorcam", *arguments.split()]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
+    """Exit 2, one line on standard error that holds the expected words, and not one new file."""
+    before = sorted(folder.rglob("*"))
+    result = mirrorcam(folder, arguments)
+    assert_one_line(result.stderr, *expected)
+    assert result.returncode == 2
+    assert sorted(folder.rglob("*")) == before
+
+
+def assert_one_line(said: str, *expected: str) -> None:
+    assert said.count("\n") == 1, said
+    assert said.startswith("mirrorcam: ")
+    for words in expected:
+        assert words in said

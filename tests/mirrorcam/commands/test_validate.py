@@ -1,0 +1,51 @@
+"""`mirrorcam validate`: a folder without a set is refused; a figure past its limit ends it with 1."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam import cli
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.workflow.validation import Validation
+from tests.mirrorcam.command_line import assert_one_line
+from tests.optics.calibration.sound_calibration import sound_calibration
+
+
+def test_a_folder_without_a_set_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["validate", "nowhere"]) == 2
+    assert_one_line(capfd.readouterr().err, "nowhere/dataset.json: no such file")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("error_deg", "code", "verdict"), [(0.02, 0, "passed"), (0.021, 1, "past a limit")])
+def test_figures_are_printed_with_their_limits_and_decide_about_the_exit_code(
+    error_deg: float,
+    code: int,
+    verdict: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    metrics = {
+        "normal_error_max_deg": Metric(value=error_deg, unit="deg", limit=0.02),
+        "corners": Metric(value=40000.0, unit="1"),
+    }
+    written: list[tuple[Validation, Path]] = []
+    monkeypatch.setattr(
+        "mirrorcam.workflow.validation.validate", lambda folder, progress: Validation(sound_calibration(), metrics)
+    )
+    monkeypatch.setattr(
+        "mirrorcam.workflow.validation.write_validation", lambda made, folder, command: written.append((made, folder))
+    )
+    assert cli.main(["validate", "set", "--out", str(tmp_path)]) == code
+    printed = capfd.readouterr().out
+    assert f"{error_deg:g}" in printed
+    assert ("FAIL" in printed) == bool(code)
+    assert printed.rstrip().endswith(verdict)
+    ((made, folder),) = written
+    assert (made.metrics, folder) == (metrics, tmp_path)
