@@ -143,7 +143,7 @@ def limit() -> bool:
 
 
 def start() -> bool:
-    """How often fits converge from wrong mirrors; whether nearly all do from the worst that is asked."""
+    """Rate at which fits converge from wrong mirrors; returns whether nearly all do from the worst that is asked."""
     scene = small_scene()
     rates = {}
     for tilt_deg, offset_mm in ((2.0, 2.0), (3.0, 3.0), (4.0, 4.0)):

@@ -40,7 +40,7 @@ def by_frame(calibration: Calibration) -> tuple[list[Observations], list[Observa
 
 
 def as_plane_mirrors(layout: Layout) -> Layout:
-    """What a user would write who does not know that the mirrors are coated behind."""
+    """The layout as written by a user who does not know that its mirrors are second-surface mirrors."""
     return layout.replaced(mirrors=tuple(mirror.apparent for mirror in layout.mirrors), spec=None)
 
 

@@ -48,7 +48,7 @@ def start_of(found: Calibration, board: Board, *, sheet: bool) -> Estimate:
 
 
 def apart(observations: Observations) -> Observations:
-    """Each view of each frame as a frame of its own."""
+    """Make each view of each frame a separate frame."""
     _, frame = np.unique(np.stack([observations.frame, observations.view]), axis=1, return_inverse=True)
     order = np.argsort(frame.ravel(), kind="stable")
     return Observations(

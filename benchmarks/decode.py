@@ -75,7 +75,7 @@ def whole_layout(layout: Layout) -> None:
 
 
 def by_pixels(layout: Layout) -> None:
-    """How decoding grows with the pixels of all views."""
+    """Time decoding against the number of pixels of all views."""
     camera = layout.camera
     frame = np.random.default_rng(0).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
     decoders = [Decoder(layout, width_px=width_px) for width_px in WIDTHS_PX]

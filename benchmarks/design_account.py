@@ -39,7 +39,7 @@ class Budget:
 
 
 def budget_of(layout: Layout, depths_mm: Sequence[float]) -> Budget:
-    """Where the sensor's pixels go in a layout with two working depths, by polygon clipping."""
+    """Account for the sensor's pixels in a layout with two working depths, by polygon clipping."""
     camera = layout.camera
     whole = sensor_polygon(camera)
     regions = [common_region(layout, depth)[0] for depth in depths_mm]

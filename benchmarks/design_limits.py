@@ -1,4 +1,4 @@
-"""What limits a design: `python -m benchmarks.design_limits [--workers N] [--pictures FOLDER]`.
+"""Limits of designs: `python -m benchmarks.design_limits [--workers N] [--pictures FOLDER]`.
 
 For the default spec: where the pixels of the sensor go and how much parallax alone must cost; active constraints and
 their prices, from IPOPT's multipliers; fronts with constraints left out, best of many starts, as numerical upper

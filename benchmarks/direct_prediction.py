@@ -93,7 +93,7 @@ def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[in
 
 
 def on_first_mirror(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> FloatArray:
-    """Whether viewing rays of pixels (n, 2) meet mirror path[0] before the plane of path[1], (n,) bool."""
+    """Mask (n,) of viewing rays of pixels (n, 2) that meet mirror path[0] before the plane of path[1]."""
     rays = estimate.camera.unproject(pixels)
     distance = [c @ c / 2.0 / (rays @ c) for c in estimate.virtual_centres_in_rig_mm[list(path)]]
     first, second = (np.where(d > 0.0, d, np.inf) for d in distance)

@@ -67,7 +67,7 @@ def read_desk(folder: Path) -> Desk:
 
 
 def relative_error(pixels: FloatArray, depth_mm: FloatArray, true_mm: FloatArray) -> FloatArray:
-    """How far depths (n,) at pixels (n, 2) are from the true ones (v, u), in parts of these; best of the 3x3 around."""
+    """Relative errors of depths (n,) at pixels (n, 2) against the true ones (v, u), the least of 3x3 pixels."""
     height, width = true_mm.shape
     u, v = np.rint(pixels).astype(np.int64).T
     errors = []
@@ -122,14 +122,14 @@ def pairs(
 
 
 def counts(pixels: FloatArray, depth_mm: FloatArray, desk: Desk) -> tuple[int, ...]:
-    """How many are accepted, and how many are right within each of WITHIN; several at one place count as one."""
+    """Count accepted depths, and those that are right within each of WITHIN; several at one place count as one."""
     _, first = np.unique(pixels, axis=0, return_index=True)
     error = relative_error(pixels[first], depth_mm[first], desk.depth_mm)
     return (len(first), *(int((error <= within).sum()) for within in WITHIN))
 
 
 def flagged(features: Features, desk: Desk) -> tuple[int, int, int, int]:
-    """How many features with two slopes, of how many: on matte things, and on glossy ones and glass."""
+    """Count features with two slopes and all features, on matte things; the same on glossy ones and glass."""
     u, v = np.rint(features.pixels).astype(np.int64).T
     matte = desk.kind[v, u] == MASK["matte"]
     marked = features.refracted

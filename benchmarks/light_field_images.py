@@ -39,12 +39,12 @@ ROUNDS = 9
 
 
 def psnr(image: NDArray[Any], true: NDArray[Any], where: NDArray[np.bool_]) -> float:
-    """Of pictures (v, u, c), 0 to 255."""
+    """Peak signal-to-noise ratio of pictures (v, u, c), 0 to 255."""
     return float(10.0 * np.log10(255.0**2 / np.mean(np.square(image - true)[where])))
 
 
 def true_view(folder: Path, t: int, s: int) -> NDArray[np.float64]:
-    """What a pinhole at a view sees (v, u, c), as soft as lens and lookup make it."""
+    """The picture of a pinhole at a view (v, u, c), as soft as lens and lookup make it."""
     view = read_image(folder / f"truth/views/{t}_{s}.png").astype(np.float64)
     return np.asarray(cv2.GaussianBlur(view, (0, 0), SOFTNESS_PX))
 

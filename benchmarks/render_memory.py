@@ -29,7 +29,7 @@ GROWTH_MIB = 16.0
 
 
 def resident_mib(pid: int) -> float:
-    """Of a process; 0 of one that has ended."""
+    """Resident memory of a process, MiB; 0 if it has ended."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     except (FileNotFoundError, ProcessLookupError):

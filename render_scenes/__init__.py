@@ -1,1 +1,1 @@
-"""Synthetic frames of a layout, with ground truth in a folder of its own."""
+"""Synthetic frames of a layout, with ground truth in a separate folder."""

@@ -1,4 +1,4 @@
-"""What the mirrors of a layout show of a plane parallel to the views, by their virtual pinholes."""
+"""Fields of view of a layout's mirrors on a plane parallel to the views, by their virtual pinholes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 
 def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
-    """What each mirror shows of the plane at a depth, in view x and y, mm."""
+    """Field of view of each mirror on the plane at a depth, in view x and y, mm."""
     found = []
     for mirror in layout.mirrors:
         centre = layout.view_from_rig @ mirror.virtual_centre_in_rig_mm

@@ -32,7 +32,7 @@ class MirrorFinish(Value):
 
     @property
     def flat(self) -> bool:
-        """Whether the surface is a plane."""
+        """True if the surface is a plane."""
         return self.sag_mm == 0.0 and self.ripple_mm == 0.0
 
     @cached_property

@@ -95,7 +95,7 @@ class SurfaceFinish(Value):
 
 
 class RenderSettings(Value):
-    """How a set is rendered, beyond its layout, board and poses.
+    """Settings of rendering a set, beyond its layout, board and poses.
 
     Radiance is linear and without unit; a sensor of `exposure` 1 maps radiance 1 to grey level 255.
     """

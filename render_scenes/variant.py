@@ -52,7 +52,7 @@ def packaged_library() -> Path | None:
 
 
 def loads(library: Path) -> bool:
-    """Whether the dynamic loader accepts a library; preloads the packaged C++ runtime where its links are missing.
+    """Return whether the dynamic loader accepts a library; preloads the packaged C++ runtime if its links are missing.
 
     The package makes the link libc++.so.1 at the first start of the interpreter after its installation, so that start
     itself does not find it. A library loaded globally under its own name satisfies the loader just as well.
@@ -75,7 +75,7 @@ def loads(library: Path) -> bool:
 
 
 def renders(variant: str, library: Path | None = None) -> bool:
-    """Whether a child process can render with a variant (and an LLVM library): it may abort, we do not."""
+    """Return whether a child process can render with a variant (and an LLVM library): it may abort, we do not."""
     environment = dict(os.environ)
     if library is not None:
         environment[LIBRARY_VARIABLE] = str(library)
@@ -88,7 +88,7 @@ def renders(variant: str, library: Path | None = None) -> bool:
 
 
 def gpu_answers() -> bool:
-    """Whether the CUDA driver is present and reports a device; asked of the driver, which costs nothing without one."""
+    """Return whether the CUDA driver is present and reports a device; asking the driver costs nothing without one."""
     try:
         driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
     except OSError:
@@ -98,7 +98,7 @@ def gpu_answers() -> bool:
 
 
 def _system_libraries() -> list[Path]:
-    """Where an LLVM may be that neither the user nor the package names; newest first."""
+    """Places of an LLVM that neither the user nor the package names; newest first."""
     versions = range(24, 16, -1)
     names = [name for v in versions if (name := ctypes.util.find_library(f"LLVM-{v}"))]
     folders = [Path(f"/usr/lib/llvm-{v}/lib") for v in versions]

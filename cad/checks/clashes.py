@@ -118,7 +118,7 @@ def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) ->
 
 
 def is_mirror(name: str) -> bool:
-    """Whether a piece of this name is a mirror."""
+    """Return whether a piece of this name is a mirror."""
     return name.startswith("mirror_") and not name.startswith(HOLDER)
 
 
@@ -127,7 +127,7 @@ def _gap(gap_mm: float, least_mm: float) -> Metric:
 
 
 def _forms(first: str, second: str) -> bool:
-    """Whether one is a screw that cuts its own thread, the other a part to cut it in."""
+    """Return whether one is a screw that cuts its own thread, the other a part to cut it in."""
     return any(
         inner.startswith(FORMING) and not (outer.startswith(FASTENERS) or outer == "camera" or is_mirror(outer))
         for inner, outer in ((first, second), (second, first))
@@ -135,7 +135,7 @@ def _forms(first: str, second: str) -> bool:
 
 
 def _pressed(first: str, second: str) -> bool:
-    """Whether one sits in the other's hole of its own diameter.
+    """Return whether one sits in the other's hole of its own diameter.
 
     An insert or pin does in a part, a screw in its thread, the wrist in its clamp.
     """

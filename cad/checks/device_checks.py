@@ -166,7 +166,7 @@ def read_glb(path: Path) -> dict[str, trimesh.Trimesh]:
 def check_drop(
     laid: Mapping[str, OutlineFit], layout: Layout, parts: Sequence[manifold3d.Manifold], fit_mm: float
 ) -> dict[str, Metric]:
-    """Whether the mirrors, as cut, go down to their seats along the normal, and have the stated room around them.
+    """Check that the mirrors, as cut, go down to their seats along the normal with the stated clearance around them.
 
     Both are volumes common with a part: of the mirror's path, and of the mirror grown to its sides by the room.
     """

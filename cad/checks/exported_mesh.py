@@ -52,7 +52,7 @@ def solid_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 
 def is_manifold(solid: manifold3d.Manifold) -> bool:
-    """Whether manifold3d found an oriented surface without holes that encloses something."""
+    """True if manifold3d found an oriented surface without holes that encloses something."""
     return bool(solid.status() == manifold3d.Error.NoError and not solid.is_empty())
 
 

@@ -20,7 +20,7 @@ def joins_of(piece: Piece) -> tuple[str, ...]:
 
 
 def belongs(part: Piece, name: str) -> bool:
-    """Whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
+    """Return whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
     return re.fullmatch(rf"{re.escape(name)}(_\d+)?", part.name) is not None
 
 

@@ -117,7 +117,7 @@ class FrontSurface:
 
 
 def fits_bed(border: Polygon, hardware: Hardware) -> bool:
-    """Whether a part with this outline is printed in one piece."""
+    """Return whether a part with this outline is printed in one piece."""
     left, bottom, right, top = border.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)
     return bool(right - left <= bed[0] and top - bottom <= bed[1])

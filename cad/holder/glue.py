@@ -79,7 +79,7 @@ def _parts(area: BaseGeometry) -> list[BaseGeometry]:
 
 
 def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> bool:
-    """Whether the land beside a groove is nowhere thinner than a wall: no edge runs along it there."""
+    """Return whether the land beside a groove is nowhere thinner than a wall: no edge runs along it there."""
     corners = get_coordinates(outline)
     ends = strip.intersection(outline)
     if ends.bounds[3] - ends.bounds[1] < hardware.holder.groove_pitch_mm:
@@ -111,7 +111,7 @@ def runs_along_cut(
     cuts_mm: Cuts,
     hardware: Hardware,
 ) -> bool:
-    """Whether a groove runs along a cut across one of two axes (3,) so near to it that a thin wall would be left."""
+    """Return whether a groove runs along a cut across one of two axes (3,) so near that a thin wall would be left."""
     volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
     for axis, places in zip(axes[:2], cuts_mm, strict=True):
         if np.degrees(np.arcsin(abs(axis @ mirror.rig_from_plane[:3, 1]))) > ALONG_DEG:

@@ -38,7 +38,7 @@ class Edge:
     length_mm: float
 
     def crosses(self, shape: FloatArray) -> bool:
-        """Whether a flat shape (n, 2) reaches over the edge."""
+        """Return whether a flat shape (n, 2) reaches over the edge."""
         return bool(((shape - self.start) @ self.outward).max() > 0.0)
 
     def in_rig(self, along: FloatArray, across: FloatArray, level: FloatArray) -> FloatArray:

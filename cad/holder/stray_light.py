@@ -160,7 +160,7 @@ def _field_of_view(camera: Camera) -> Manifold:
 
 
 def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
-    """What mirrors in their pockets hide from the camera."""
+    """The space that mirrors in their pockets hide from the camera."""
     loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)

@@ -1,4 +1,4 @@
-"""How a bent profile lies on the bed: as it is, askew, or cut in two with blocks for the pins that join the halves."""
+"""Placement of a bent profile on the bed: as it is, askew, or cut in two, with blocks for the joining pins."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def turn(degrees: float) -> FloatArray:
 
 
 def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
-    """Whether an area lies on the bed, turned."""
+    """Return whether an area lies on the bed, turned."""
     return bool((np.ptp(get_coordinates(area) @ turn(degrees).T, axis=0) <= bed).all())
 
 

@@ -55,13 +55,13 @@ class Frustum:
         return Frustum(self.base + below_mm, self.top + above_mm)
 
     def contains(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Which of points (..., 3) lie inside, as booleans (...)."""
+        """Mask (...) of the points (..., 3) that lie inside."""
         normals, offsets = self.half_spaces
         inside: NDArray[np.bool_] = np.all(points @ normals.T < offsets, axis=-1)
         return inside
 
     def comes_near(self, point: FloatArray, radius_mm: float) -> bool:
-        """Whether a ball about a point (3,) may touch the solid; conservative: False is certain."""
+        """Return whether a ball about a point (3,) may touch the solid; conservative: False is certain."""
         normals, offsets = self.half_spaces
         return bool((normals @ point - offsets).max() < radius_mm)
 

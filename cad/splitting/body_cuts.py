@@ -40,7 +40,7 @@ def triangles_of(body: Manifold) -> FloatArray:
 
 
 def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
-    """Whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
+    """Return whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
     normal = np.eye(3)[axis]
     return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
 

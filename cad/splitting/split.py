@@ -1,4 +1,4 @@
-"""A part larger than the printer's bed as pieces that fit it, each a part of its own, and the pins between them."""
+"""Splitting of a part larger than the printer's bed into parts that fit it, and the pins between them."""
 
 from __future__ import annotations
 

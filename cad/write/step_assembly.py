@@ -54,7 +54,7 @@ def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> No
 
 
 def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
-    """The device in rig: printed parts joined by their plans' connections, and to them all that has a frame of its own.
+    """The device in rig: printed parts joined by their plans' connections, and joined to them every piece with a frame.
 
     Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
     """

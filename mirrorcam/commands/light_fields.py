@@ -44,7 +44,7 @@ class GeometryOptions(Value):
 
     @property
     def assumed(self) -> Assumed:
-        """What a reader takes for the geometry that a file does not state."""
+        """Geometry that a reader assumes where a file does not state it."""
         from mirrorcam.optics.light_field.io.light_field_format import Assumed
 
         return Assumed(
@@ -80,7 +80,7 @@ class LightFieldsOptions(GeometryOptions):
 
     @property
     def counted(self) -> str:
-        """How many light fields, in words."""
+        """Number of light fields, in words."""
         return count_text(len(self.light_fields), "light field")
 
 

@@ -150,7 +150,7 @@ def run(options: RenderOptions) -> int:
 
 
 def coverage_text(dataset: Dataset, cols: int) -> str:
-    """Which part of each mirror's picture, row by row, and of the bare camera's, shows corners in some frame."""
+    """Percentage of each mirror's picture, row by row, and of the bare camera's, that shows corners in some frame."""
     percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
     rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
     mirrors = f"corners over {' / '.join(rows)} % of the mirrors' pictures"

@@ -96,7 +96,7 @@ def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: 
 
 
 def board_in_page_mm(target: Target, page_mm: tuple[float, float]) -> tuple[float, float]:
-    """Where the board's top left corner lies on the page: in the middle of what the footer leaves."""
+    """Position of the board's top left corner on the page: centred in the area that the footer leaves."""
     width, height = target.size_mm
     return (page_mm[0] - width) / 2.0, (page_mm[1] - FOOTER_MM - EDGE_MM - height) / 2.0
 

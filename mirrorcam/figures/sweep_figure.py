@@ -161,7 +161,7 @@ def _against_count(axes: Axes, solved: Sequence[Outcome], axis: Axis, colours: d
 
 
 def _legend(figure: Figure, colours: dict[tuple[int, int], str], columns: int, *, endless: bool) -> None:
-    """In a strip of its own to the right of all panels, so that it covers no data."""
+    """Draw the legend in a strip to the right of all panels, so that it covers no data."""
     plain: dict[str, Any] = {"linestyle": "none", "color": BEST}
     marks = [
         Line2D([], [], color=FRONT, linewidth=5.0, label="front of all"),

@@ -93,7 +93,7 @@ def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Seque
 
 
 def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
-    """Which tolerance moves a figure: bars of one length, cut by the share of each."""
+    """Draw the share of each tolerance in the spread of figures, as bars of one length."""
     places = np.arange(len(figures))
     start = np.zeros(len(figures))
     for cause, colour in zip(CAUSES, COLOURS, strict=True):

@@ -86,7 +86,7 @@ def highlights(report: Report) -> list[Tile]:
 
 
 def verdict_text(report: Report) -> str:
-    """Whether all checks pass, and which do not."""
+    """Verdict in words: all checks pass, or the ones that fail."""
     count = len(report.limited)
     if not report.failed:
         return f"All {count} checks pass"

@@ -31,7 +31,7 @@ MEASURED_FRAMES = 20
 
 @dataclass(frozen=True)
 class DecodeRequest:
-    """Which frames become light fields, and how.
+    """Selection of frames to decode into light fields, and the settings of decoding.
 
     Parameters
     ----------

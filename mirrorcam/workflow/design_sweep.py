@@ -34,7 +34,7 @@ class Results:
 
     @staticmethod
     def layout_name(spec: DesignSpec) -> str:
-        """Where the layout of a spec lies in the folder."""
+        """Path in the folder of the layout of a spec."""
         return f"layouts/{_key(spec)}.json"
 
     def _record(self, spec: DesignSpec) -> Path:

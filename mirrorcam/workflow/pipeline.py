@@ -204,7 +204,7 @@ class RunFigures:
 
     @property
     def passed(self) -> bool:
-        """Whether every figure is within its limit."""
+        """True if every figure is within its limit."""
         return all(m.passed for metrics in (self.design, self.parts, self.validation) for m in metrics.values())
 
 

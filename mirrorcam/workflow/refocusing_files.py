@@ -31,7 +31,7 @@ LoopFormat = Literal["gif", "mp4"]
 
 @dataclass(frozen=True)
 class RefocusRequest:
-    """Which pictures of each light field are made.
+    """Pictures to make of each light field.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class RefocusRequest:
 
     @property
     def needs_depths(self) -> bool:
-        """Whether depth must be measured for the pictures."""
+        """True if depth must be measured for the pictures."""
         return self.all_in_focus or self.from_mm is not None or self.behind_mm is not None or self.orbit is not None
 
 

@@ -78,7 +78,7 @@ class StreamRecorder:
         self.reporter.note("decode", f"{path} written: {kept}; the first in {picture}")
 
     def _expected(self, source: Video | CaptureDevice) -> int | None:
-        """How many frames a stream should give, as far as that is known."""
+        """Number of frames that a stream should give; None where it is not known."""
         count = source.count if isinstance(source, Video) else None
         return self.limit if count is None or (self.limit or count) < count else count
 
@@ -96,14 +96,14 @@ class StreamRecorder:
 
 
 def _sink(to: StreamFormat) -> tuple[Sink, str]:
-    """How a stream is written, and what its name ends in."""
+    """Sink that writes a stream in a format, and the ending of its name."""
     if to == "zarr":
         return ZarrSink(), ".zarr"
     return Folders(write_hci if to == "hci" else write_stanford), ""
 
 
 def losses(recording: Recording, expected: int | None) -> list[str]:
-    """Which frames could not be used and why, a line for each reason, and whether the file ends before it should."""
+    """Report frames that could not be used, a line for each reason, and whether the file ends before it should."""
     entries = recording.entries
     seen = len(entries.numbers) + len(entries.lost)
     lines = []

@@ -45,7 +45,7 @@ def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> s
 
 
 def limit_sign(metric: Metric) -> str:
-    """Whether a metric passes at or below its limit, or at or above it."""
+    """Sign for a metric that passes at or below its limit, or at or above it."""
     return "\N{LESS-THAN OR EQUAL TO}" if metric.lower_is_better else "\N{GREATER-THAN OR EQUAL TO}"
 
 
@@ -74,7 +74,7 @@ def sentence_case(text: str) -> str:
 
 
 def share_of_limit(metric: Metric) -> float:
-    """How much of what its limit allows a metric uses: at most 1 where it passes."""
+    """Share of what its limit allows that a metric uses: at most 1 where it passes."""
     if metric.limit is None:
         raise ValueError("a metric without a limit uses no share of one")
     part, whole = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)

@@ -107,7 +107,7 @@ def read_model(model: type[Model], path: Path) -> Model:
 
 
 def _jpeg_ends(raw: bytes) -> bool:
-    """Whether a JPEG is complete: it reaches its own end marker, not a thumbnail's; appended data is ignored."""
+    """Return whether a JPEG is complete: it reaches its end marker, not a thumbnail's; appended data is ignored."""
     at = 2
     while found := JPEG_MARKER.search(raw, at):
         if found.group() == b"\xff\xd9":
@@ -117,7 +117,7 @@ def _jpeg_ends(raw: bytes) -> bool:
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is named like a picture; capitals count as small letters."""
+    """Return whether a file is named like a picture; capitals count as small letters."""
     return path.suffix.lower() in PICTURE_ENDINGS
 
 

@@ -1,4 +1,4 @@
-"""What decides about a result: digests of files, sources and values, and versions of the distributions involved.
+"""Fingerprints of results: digests of files, sources and values, and versions of the distributions involved.
 
 The same fingerprint means the same bytes, so that what was made once is not made again.
 """
@@ -135,7 +135,7 @@ def _is_compiled(distribution: str) -> bool:
 
 
 class Fingerprint(Value):
-    """What decides about a result, part by part.
+    """Everything that a result depends on, part by part.
 
     Parameters
     ----------

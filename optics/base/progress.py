@@ -1,4 +1,4 @@
-"""How long work reports how far it is, to whoever shows it."""
+"""Progress reports from long work to whoever shows them."""
 
 from __future__ import annotations
 

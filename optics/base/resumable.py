@@ -62,7 +62,7 @@ class FolderManifest(Value):
         return read_model(cls, folder / cls.FILE)
 
     def intact(self, folder: Path, name: str) -> bool:
-        """Whether a file of the folder exists with the checksum of what was written."""
+        """Return whether a file of the folder exists with the checksum of what was written."""
         return name in self.files and _is_intact(folder / name, self.files[name])
 
     def continued(self, folder: Path) -> Self:

@@ -38,7 +38,7 @@ class Died:
 
 @dataclass(frozen=True)
 class _Done(Generic[Answer]):
-    """What a worker sends back, whatever type its answer is of."""
+    """A worker's reply, of whatever type its answer is."""
 
     answer: Answer
 
@@ -125,7 +125,7 @@ def _context(preload: Sequence[str]) -> BaseContext:
 
 
 class _Queue:
-    """Which task comes next: a worker stays with its group; one without takes a whole group, then half of another's."""
+    """Order of tasks: a worker stays with its group; one without takes a whole group, then half of another's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
         self._waiting = [list(group) for group in groups]
@@ -248,7 +248,7 @@ def _serve(connection: Connection, work: Work[Any, Any]) -> None:
 
 @contextmanager
 def _for_children() -> Iterator[None]:
-    """What is started within the block computes in one thread, and never sees Ctrl-C: that is for its parent."""
+    """Give processes started within the block one thread each, and block Ctrl-C, which is for their parent."""
     if sys.platform != "win32":
         resource_tracker.ensure_running()  # which, started by the first process, would let Ctrl-C through again
     before = {name: os.environ.get(name) for name in ONE_THREAD}

@@ -206,7 +206,7 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
 
 
 def _held_out(selection: ModelSelection, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
-    """How well a calibration without every fifth mirrored frame predicts these; only their board poses are fitted."""
+    """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted."""
     out = np.zeros(len(selection.solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
     left = held_out(selection.solution.estimate, observations, selection.model, out)

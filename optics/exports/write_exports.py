@@ -71,7 +71,7 @@ def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:
 
 
 def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
-    """What each file holds, and which picture belongs to it."""
+    """Description of the content of each file and of the picture that belongs to it."""
     flip = views[0].flip
     option = "hflip" if flip == "left-right" else "vflip"
     rows = ""

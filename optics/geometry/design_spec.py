@@ -42,7 +42,7 @@ class DesignSpec(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """Whether second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
+        """True if second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property

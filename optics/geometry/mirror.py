@@ -174,7 +174,7 @@ class Mirror(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """Whether the back reflects, which light reaches through the glass."""
+        """True if the back reflects, which light reaches through the glass."""
         return self.surface == "second"
 
     @property
@@ -214,7 +214,7 @@ class Mirror(Value):
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
 
     def image_of(self, points_in_rig: FloatArray) -> FloatArray:
-        """Where points (..., 3) before the mirror appear to the pupil (..., 3), in rig, mm; exact in direction.
+        """Images in rig, mm, of points (..., 3) before the mirror, as they appear to the pupil; exact in direction.
 
         NaN for points that are not before a second-surface or a bent mirror; see `optics.geometry.mirror_imaging`.
         """

@@ -1,4 +1,4 @@
-"""Where points appear to the pupil by way of mirrors, and the derivatives of these images.
+"""Images of points in mirrors as they appear to the pupil, and the derivatives of these images.
 
 One formula serves `Mirror.image_of` and the calibration. Arrays are as in `mirror_arrays`: component first, a column
 for each point.

@@ -160,7 +160,7 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
 
 
 def _covers_sensor(camera: Camera) -> bool:
-    """Whether every pixel at the border of the sensor has a viewing ray."""
+    """Return whether every pixel at the border of the sensor has a viewing ray."""
     x, y = np.linspace(0.0, camera.width_px - 1.0, 33), np.linspace(0.0, camera.height_px - 1.0, 33)
     edges = [np.stack(np.broadcast_arrays(x, row), axis=1) for row in (y[0], y[-1])]
     edges += [np.stack(np.broadcast_arrays(column, y), axis=1) for column in (x[0], x[-1])]

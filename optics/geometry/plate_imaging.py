@@ -100,7 +100,7 @@ class PlatePath:
         return self.distance_mm - self.thickness_mm + self.thickness_mm * self.g
 
     def reflection_point_mm(self) -> FloatArray:
-        """Where the light meets the reflecting surface (3, n)."""
+        """Points (3, n) where the light meets the reflecting surface."""
         return np.asarray(self.s_per_mm * self._ahead_mm() * self.across_mm - self.distance_mm * self.normal)
 
     def image_vjp(self, by_image: FloatArray) -> PlaneDerivatives:

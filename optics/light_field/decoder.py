@@ -154,7 +154,7 @@ def default_reference_depth_mm(layout: Layout) -> float:
 
 
 def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:
-    """What a mirror shows of the plane at a depth, and the area in px of the part of the sensor that shows it.
+    """Region of the plane at a depth that a mirror shows, and the area in px of the part of the sensor that shows it.
 
     The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
     """
@@ -228,7 +228,7 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
 def sources(
     layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
 ) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Where on the sensor each decoded pixel comes from (t, s, v, u, 2), and its weight (t, s, v, u).
+    """Sensor positions (t, s, v, u, 2) that decoded pixels come from, and their weights (t, s, v, u).
 
     A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
     direction in which the mirror shows that point, through the plate of a second-surface one, is where the camera sees

@@ -198,7 +198,7 @@ def _spread(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _whole(usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where the whole window (v, u) is usable."""
+    """Mask (v, u) of the pixels around which the whole window is usable."""
     kernel = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
     eroded = cv2.erode(usable.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(eroded, dtype=bool)

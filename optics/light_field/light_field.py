@@ -24,7 +24,7 @@ _SHAPES = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
-    """Where every pixel of a grid of parallel views looks.
+    """Viewing directions of every pixel of a grid of parallel views.
 
     The view frame has its origin at the reference (central) view, x right, y down, z forward. Pixel (u, v) of *every*
     view looks at the same point (X, Y) of the reference plane, which lies Z0 in front of the reference view:
@@ -234,5 +234,5 @@ class LightField(Views):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where there is a sample (t, s, v, u)."""
+        """Mask (t, s, v, u) of the samples there are."""
         return self.weights > 0

@@ -1,4 +1,4 @@
-"""What stops light around the mirrors: rays cast against the bodies of a device by Mitsuba."""
+"""Obstacles around the mirrors: rays cast against the bodies of a device by Mitsuba."""
 
 from __future__ import annotations
 

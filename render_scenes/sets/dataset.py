@@ -77,7 +77,7 @@ class Dataset(FolderManifest):
 
     @property
     def complete(self) -> bool:
-        """Whether every frame, and the video, has been written."""
+        """True if every frame, and the video, has been written."""
         return not self.missing
 
     @property

@@ -42,7 +42,7 @@ STRIP_PX = 8
 
 
 class CaptureSetup(Value):
-    """What the frames of a set share: the device as built (without mirrors: its camera), the board and the settings."""
+    """Setup shared by a set's frames: device as built (without mirrors: its camera), board and settings."""
 
     built: Layout
     mirrors: bool

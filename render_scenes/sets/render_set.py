@@ -1,4 +1,4 @@
-"""A synthetic calibration set: what a real user would photograph, with the truth in a folder of its own.
+"""A synthetic calibration set: the pictures that a user would take, with the truth in a separate folder.
 
 A set follows from its request: the same request, the same bytes, whoever renders the frames. Every file is written
 whole or not at all, so an interrupted set is continued where it stopped.
@@ -221,7 +221,7 @@ def _random(*key: int) -> np.random.Generator:
 
 
 def _frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
-    """Where the board is in each frame, and the poses (frames, 1 or 3, 4, 4) it goes through while it is read out."""
+    """Plan of the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
     layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
     keys = np.array(request.poses)
     if request.rate_hz is not None and (len(keys) or request.frames) == 1:
@@ -250,7 +250,7 @@ def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan
 
 
 def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
-    """What the user knows besides the pictures."""
+    """Write the data that the user has besides the pictures."""
     layout.save(out / "layout.json")
     save_board(out / "board.toml", dataset.target)
     return dataset.recorded(out, "layout.json", "board.toml")

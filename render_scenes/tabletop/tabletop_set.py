@@ -1,4 +1,4 @@
-"""A tabletop scene photographed through a layout, with the ground truth of its light field in a folder of its own.
+"""A tabletop scene photographed through a layout, with the ground truth of its light field in a separate folder.
 
 The truth: what a pinhole at each virtual camera sees, on the very grid that decoding with the layout as built uses, and
 how far away that is. A set follows from its request, to the byte; every file is written atomically, and an

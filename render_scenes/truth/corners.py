@@ -28,18 +28,18 @@ VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of t
 
 
 def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
-    """Whether pixels (..., 2) lie at least the margin inside the sensor; NaN does not."""
+    """Mask of the pixels (..., 2) at least the margin inside the sensor; False at NaN."""
     far_edge = np.array([camera.width_px, camera.height_px]) - 1.0 - VISIBLE_MARGIN_PX
     return np.all((px >= VISIBLE_MARGIN_PX) & (px <= far_edge), axis=-1)
 
 
 def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
-    """Whether the printed side (the board's -z) faces a point."""
+    """Return whether the printed side (the board's -z) faces a point."""
     return bool((centre_in_rig - rig_from_board[:3, 3]) @ rig_from_board[:3, 2] < 0)
 
 
 def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
-    """Whether the segments from mirror `index` to points (n, 3) miss all other mirrors."""
+    """Mask of the segments from mirror `index` to points (n, 3) that miss all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
     at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
@@ -58,7 +58,7 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
 
 
 def _through(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
-    """Whether rays of pixels `VISIBLE_MARGIN_PX` beside pixels (n, 2) meet a mirror and leave it through its front."""
+    """Mask of pixels (n, 2) with all rays `VISIBLE_MARGIN_PX` beside them leaving a mirror through its front."""
     length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
 
@@ -169,7 +169,7 @@ class Oracle:
         return seen
 
     def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Whether no obstacle stops rays beside pixels (n, 2) on their path to the mirror and on to points (n, 3)."""
+        """Mask of pixels (n, 2) around which no obstacle stops rays to the mirror and on to points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
         entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
         free = obstacles.free_from_pupil_mm(rays) > entry_mm

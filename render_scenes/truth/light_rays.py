@@ -88,7 +88,7 @@ def _cut(
 
 
 def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
-    """Whether points (..., 3) of the faces of a mirror lie within its outline."""
+    """Mask of the points (..., 3) of the faces of a mirror that lie within its outline."""
     frame = mirror.rig_from_plane
     flat = (points - frame[:3, 3]) @ frame[:3, :2]
     outline = mirror.outline_in_plane_mm

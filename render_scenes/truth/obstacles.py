@@ -1,4 +1,4 @@
-"""What the truth asks of whatever stands around the mirrors: how far light goes before something stops it."""
+"""Interface of the truth to obstacles around the mirrors: the lengths of rays until a body stops them."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
 
 
 def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> dict[str, object]:
-    """What the page shows of the diagnostics."""
+    """Values that the page shows of the diagnostics."""
     known = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
     free = diagnostics.free_views
     return {

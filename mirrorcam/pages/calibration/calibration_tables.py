@@ -132,7 +132,7 @@ def _taken(comparison: ModelComparison, level: str) -> str:
 
 
 def split_table(diagnostics: Diagnostics) -> Table:
-    """How far calibrations of two halves of the frames differ, against what their uncertainty predicts."""
+    """Difference of calibrations of two halves of the frames, against the one that their uncertainty predicts."""
     heads = ("Halves", "Frames", "Most they differ px", "Most predicted px", "Ratio over all", "By chance")
     rows = [
         (

@@ -39,7 +39,7 @@ class _Window:
     height: float
 
     def __call__(self, pixels: FloatArray) -> FloatArray:
-        """Where pixels (..., 2) are drawn."""
+        """Positions in the drawing of pixels (..., 2)."""
         return np.asarray((pixels - self.corner_px) * self.scale)
 
 

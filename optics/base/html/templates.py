@@ -85,7 +85,7 @@ class FigureTable:
 
     @property
     def failed(self) -> int:
-        """How many metrics are past their limits."""
+        """Number of metrics past their limits."""
         return sum(not row.passed for row in self.limited)
 
 

@@ -154,7 +154,7 @@ def _confirmed(
 
 
 def same_board(first: Corners, second: Corners) -> bool:
-    """Whether two detections are of one board: most corners that both have are at the same pixels."""
+    """Return whether two detections are of one board: most corners that both have are at the same pixels."""
     _, a, b = np.intersect1d(first.ids, second.ids, return_indices=True)
     return len(a) > 0 and bool(np.median(np.linalg.norm(first.pixels[a] - second.pixels[b], axis=1)) < 2.0)
 
@@ -164,7 +164,7 @@ def _short_side(cells: FloatArray) -> FloatArray:
 
 
 def _fits(expected: FloatArray, cells: FloatArray, size: FloatArray, *, mirrored: bool) -> BoolArray:
-    """Which corners (n, 2) lie well inside the picture, with cells (n, 2, 2) that are large enough and not flipped."""
+    """Mask of the corners (n, 2) well inside the picture whose cells (n, 2, 2) are large enough and not flipped."""
     handed = np.linalg.det(np.nan_to_num(cells)) * (-1.0 if mirrored else 1.0)
     short = _short_side(np.nan_to_num(cells))
     margin = np.maximum(0.5 * np.nan_to_num(np.linalg.norm(cells, axis=1)).max(axis=1), 3.0)[:, None]
@@ -179,7 +179,7 @@ def _neighbours(places: FloatArray) -> IntArray:
 
 
 def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
-    """Which corners have about the contrast of their neighbours; a partly covered corner has less."""
+    """Mask of the corners with about the contrast of their neighbours; a partly covered corner has less."""
     if len(places) < 2:
         return np.zeros(len(places), dtype=bool)
     around = np.median(contrast[_neighbours(places)], axis=1)
@@ -187,7 +187,7 @@ def _as_bright(places: FloatArray, contrast: FloatArray) -> BoolArray:
 
 
 def _like_the_others(seen: RefinedCorners) -> BoolArray:
-    """Which corners are about as certain and as well explained as most of the board; those under glare are not."""
+    """Mask of the corners about as certain and as well explained as most of the board; those under glare are not."""
     if not len(seen.pixels):
         return np.zeros(0, dtype=bool)
     rest = 1.0 - seen.explained
@@ -215,7 +215,7 @@ def _largest_part(places: FloatArray, pixels: FloatArray) -> BoolArray:
 
 
 def smooth(places: FloatArray, pixels: FloatArray) -> BoolArray:
-    """Which corners (n,) lie on a smooth surface with the others of their largest connected part."""
+    """Mask (n,) of the corners on a smooth surface with the others of their largest connected part."""
     keep = np.zeros(len(places), dtype=bool)
     if len(places) < MIN_CORNERS:
         return keep

@@ -68,7 +68,7 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
 
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco) -> BoolArray:
-    """Which markers (n, 4, 2) with places (n, 4, 2) on the print lie where a detected board has them."""
+    """Mask of the markers (n, 4, 2) with places (n, 4, 2) on the print that lie where a detected board has them."""
     warp = Warp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)

@@ -71,7 +71,7 @@ class GhostImages:
 
 @dataclass(frozen=True)
 class Appearance:
-    """What a print looks like in a picture.
+    """Model of a print's appearance in a picture.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What was found in a picture, kept by its content: finding it again costs nothing.
+"""Cache of detections, keyed by the content of the picture.
 
 A file is named by the SHA-256 of the picture's pixels and of all else that decides what is found, the programs that
 find it among them, so that it is never out of date; one that cannot be read is found again.
@@ -37,7 +37,7 @@ def key(grey: Grey, target: Target, layout: Layout | None) -> str:
 
 
 def load(folder: Path, name: str) -> Observations | None:
-    """What was found under a key, as frame 0, or None where there is no file that holds it whole."""
+    """Load the detections under a key, as frame 0; None where no file holds them whole."""
     try:
         with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
             view, corner, pixels = (np.asarray(file[field]) for field in FIELDS)

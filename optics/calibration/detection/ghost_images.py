@@ -99,7 +99,7 @@ def _passed(mirror: Mirror, passes: int) -> Mirror:
 
 
 def _inside(corners: Corners, camera: Camera, mirror: Mirror) -> NDArray[np.bool_]:
-    """Which corners (n) a mirror shows together with the whole patch that they are refined with."""
+    """Mask (n,) of the corners that a mirror shows together with the whole patch that they are refined with."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
         return np.zeros(len(corners), dtype=np.bool_)

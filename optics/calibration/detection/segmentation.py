@@ -216,7 +216,7 @@ def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
 
 
 def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
-    """The mirror with some edges on other lines of its own frame; raises ValidationError where that is impossible."""
+    """The mirror with some edges on other lines of its plane frame; raises ValidationError where that is impossible."""
     corners = mirror.outline_in_plane_mm
     unmoved = [side.moved(side, np.zeros(2)) for side in (_Side.of(corners, edge) for edge in range(len(corners)))]
     edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
@@ -262,7 +262,7 @@ def _line(positions: FloatArray, offsets: FloatArray, *, least: float) -> tuple[
 
 
 def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> FloatArray:
-    """Where along each profile of pixels (n, m, 2), at depths (m,), the change ends (n,); NaN where not visible."""
+    """Depth (n,) of the end of the change along profiles of pixels (n, m, 2), at depths (m,); NaN where not visible."""
     size = np.array(change.shape[::-1], dtype=np.float64)
     on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
     where = np.nan_to_num(at, nan=-1.0).astype(np.float32)
@@ -273,7 +273,7 @@ def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> Floa
 
 
 def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
-    """Where a profile from inside to outside falls below half of its value inside; NaN where it does not."""
+    """Depth where a profile from inside to outside falls below half of its value inside; NaN where it does not."""
     usable = np.isfinite(profile)
     if usable.sum() < 20:
         return float("nan")

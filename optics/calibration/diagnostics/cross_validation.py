@@ -87,7 +87,7 @@ def held_out_residuals(start: Estimate, observations: Observations, model: Model
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:
-    """Which of the frames (f,) show anything through a mirror."""
+    """Mask (f,) of the frames that show anything through a mirror."""
     return np.isin(np.arange(frames), observations.frame[observations.view != DIRECT])
 
 

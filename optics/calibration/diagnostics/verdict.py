@@ -1,4 +1,4 @@
-"""Whether a calibration is good to use, in words and figures, and what picture would make it better."""
+"""Verdict on a calibration, in words and figures, and the pictures that would make it better."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
 
 
 def _cures(diagnostics: Diagnostics | None) -> list[str]:
-    """What to do about alarms: the model that the data ask for where one was tried, else to look for what moved."""
+    """Advice on alarms: the model that the data ask for where one was tried, else to look for what moved."""
     if diagnostics is None or not diagnostics.alarms:
         return []
     wanted = [
@@ -133,7 +133,7 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
 
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
-    """Whether all views and both axes are alike, as noise is: an error of one view can hide in the rms of all."""
+    """Check that all views and both axes fit alike, as noise does: an error of one view can hide in the rms of all."""
     names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
     rms = {
         (names[view.view], axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)
@@ -246,7 +246,7 @@ def _untried(normals: FloatArray) -> str:
 
 
 def empty_region(view: ViewFigures) -> str:
-    """Where in a view fewest corners were seen, of nine regions, in words."""
+    """The one of nine regions of a view with the fewest corners, in words."""
     low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
     middles = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
     thirds = np.minimum((3 * (middles - low) / (high - low)).astype(int), 2)

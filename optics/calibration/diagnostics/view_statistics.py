@@ -1,4 +1,4 @@
-"""What a calibration's pictures were like, view by view: counts, coverage, distances, tilts, and what is left."""
+"""Statistics of a calibration's pictures by view: counts, coverage, distances, tilts and residuals."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class _PosedBoard:
 
     @property
     def points(self) -> FloatArray:
-        """Where its corners (n, 3) appear to be, however they are numbered."""
+        """Apparent positions (n, 3) of its corners, however they are numbered."""
         return (self.direct or self.image)[0].points
 
 

@@ -135,7 +135,7 @@ def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) 
 
 
 def behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
-    """Whether points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
+    """Return whether points (n, 3) lie, on average, behind the mirror's plane, as images in it do."""
     return bool(np.mean(points_in_rig @ virtual_centre) > virtual_centre @ virtual_centre / 2.0)
 
 

@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 
 @dataclass(frozen=True)
 class Model:
-    """What a fit may change besides the board's poses, which are always free.
+    """Parameters that a fit may change besides the board's poses, which are always free.
 
     Attributes
     ----------

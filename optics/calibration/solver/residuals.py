@@ -162,7 +162,7 @@ class Estimate:
 def points_at_camera(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where the base camera sees each observed corner.
+    """Positions of the observed corners from the base camera.
 
     Returns
     -------

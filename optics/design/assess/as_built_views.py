@@ -104,7 +104,7 @@ class BuiltViews:
         return np.abs(areas)
 
     def hidden(self) -> NDArray[np.bool_]:
-        """Whether (n,) a mirror of a device hides part of another from the camera: their outlines overlap."""
+        """Mask (n,) of the devices in which a mirror hides part of another from the camera: their outlines overlap."""
         count = self.outlines.shape[1]
         first, second = np.triu_indices(count, 1)
         low, high = shapely.bounds(self.outlines).reshape(-1, count, 2, 2).transpose(2, 0, 1, 3)

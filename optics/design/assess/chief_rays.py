@@ -51,7 +51,7 @@ def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
 
 
 def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where viewing rays (n, 2) meet a mirror's front and where they leave it (n, 3), mm; their directions then (n, 3).
+    """Points (n, 3) in mm where viewing rays (n, 2) enter and leave a mirror's front, and their directions (n, 3) then.
 
     Exact, also for second-surface mirrors: the ray is refracted at the front by Snell's law, runs to the back and
     returns, and leaves 2 t tan' further along the front, as if reflected there.
@@ -92,7 +92,7 @@ def apparent_offset_mm(mirror: Mirror) -> float:
 
 
 def _may_meet(points: FloatArray, planes: FloatArray, bodies: FloatArray) -> FloatArray:
-    """Whether (n,) solids with corners (n, k, 3) may meet the convex hull of points (m, 3).
+    """Mask (n,) of the solids with corners (n, k, 3) that may meet the convex hull of points (m, 3).
 
     They cannot where a plane of given normal (p, 3) separates them.
     """
@@ -107,7 +107,7 @@ def blocked_light(
     *,
     view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
 ) -> list[Occlusion]:
-    """Which mirrors block the light of which, by ray casting from the pupil through sub-images to a depth.
+    """Find mirrors that block others' light, by ray casting from the pupil through sub-images to a depth.
 
     Rays go through the part of a mirror that shows the scene, and the whole solid of another blocks them.
 

@@ -58,7 +58,7 @@ def grid_error(layout: Layout) -> float:
 
 
 def _crossing(inside: Callable[[float], bool], within: float, without: float) -> float:
-    """Where `inside` changes between a depth within and one without, to a relative 1e-4."""
+    """Depth at which `inside` changes between a depth within and one without, to a relative 1e-4."""
     while abs(within - without) > 1e-4 * within:
         middle = (within + without) / 2.0
         within, without = (middle, without) if inside(middle) else (within, middle)

@@ -33,7 +33,7 @@ FINDINGS = {
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
-    """Whether a mirror has more corners than asked for, another reflecting surface or other glass."""
+    """Return whether a mirror has more corners than asked for, another reflecting surface or other glass."""
     asked = (spec.surface, spec.thickness_mm, spec.refractive_index)
     found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
     return found != asked or len(mirror.outline_in_rig_mm) > spec.sides

@@ -75,7 +75,7 @@ class Program:
 
     @property
     def start(self) -> FloatArray:
-        """Where all unknowns start."""
+        """Start values of all unknowns."""
         return np.concatenate(self._start)
 
     @property
@@ -86,7 +86,7 @@ class Program:
 
 @dataclass(frozen=True)
 class SolverOutcome:
-    """Where IPOPT stopped: values of all unknowns (n,), its status, and whether that is an optimum.
+    """Result of IPOPT: values of all unknowns (n,), its status, and whether that is an optimum.
 
     `objective` is that of the problem solved: of the design, or the violation that a search for feasibility minimises.
     """

@@ -1,4 +1,4 @@
-"""How badly the views agree on a depth: truncated differences of pictures, of the best half of the views.
+"""Matching cost of depths across views: truncated differences of pictures, of the best half of the views.
 
 A pixel beside what stands before it is hidden from the views on one side and seen by those on the other: its cost is
 the least of the means over all views and over those to the left, right, top and bottom of the reference view.
@@ -128,7 +128,7 @@ class Planes:
         return _Block(padded, size), [(float(x), float(y)) for x, y in places + margin]
 
     def _gap(self, seen: NDArray[np.float32], matrix: FloatArray) -> NDArray[np.bool_] | None:
-        """Which pixels (v, u) of a plane a view does not see; None where it sees all."""
+        """Mask of the pixels (v, u) of a plane that a view does not see; None where it sees all."""
         gap = np.asarray(_warped(seen, matrix, self.size) < 1.0 - 1e-3)
         return gap if gap.any() else None
 

@@ -1,4 +1,4 @@
-"""What is known of depth in the reference view: how deep, how sure, in the frame of which views."""
+"""Depth maps of the reference view, with uncertainty, confidence and the views that define their frame."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class DepthMap:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where a depth is known (v, u)."""
+        """Mask (v, u) of known depths."""
         return np.isfinite(self.depth_mm)
 
     def disparity_px(self, axis: Axis = "s") -> FloatArray:

@@ -109,11 +109,11 @@ class DepthEstimator:
 
     @property
     def planes(self) -> int:
-        """How many planes are looked at."""
+        """Number of planes swept."""
         return len(self._inverse_distances)
 
     def fits(self, light_field: LightField) -> bool:
-        """Whether a light field has the views and weights that this estimator was built for."""
+        """Return whether a light field has the views and weights that this estimator was built for."""
         names = [field.name for field in fields(Views)]
         same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
         return same and np.array_equal(light_field.weights, self.weights)

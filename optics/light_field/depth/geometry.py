@@ -1,4 +1,4 @@
-"""Where the other views see what the reference view sees, as a function of inverse distance."""
+"""Positions in the other views of what the reference view sees, as a function of inverse distance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Float32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Parallax:
-    """How a pixel (u, v) of the reference view moves in the view at (x, y, z) with q = 1 / Z, Z the distance.
+    """Motion of a pixel (u, v) of the reference view in the view at (x, y, z) with q = 1 / Z, Z the distance.
 
     From the pinholes of `Views`, with e = 1 / (1 - z q) and g = 1 - z / Z0:
     u' = g e (u - cx) - f g x q e + cx + f x / Z0, and alike for v with y.
@@ -67,7 +67,7 @@ def other_views(views: Views) -> list[tuple[int, int]]:
 
 
 def parallax(views: Views, index: tuple[int, int]) -> Parallax:
-    """How what the reference view sees moves in view `index` = (t, s)."""
+    """Parallax of the reference view's pixels in view `index` = (t, s)."""
     x, y, z = views.positions_mm[index].tolist()
     cx, cy = views.centre_px.tolist()
     return Parallax(views.focal_px, (cx, cy), (x, y, z), views.reference_distance_mm)

@@ -36,7 +36,7 @@ MEDIAN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class MatchStatistics:
-    """What the pictures say of an inverse distance (v, u), from the step towards it.
+    """Statistics of the match at an inverse distance (v, u), from the step towards it.
 
     Attributes:
         information: sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less
@@ -93,7 +93,7 @@ class Refiner:
         return list(self.run(one, self.parallaxes, pictures))
 
     def _look(self, view: Parallax, picture: Float32, found: Float32) -> Float32:
-        """What a view (v, u) shows of the places at inverse distances (v, u); negative where it does not see them."""
+        """Sample a view (v, u) at the places at inverse distances (v, u); negative where it does not see them."""
         across, down = view.pixels(self.columns, self.rows, found)
         shown: Any = cv2.remap(
             picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NO_SAMPLE

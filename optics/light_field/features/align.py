@@ -110,7 +110,7 @@ class Templates:
 
 
 def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
-    """What alignment needs of keypoints (n, 2) of a view; those whose patch cannot tell where it is are left out."""
+    """Templates for aligning keypoints (n, 2) of a view; those whose patch cannot be localised are left out."""
     level_of = pyramid.level_of(scale_px)
     return [
         _templates(pyramid, view, level, np.flatnonzero(level_of == level), pixels) for level in np.unique(level_of)
@@ -149,7 +149,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
 
 @dataclass(frozen=True, eq=False)
 class AlignedPatches:
-    """Where views see the patches of keypoints.
+    """Positions at which views see the patches of keypoints.
 
     Attributes:
         pixels: (views, n, 2); NaN where a view was not looked at.

@@ -71,7 +71,7 @@ def grey_views(light_field: LightField) -> NDArray[np.uint8]:
 
 
 def inner_masks(light_field: LightField) -> NDArray[np.uint8]:
-    """Where keypoints may be (t * s, v, u), as 255: away from what a view does not show, and from its frame."""
+    """Masks (t * s, v, u), 255 where keypoints may be: away from unseen pixels and from the frames of the views."""
     size = 2 * BORDER_PX + 1
     kernel = np.ones((size, size), np.uint8)
     valid = light_field.valid.reshape(-1, light_field.height_px, light_field.width_px).astype(np.uint8) * 255
@@ -121,7 +121,7 @@ def comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
 
 
 def distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
-    """How unlike descriptors (n, d) are pair by pair: bits that differ, or 1 less the cosine."""
+    """Distances of descriptors (n, d) pair by pair: bits that differ, or 1 less the cosine."""
     if one.dtype == np.uint64:
         return np.bitwise_count(one ^ other).sum(axis=1).astype(np.float32)
     return 1.0 - np.einsum("nd,nd->n", one, other)

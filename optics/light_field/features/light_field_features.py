@@ -192,7 +192,7 @@ class FeatureFinder:
         return self._consolidated(at, tried, seen_px, inverse, covariance)
 
     def fits(self, light_field: LightField) -> bool:
-        """Whether a light field is of the views that this one is for."""
+        """Return whether a light field has the views that this finder was built for."""
         return (
             light_field.layout_identity == self.views.layout_identity
             and light_field.weights.shape[2:] == (self.views.height_px, self.views.width_px)
@@ -208,7 +208,7 @@ class FeatureFinder:
         tried: NDArray[np.int64],
         inverse_mm: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Where each view sees the tried keypoints (views, n, 2); NaN where it shows nothing, or something else.
+        """Pixels (views, n, 2) of the tried keypoints in each view; NaN where it shows nothing, or something else.
 
         And what not knowing slants better adds to the covariance (n, 3, 3) of w, d, e.
         """
@@ -316,7 +316,7 @@ def _ends(views: Views, reference: int) -> list[int]:
 
 
 def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
-    """Whether views (views, v, u) show what is at pixels (views, n, 2) and around; not of NaN."""
+    """Mask of what views (views, v, u) show at pixels (views, n, 2) and around; False at NaN."""
     _, height, width = inner.shape
     near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
     u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)

@@ -84,7 +84,7 @@ def candidates(
 def _slope_estimates(
     geometry: Geometry, view: int, reference_px: FloatArray, seen_px: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What a match tells: inverse distance (n,), distance off the line in px, px along it per 1/mm."""
+    """Estimates from matches: inverse distance (n,), distance off the line in px, px along it per 1/mm."""
     a_, b = geometry.terms(view, seen_px)
     rest = b - geometry.focal_px[view] * geometry.directions(reference_px)
     rate = np.hypot(a_[:, 0], a_[:, 1])

@@ -31,7 +31,7 @@ LEAST_NOISE_PX = 0.003
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What the law needs of views, as flat lists (n views): focal lengths, principal points (n, 2), positions."""
+    """Geometry of the views for the slope law, as flat lists (n views): focal lengths, principal points, positions."""
 
     focal_px: FloatArray
     centre_px: FloatArray

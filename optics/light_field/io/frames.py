@@ -86,7 +86,7 @@ class Video:
         return stream
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """What follows frame number `after`, in order of time.
+        """Frames that follow number `after`, in order of time.
 
         Of a codec whose frames lean on earlier ones, all frames between a damaged one and the next key frame are lost:
         they decode, but to something that nobody has seen.

@@ -1,4 +1,4 @@
-"""What a file format of light fields is: `formats.registry` collects those there are."""
+"""File formats of light fields: `formats.registry` collects those there are."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ NOTHING = Assumed()
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a file or folder of light fields holds.
+    """Content of a file or folder of light fields.
 
     Attributes:
         frames: the light fields; of a recording, each is read when it is asked for.

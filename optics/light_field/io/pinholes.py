@@ -19,7 +19,7 @@ def view_name(t: int, s: int) -> str:
 
 
 def centres_in_rig_mm(views: Views) -> FloatArray:
-    """Where the views are (t, s, 3) in rig."""
+    """Positions (t, s, 3) of the views in rig."""
     return views.positions_mm @ views.view_from_rig + views.reference_view_in_rig_mm
 
 

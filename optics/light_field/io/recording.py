@@ -23,7 +23,7 @@ INDEX = "frames.json"
 
 
 def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, Any]:
-    """What a recording says of itself, as JSON: its views and source, and the settings it was decoded with."""
+    """Attributes of a recording, as JSON: its views and source, and the settings it was decoded with."""
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
@@ -50,7 +50,7 @@ class Entries:
 
 
 class Sink(Protocol):
-    """How light fields are laid out in a folder. The same calls must leave the same bytes."""
+    """Layout of light fields in a folder. The same calls must leave the same bytes."""
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
         """Begin in a folder, or go on in one; what lies there at the index of the next `write` may be half written."""
@@ -62,7 +62,7 @@ class Sink(Protocol):
         """Write what is known only at the end."""
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
-        """What `close` wrote: what the recording says of itself, and its frames."""
+        """Read what `close` wrote: the attributes of the recording, and its frames."""
 
 
 class Recording:
@@ -208,7 +208,7 @@ class Folders:
         write_json(folder / INDEX, {**about, "frames": frames, "lost": lost})
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
-        """What `frames.json` says."""
+        """Read `frames.json`."""
         if not path.is_dir() or not (path / INDEX).exists():
             raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
         attributes = json.loads(read_bytes(path / INDEX))

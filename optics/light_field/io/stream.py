@@ -15,7 +15,7 @@ Decoded = tuple[Frame, LightField] | Lost
 
 
 class Source(Protocol):
-    """Where frames come from: `Video`, `CaptureDevice`."""
+    """Source of frames: `Video`, `CaptureDevice`."""
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """The frames after a number, in order."""

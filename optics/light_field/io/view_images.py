@@ -1,4 +1,4 @@
-"""Views as pictures with 8 bits: colours, and weights as opacity or as a picture of their own."""
+"""Views as pictures with 8 bits: colours, and weights as opacity or as a separate picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a light field is beside its samples, as `views.json`: other tools pass over it, our importers read it.
+"""The geometry of a light field as `views.json`: other tools pass over it, our importers read it.
 
 Most formats know a grid with even steps, or none. With this file beside them they lose nothing; without it their
 importers take what the format itself says, and what is `Assumed` for what it does not.
@@ -71,7 +71,7 @@ def write_views(path: Path, views: Views, **more: Any) -> None:
 
 
 def read_views(path: Path) -> tuple[Views, dict[str, Any]] | None:
-    """What `write_views` wrote: the views, and the rest by name; None without such a file."""
+    """Read what `write_views` wrote: the views, and the rest by name; None without such a file."""
     if not path.exists():
         return None
     try:

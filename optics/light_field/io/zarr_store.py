@@ -52,7 +52,7 @@ class ZarrSink:
         group.attrs.update({**about, "lost": [[number, reason] for number, reason in sorted(entries.lost.items())]})
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
-        """What the group's attributes and arrays say."""
+        """Read the group's attributes and arrays."""
         group = open_group(path)
         attributes = dict(group.attrs)
         if attributes.get("schema") != SCHEMA:

@@ -35,7 +35,7 @@ def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture
 
 
 def seen_from(light_field: LightField, depths: ViewDepths, place_mm: FloatArray) -> RenderedPicture:
-    """What a pinhole at a place (3,) in the view frame sees, mm right, down and ahead of the reference view.
+    """The picture of a pinhole at a place (3,) in the view frame, mm right, down and ahead of the reference view.
 
     Its pixels look at the same points of the reference plane as those of the views: what lies there stays in place.
 
@@ -98,7 +98,7 @@ def _softened(shown: Float32) -> Float32:
 
 
 def _alike(shown: Float32, guide: Float32) -> Float32:
-    """How likely two softened pictures (v, u, c + 1), weighted, show the same thing (v, u): 1 where one has nothing."""
+    """Likelihood (v, u) that two softened pictures (v, u, c + 1), weighted, show the same; 1 where one has nothing."""
     weight, guiding = shown[..., -1:], guide[..., -1:]
     both = (weight[..., 0] > 0.5) & (guiding[..., 0] > 0.5)
     apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)

@@ -34,7 +34,7 @@ ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class RenderedPicture:
-    """What was made of several views, in the frame of the reference view.
+    """A picture made of several views, in the frame of the reference view.
 
     Attributes:
         image: (h, w, c) float32, 0 to 1, zero where `weights` is zero.
@@ -46,7 +46,7 @@ class RenderedPicture:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where the picture shows anything (h, w)."""
+        """Mask (h, w) of the pixels where the picture shows anything."""
         return self.weights > 0
 
 
@@ -195,7 +195,7 @@ def refocus(
 
 
 def _missing(view: Float32, picture: Any, matrix: FloatArray) -> Float32:
-    """What a view (v, u, c + 1), weighted as it is, shows more than a picture (h, w, c + 1) would show in it."""
+    """Difference of a view (v, u, c + 1), weighted as it is, from what a picture (h, w, c + 1) would show in it."""
     height, width = view.shape[:2]
     weight = view[..., -1:]
     there = _warped(picture, np.linalg.inv(matrix), (width, height))

@@ -1,4 +1,4 @@
-"""How deep what each view sees is, view by view: what renders other views, and tells what hides what."""
+"""Depth maps of all views, for rendering other views and deciding occlusion."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ViewDepths:
     def measured(
         cls, light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None
     ) -> ViewDepths:
-        """By `DepthEstimator` in each view for itself, sure where two others confirm it.
+        """Measure by `DepthEstimator` in each view separately; a depth is sure where two others confirm it.
 
         Raises InputError for what tells no depth, as `DepthEstimator`.
         """
@@ -108,7 +108,7 @@ def px_per_nearness(views: Views) -> float:
 def landed(
     views: Views, source: tuple[int, int], place_mm: NDArray[np.floating], nearness: Float32
 ) -> tuple[Float32, Float32]:
-    """Where a pinhole at a place (3,) in the view frame, on the views' plane, sees what a view's pixels show.
+    """Pixels at which a pinhole at a place (3,) in the view frame, on the views' plane, sees what a view's pixels show.
 
     Args:
         nearness: (v, u), 1 / Z of those pixels.
@@ -121,7 +121,7 @@ def landed(
 def sources(
     views: Views, place_mm: NDArray[np.floating], target: tuple[int, int], nearness: Float32
 ) -> tuple[Float32, Float32]:
-    """Where a view sees what the pixels of a pinhole at a place (3,) show, by their 1 / Z (v, u)."""
+    """Pixels at which a view sees what the pixels of a pinhole at a place (3,) show, by their 1 / Z (v, u)."""
     return _seen_from(views, place_mm, views.positions_mm[target], nearness)
 
 
@@ -148,7 +148,7 @@ def _seen_from(
 
 
 def _confirmed(views: Views, nearness: Float32) -> NDArray[np.bool_]:
-    """Where (t, s, v, u) enough other views found the same thing at the same depth."""
+    """Mask (t, s, v, u) of the pixels where enough other views found the same depth."""
     apart = np.float32(AGREE_PX / px_per_nearness(views))
     indices = list(np.ndindex(views.rows, views.cols))
     least = min(FEWEST_AGREEING, len(indices) - 1)

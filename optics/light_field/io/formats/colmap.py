@@ -66,7 +66,7 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
 
 
 def is_colmap(folder: Path) -> bool:
-    """Whether a folder has a sparse model as text, as `write_colmap` and `colmap model_converter` lay it out."""
+    """Return whether a folder has a sparse model as text, as `write_colmap` and `colmap model_converter` lay it out."""
     return (folder / "sparse" / "cameras.txt").exists() and (folder / "sparse" / "images.txt").exists()
 
 

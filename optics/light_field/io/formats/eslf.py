@@ -13,7 +13,7 @@ from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 
 
 def is_eslf(path: Path) -> bool:
-    """Whether a path is named like such a picture."""
+    """Return whether a path is named like such a picture."""
     return is_picture(path) and path.stem.lower().endswith("eslf")
 
 

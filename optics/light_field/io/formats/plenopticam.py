@@ -24,7 +24,7 @@ VIEWPOINTS = "viewpoints_*px"
 
 
 def is_plenopticam(path: Path) -> bool:
-    """Whether a folder has its array, or its folder of viewpoints."""
+    """Return whether a folder has its array, or its folder of viewpoints."""
     return (path / ARRAY).exists() or any(path.glob(VIEWPOINTS))
 
 

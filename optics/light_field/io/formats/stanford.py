@@ -50,7 +50,7 @@ def write_stanford(folder: Path, light_field: LightField) -> None:
 
 
 def is_stanford(folder: Path) -> bool:
-    """Whether a folder has pictures named so."""
+    """Return whether a folder has pictures named so."""
     return folder.is_dir() and any(
         is_picture(file) and (PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem)) for file in folder.iterdir()
     )

@@ -13,7 +13,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a folder of Zarr, or of a recording that was cut off."""
+    """Return whether a path is a folder of Zarr, or of a recording that was cut off."""
     return path.is_dir() and ((path / "zarr.json").exists() or path.name.endswith((".zarr", ".zarr.partial")))
 
 
