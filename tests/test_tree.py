@@ -1,0 +1,61 @@
+"""The tests mirror the four folders: a module X/y.py has its tests in tests/X/test_y.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.test_architecture import FOLDERS, ROOT
+
+# Modules whose tests are elsewhere, to be moved to their place.
+ELSEWHERE = {
+    "optics/base/progress.py",
+    "optics/light_field/depth/depth_files.py",
+    "optics/light_field/depth/refine.py",
+    "optics/light_field/features/feature_files.py",
+    "optics/light_field/io/formats/zarr.py",
+    "optics/light_field/io/light_field_format.py",
+    "optics/light_field/io/pinholes.py",
+    "optics/light_field/io/view_arrays.py",
+    "optics/light_field/io/views_picture.py",
+    "cad/device_files.py",
+    "cad/parts/coupon.py",
+    "render_scenes/truth/obstacles.py",
+}
+
+
+def module_paths() -> list[str]:
+    """Path of every module below the root; packages and entry points hold no code of their own to test."""
+    paths = (path.relative_to(ROOT) for folder in FOLDERS.values() for path in sorted(folder.rglob("*.py")))
+    return [path.as_posix() for path in paths if path.stem not in ("__init__", "__main__")]
+
+
+def untested(paths: list[str], root: Path) -> set[str]:
+    """The modules without a test at the mirrored path."""
+    return {
+        path for path in paths if not (root / "tests" / path).with_name(f"test_{path.rpartition('/')[2]}").is_file()
+    }
+
+
+def test_every_module_has_its_tests_at_the_mirrored_path() -> None:
+    assert len(module_paths()) > 200
+    assert sorted(untested(module_paths(), ROOT) - ELSEWHERE) == []
+
+
+def test_the_list_of_tests_elsewhere_has_no_stale_entries() -> None:
+    assert sorted(ELSEWHERE - untested(module_paths(), ROOT)) == []
+
+
+@pytest.mark.parametrize(
+    ("present", "missing"),
+    [
+        ("tests/optics/base/test_files.py", set()),
+        ("tests/optics/test_files.py", {"optics/base/files.py"}),
+        ("tests/optics/base/files.py", {"optics/base/files.py"}),
+    ],
+)
+def test_a_test_elsewhere_or_of_another_name_does_not_count(present: str, missing: set[str], tmp_path: Path) -> None:
+    (tmp_path / present).parent.mkdir(parents=True)
+    (tmp_path / present).touch()
+    assert untested(["optics/base/files.py"], tmp_path) == missing
