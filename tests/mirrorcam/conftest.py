@@ -1,4 +1,4 @@
-"""What tests of the command share: a small layout, and a cluster of this machine."""
+"""What tests of the command share: a small layout, a small rendered set, and a cluster of this machine."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from tests.mirrorcam.small_set import small_set_request
+from tests.shared import built_once
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,6 +43,18 @@ def small_layout() -> Layout:
 def found(default_layout: Layout) -> Study:
     """A small tolerance study of the default layout."""
     return study(default_layout, Tolerances.hobby(), (300.0, 500.0), devices=20)
+
+
+@pytest.fixture(scope="session")
+def set_request(default_layout: Layout) -> SetRequest:
+    """A small set of the default layout, by the fast renderer."""
+    return small_set_request(default_layout)
+
+
+@pytest.fixture(scope="session")
+def finished_set(set_request: SetRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """That set, made in one go by one process, to be read."""
+    return built_once(tmp_path_factory, "small_set", lambda out: render_set(set_request, out))
 
 
 def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,58 +17,23 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.commands.render import reach_text
 from mirrorcam.optics.base.files import write_json
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_pool import run_local
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, save_board
+from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
-from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.rendering import finished_frames, in_workers, on_cluster
+from mirrorcam.render_scenes.sets.render_set import SetRequest
+from tests.mirrorcam.small_set import contents
 
 # Not by importing it: that would choose an LLVM.
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 ROOT = Path(__file__).parents[3]
-BOARD = Charuco(cols=8, rows=6, square_mm=30.0, marker_mm=22.5)
+# The command that asks for the fixture `set_request`.
 OPTIONS = "--frames 6 --base-frames 2 --renderer fast --seed 5 --board board.toml --out set"
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-@pytest.fixture(scope="module")
-def layout(default_layout: Layout) -> Layout:
-    """The default layout before a sensor of 240 x 136 pixels."""
-    scale = 8.0
-    full = default_layout.camera
-    focal = {"fx_px": full.fx_px / scale, "fy_px": full.fy_px / scale}
-    camera = Camera(width_px=240, height_px=136, cx_px=119.5, cy_px=67.5, **focal)
-    return default_layout.replaced(camera=camera)
-
-
-@pytest.fixture(scope="module")
-def request_of_options(layout: Layout) -> SetRequest:
-    """What the command asks for with OPTIONS."""
-    return SetRequest(
-        layout=layout, target=BOARD, frames=6, base_frames=2, seed=5, settings=RenderSettings(renderer="fast")
-    )
-
-
-@pytest.fixture(scope="module")
-def finished(request_of_options: SetRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The set of OPTIONS, made in one go by this process."""
-    out = tmp_path_factory.mktemp("finished") / "set"
-    render_set(request_of_options, out)
-    return out
-
-
 @pytest.fixture
-def folder(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, set_request: SetRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder, with layout.json and board.toml."""
-    layout.save(tmp_path / "layout.json")
-    save_board(tmp_path / "board.toml", BOARD)
+    set_request.layout.save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", set_request.target)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -89,9 +51,9 @@ def command(options: str, **settings: object) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
-    ending: signal.Signals, code: int, folder: Path, finished: Path
+    ending: signal.Signals, code: int, folder: Path, finished_set: Path
 ) -> None:
-    whole = contents(finished)
+    whole = contents(finished_set)
     with command(f"{OPTIONS} --workers 2") as running:
         until = time.monotonic() + 60
         while not (folder / "set" / "frames" / "0001.jpg").exists():
@@ -117,68 +79,6 @@ def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
     assert cli.main(["render", "--verify", "set"]) == 0
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_bytes_do_not_depend_on_the_number_of_workers(
-    workers: int, request_of_options: SetRequest, finished: Path, tmp_path: Path
-) -> None:
-    render_set(request_of_options, tmp_path / "set", run=in_workers(workers))
-    assert contents(tmp_path / "set") == contents(finished)
-
-
-@pytest.mark.parametrize("surface", ["first", "second"])
-def test_the_reference_gives_the_same_bytes_by_workers(
-    surface: str, request_of_options: SetRequest, tmp_path: Path
-) -> None:
-    layout = request_of_options.layout
-    sheets = tuple(mirror.replaced(surface=surface, thickness_mm=2.0) for mirror in layout.mirrors)
-    request = request_of_options.replaced(
-        layout=layout.replaced(mirrors=sheets), frames=2, base_frames=1, settings=RenderSettings(spp=4)
-    )
-    render_set(request, tmp_path / "by workers", run=in_workers(2))
-    render_set(request, tmp_path / "here")
-    assert contents(tmp_path / "by workers") == contents(tmp_path / "here")
-
-
-def test_a_killed_worker_loses_nothing(request_of_options: SetRequest, finished: Path, tmp_path: Path) -> None:
-    killed: list[int | None] = []
-
-    def kill_one(done: int, total: int) -> None:
-        if done == 2:
-            worker = multiprocessing.active_children()[0]
-            killed.append(worker.pid)
-            worker.kill()
-
-    render_set(request_of_options, tmp_path / "set", run=in_workers(2), progress=kill_one)
-    assert len(killed) == 1
-    assert contents(tmp_path / "set") == contents(finished)
-
-
-def leaving(task_json: str) -> dict[str, bytes]:
-    os._exit(3)
-
-
-def test_a_frame_that_ends_all_its_workers_is_named(request_of_options: SetRequest, tmp_path: Path) -> None:
-    run = partial(finished_frames, partial(run_local, workers=1, work=leaving))
-    with pytest.raises(InputError, match=r"frame frames/0000\.jpg: 3 workers died of it, the last with exit code 3"):
-        render_set(request_of_options, tmp_path / "set", run=run)
-
-
-def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
-    cluster: tuple[str, list[subprocess.Popen[bytes]]], request_of_options: SetRequest, finished: Path, tmp_path: Path
-) -> None:
-    address, (_, first, _) = cluster
-
-    def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
-        for number, (task, files) in enumerate(on_cluster(address)(tasks)):
-            if number == 0:
-                first.send_signal(signal.SIGKILL)
-            yield task, files
-
-    render_set(request_of_options, tmp_path / "set", run=with_a_kill)
-    assert first.wait(timeout=10) == -signal.SIGKILL
-    assert contents(tmp_path / "set") == contents(finished)
-
-
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,7 +90,7 @@ def test_where_no_scheduler_answers_it_is_said_in_one_line(
     assert said.count("\n") == 1
 
 
-def test_it_says_what_the_frames_cover(folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_it_says_what_the_frames_cover(folder: Path, finished_set: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
     dataset = Dataset.load(folder / "set")
     percent = [f"{100 * part:.0f}" for part in dataset.coverage]
@@ -200,18 +100,18 @@ def test_it_says_what_the_frames_cover(folder: Path, finished: Path, capfd: pyte
     assert f"corners over {rows} % of the mirrors' pictures, {bare}" in capfd_out
     assert min(dataset.coverage) > 0.1
     assert f"every mirror shows boards from {max(r.nearest_mm for r in dataset.reaches)} to " in capfd_out
-    assert contents(folder / "set") == contents(finished)
+    assert contents(folder / "set") == contents(finished_set)
 
 
 def test_verify_names_what_is_altered_and_what_is_missing(
-    folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, finished_set: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for name, content in contents(finished).items():
+    for name, content in contents(finished_set).items():
         (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "set" / name).write_bytes(content)
     assert cli.main(["render", "--verify", "set"]) == 0
-    assert f"{len(Dataset.load(finished).files)} files as rendered" in capfd.readouterr().out
-    altered = bytearray(contents(finished)["truth/maps/frames/0001.exr"])
+    assert f"{len(Dataset.load(finished_set).files)} files as rendered" in capfd.readouterr().out
+    altered = bytearray(contents(finished_set)["truth/maps/frames/0001.exr"])
     altered[-1] ^= 1
     (folder / "set" / "truth" / "maps" / "frames" / "0001.exr").write_bytes(altered)
     (folder / "set" / "frames" / "0002.jpg").unlink()
@@ -222,24 +122,24 @@ def test_verify_names_what_is_altered_and_what_is_missing(
     assert said.count("\n") == 2
     # Rendering again mends both.
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
-    assert contents(folder / "set") == contents(finished)
+    assert contents(folder / "set") == contents(finished_set)
 
 
 def test_verify_counts_what_has_not_been_rendered(
-    folder: Path, finished: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, finished_set: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    dataset = Dataset.load(finished)
+    dataset = Dataset.load(finished_set)
     some = {name: digest for name, digest in dataset.files.items() if name in ("layout.json", "frames/0000.jpg")}
     for name in some:
         (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / "set" / name).write_bytes((finished / name).read_bytes())
+        (folder / "set" / name).write_bytes((finished_set / name).read_bytes())
     dataset.replaced(files=some).save(folder / "set")
     assert cli.main(["render", "--verify", "set"]) == 1
     assert "7 files not rendered yet, frames/0001.jpg first" in capfd.readouterr().out
 
 
-def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished: Path) -> None:
-    poses = json.loads((finished / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:3]
+def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished_set: Path) -> None:
+    poses = json.loads((finished_set / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:3]
     write_json(folder / "poses.json", {"poses": poses})
     options = "--poses poses.json --base-frames 0 --renderer fast --board board.toml --no-maps --workers 1"
     assert cli.main(["render", "layout.json", *options.split(), "--out", "two"]) == 0
@@ -247,10 +147,10 @@ def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished: Path) -> N
     assert Dataset.load(folder / "two").frame_names == ("frames/0000.jpg", "frames/0001.jpg")
 
 
-def test_a_motion_through_poses_of_a_file_is_a_video(folder: Path, finished: Path) -> None:
+def test_a_motion_through_poses_of_a_file_is_a_video(folder: Path, finished_set: Path) -> None:
     import cv2
 
-    poses = json.loads((finished / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:4]
+    poses = json.loads((finished_set / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:4]
     write_json(folder / "poses.json", {"poses": poses, "poses_hz": 4.0})
     options = "--poses poses.json --rate-hz 12 --video avi --base-frames 0 --renderer fast --board board.toml --no-maps"
     assert cli.main(["render", "layout.json", *options.split(), "--workers", "1", "--out", "moving"]) == 0
@@ -325,14 +225,14 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     assert not (folder / "output").exists()
 
 
-def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Path, finished: Path) -> None:
+def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Path, finished_set: Path) -> None:
     resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
     room = 12_000  # for one file, which is less than a frame
 
     def little_room() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
 
-    assert len(contents(finished)["frames/0000.jpg"]) > room
+    assert len(contents(finished_set)["frames/0000.jpg"]) > room
     options = f"{OPTIONS} --no-maps --workers 1"
     with command(options, preexec_fn=little_room) as running:
         _, said = running.communicate(timeout=60)
@@ -341,8 +241,8 @@ def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Pat
     assert not [name for name in contents(folder / "set") if name.endswith(".jpg") or "/." in f"/{name}"]
 
 
-def test_a_mirror_that_shows_no_board_is_named(finished: Path) -> None:
-    dataset = Dataset.load(finished)
+def test_a_mirror_that_shows_no_board_is_named(finished_set: Path) -> None:
+    dataset = Dataset.load(finished_set)
     none = Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
     blind = dataset.replaced(reaches=(none, *dataset.reaches[1:7], none, dataset.reaches[8]))
     assert reach_text(blind) == "mirror 0, 7 shows too few corners in every frame"

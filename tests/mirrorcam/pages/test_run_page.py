@@ -96,7 +96,7 @@ def test_metrics_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [('{"rms": {"value": "low", "unit": "px"}}', "rms.value"), ("{", "metrics.json"), (None, "no")],
+    [('{"rms": {"value": "low", "unit": "px"}}', "rms.value"), ("{", "metrics.json: "), (None, "no such file")],
 )
 def test_metrics_that_are_none_are_refused_in_one_line(text: str | None, expected: str, tmp_path: Path) -> None:
     if text is not None:
