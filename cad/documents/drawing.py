@@ -15,7 +15,7 @@ from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, Par
 from mirrorcam.cad.documents.plan_dimensions import offered
 from mirrorcam.cad.holder.holder_plan import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import Hole, Length, Table
+from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.optics.base.values import FloatArray
@@ -114,7 +114,7 @@ def _isometric(view: PartView, placed: Sequence[PlacedView], right_end: float) -
     return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
 
 
-def _draw_tables(sheet: DrawingSheet, tables: Sequence[Table]) -> float:
+def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> float:
     """Draw tables in the upper right corner, below each other; returns where the room left of them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right

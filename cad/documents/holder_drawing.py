@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.holder.holder_plan import HolderPlan
-from mirrorcam.cad.plan.dimension import Hole, Table
+from mirrorcam.cad.plan.dimension import DrawingTable, Hole
 from mirrorcam.cad.plan.seats import newell_normal
 from mirrorcam.optics.base.values import FloatArray
 
@@ -28,7 +28,7 @@ def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
     return [(f"{i // plan.cols}-{i % plan.cols}", core.top.mean(axis=0)) for i, core in enumerate(plan.cores)]
 
 
-def seat_table(plan: HolderPlan) -> Table:
+def seat_table(plan: HolderPlan) -> DrawingTable:
     """Every seat plane from the flat back: a point amid the seat, tilt and direction of tilt of its normal."""
     bed_from_mount = np.diag([1.0, -1.0, -1.0])
     rotation = bed_from_mount @ plan.rig_from_mount[:3, :3].T
@@ -41,7 +41,7 @@ def seat_table(plan: HolderPlan) -> Table:
         tilt = np.degrees(np.arccos(min(float(normal[2]), 1.0)))
         towards = np.degrees(np.arctan2(normal[1], normal[0])) % 360.0
         rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{towards:.2f}"))
-    return Table(
+    return DrawingTable(
         title="Seats (the planes that carry the mirrors)",
         head=("id", "x", "y", "z", "tilt °", "towards °"),
         rows=tuple(rows),

@@ -43,7 +43,7 @@ class Hole:
 
 
 @dataclass(frozen=True)
-class Table:
+class DrawingTable:
     """A table of a drawing; `notes` (short lines) are written below it."""
 
     title: str
