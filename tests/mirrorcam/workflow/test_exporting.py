@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.depth.depth_files import load_depth, save_depth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 from mirrorcam.optics.light_field.light_field import LightField
@@ -37,12 +35,3 @@ def test_depth_without_a_sure_pixel_is_no_point_cloud(wall: LightField, tmp_path
     with pytest.raises(InputError, match=r"no depth with confidence above 0\.5"):
         export_light_field(tmp_path / "blank.npz", "ply", tmp_path, assumed=NOTHING)
     assert not (tmp_path / "blank.ply").exists()
-
-
-def test_a_depth_map_belongs_to_one_light_field(wall: LightField, tmp_path: Path) -> None:
-    depth = DepthEstimator(wall).estimate(wall)
-    save_depth(tmp_path / "depth.npz", depth)
-    assert np.array_equal(load_depth(tmp_path / "depth.npz", wall), depth.depth_mm, equal_nan=True)
-    (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
-    with pytest.raises(InputError, match="not a depth map"):
-        load_depth(tmp_path / "text.npz", wall)

@@ -10,7 +10,6 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
-from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 ROWS, COLS, HEIGHT, WIDTH = 2, 3, 40, 60
@@ -180,31 +179,6 @@ def test_light_fields_refuse_what_does_not_fit(changes: dict[str, Any], message:
     with pytest.raises(InputError, match=message) as caught:
         light_field(**changes)
     assert "\n" not in str(caught.value)
-
-
-def test_tiles_put_views_in_order_between_separators() -> None:
-    samples = np.zeros((ROWS, COLS, HEIGHT, WIDTH, 3), np.uint8)
-    for t, s in np.ndindex(ROWS, COLS):
-        samples[t, s] = [10 + 40 * t, 10 + 40 * s, 5]
-    weights = np.ones((ROWS, COLS, HEIGHT, WIDTH), np.float32)
-    weights[1, 2, :10] = 0
-    picture = tiles(light_field(samples=samples, weights=weights))
-    assert picture.dtype == np.uint8
-    assert picture.shape == (2 * HEIGHT + SEPARATOR_PX, 3 * WIDTH + 2 * SEPARATOR_PX, 3)
-    for t, s in np.ndindex(ROWS, COLS):
-        top, left = t * (HEIGHT + SEPARATOR_PX), s * (WIDTH + SEPARATOR_PX)
-        tile = picture[top : top + HEIGHT, left : left + WIDTH]
-        assert (tile[10:] == samples[t, s, 10:]).all()
-        assert (tile[:10] == (INVALID_RGB if (t, s) == (1, 2) else samples[t, s, :10])).all()
-    assert (picture[HEIGHT : HEIGHT + SEPARATOR_PX] == SEPARATOR_RGB).all()
-    assert (picture[:, WIDTH : WIDTH + SEPARATOR_PX] == SEPARATOR_RGB).all()
-
-
-def test_tiles_of_grey_and_of_float_samples() -> None:
-    grey = np.full((ROWS, COLS, HEIGHT, WIDTH, 1), 90, np.uint8)
-    assert (tiles(light_field(samples=grey))[0, 0] == [90, 90, 90]).all()
-    bright = np.full((ROWS, COLS, HEIGHT, WIDTH, 3), [0.5, 1.7, -0.2], np.float32)
-    assert (tiles(light_field(samples=bright))[0, 0] == [128, 255, 0]).all()
 
 
 def test_metric_slope_is_px_per_mm_of_view_position() -> None:

@@ -1,0 +1,51 @@
+"""The files of a device: all that there should be, every check passed and stated, mirrors sheet by sheet."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import ezdxf
+
+from mirrorcam.cad.device_files import write_sheets
+from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
+
+Built = tuple[Layout, Path, dict[str, Metric]]
+PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
+WHOLE = {"index.html", "guide.md", "bom.md", "bom.csv", "bom.json", "checks.json", "assembly.step", "assembly.glb"}
+
+
+def test_the_default_layout_gives_all_files_and_passes(built_default: Built) -> None:
+    _, folder, checks = built_default
+    expected = {f"parts/{part}{suffix}" for part in PARTS for suffix in (".step", ".stl", ".3mf")}
+    expected |= {f"drawings/{part}{suffix}" for part in PARTS for suffix in (".svg", ".pdf")}
+    assert expected | WHOLE <= {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+    assert {name: check for name, check in checks.items() if not check.passed} == {}
+    written = json.loads((folder / "checks.json").read_text(encoding="utf-8"))
+    assert {name: entry["value"] for name, entry in written.items()} == {n: c.value for n, c in checks.items()}
+    assert written["mirrors.seat_offset_um"]["limit"] == 1.0
+    assert {name.partition(".")[0] for name in checks} >= {*PARTS, "device", "mirrors"}
+
+
+def test_second_surface_mirrors_pass_as_well(built_second_surface: Built) -> None:
+    _, _, checks = built_second_surface
+    assert {name: check for name, check in checks.items() if not check.passed} == {}
+
+
+def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layout, tmp_path: Path) -> None:
+    first, *others = default_layout.mirrors
+    mixed = default_layout.replaced(mirrors=(first.replaced(thickness_mm=2.0), *others))
+    for layout, stems in ((default_layout, ["mirrors"]), (mixed, ["mirrors_1", "mirrors_2"])):
+        folder = tmp_path / str(len(stems))
+        sheets = write_sheets(folder, layout, HARDWARE.cutting)
+        assert [sheet.stem for sheet in sheets] == stems
+        assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(mirror_names(layout))
+        drawn = {f"{stem}{suffix}" for stem in stems for suffix in (".dxf", ".svg")}
+        assert {path.name for path in folder.iterdir()} == drawn
+        for sheet in sheets:
+            assert len(ezdxf.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')) == len(
+                sheet.cuts
+            )

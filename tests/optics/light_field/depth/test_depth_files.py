@@ -1,0 +1,71 @@
+"""Depth maps as files: they come back to the bit, and only to the light field that they were found in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.depth.depth_files import load_depth, save_depth
+from mirrorcam.optics.light_field.depth.depth_map import DepthMap
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from tests.optics.light_field.depth.surfaces import grid_views
+
+VIEWS = grid_views(width_px=12, height_px=9)
+
+
+def light_field(views: Views = VIEWS) -> LightField:
+    """Black views."""
+    shape = (views.rows, views.cols, views.height_px, views.width_px)
+    return LightField.of(views, np.zeros((*shape, 3), np.uint8), np.ones(shape, np.float32))
+
+
+def random_depth(**changes: Any) -> DepthMap:
+    """Any depth of the reference view, with pixels that have none."""
+    random = np.random.default_rng(3)
+    depth, sigma, confidence = random.uniform(300.0, 900.0, (3, 9, 12)).astype(np.float32)
+    depth[random.random(depth.shape) < 0.2] = np.nan
+    given: dict[str, Any] = {"depth_mm": depth, "sigma_mm": sigma, "confidence": confidence / np.float32(900.0)}
+    return DepthMap(**({"views": VIEWS, "view": (1, 1), **given} | changes))
+
+
+def test_what_was_saved_comes_back_to_the_bit(tmp_path: Path) -> None:
+    depth = random_depth()
+    save_depth(tmp_path / "depth.npz", depth)
+    found = load_depth(tmp_path / "depth.npz", light_field())
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, depth.depth_mm)
+    with np.load(tmp_path / "depth.npz") as archive:
+        np.testing.assert_array_equal(archive["sigma_mm"], depth.sigma_mm)
+        np.testing.assert_array_equal(archive["confidence"], depth.confidence)
+
+
+@pytest.mark.parametrize(
+    ("depth", "views", "message"),
+    [
+        (random_depth(), replace(VIEWS, layout_identity="fed"), "of layout '0123456789abcdef', but the light field"),
+        (random_depth(view=(0, 2)), VIEWS, r"depth of view \(0, 2\), expected that of the reference view"),
+        (random_depth(view=(7, 0)), VIEWS, r"depth of view \(7, 0\), expected that of the reference view"),
+        (random_depth(), replace(VIEWS, width_px=14), r"depth of \(9, 12\) px, expected \(9, 14\)"),
+    ],
+)
+def test_depth_of_another_light_field_is_refused(depth: DepthMap, views: Views, message: str, tmp_path: Path) -> None:
+    save_depth(tmp_path / "depth.npz", depth)
+    with pytest.raises(InputError, match=message):
+        load_depth(tmp_path / "depth.npz", light_field(views))
+
+
+def test_other_files_are_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
+    np.savez(tmp_path / "other.npz", depth_mm=np.zeros((9, 12)))
+    np.save(tmp_path / "array.npy", np.zeros((9, 12)))
+    for name in ("text.npz", "other.npz", "array.npy"):
+        with pytest.raises(InputError, match=f"{name}: not a depth map of mirrorcam depth") as refused:
+            load_depth(tmp_path / name, light_field())
+        assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match=r"missing\.npz"):
+        load_depth(tmp_path / "missing.npz", light_field())
