@@ -46,6 +46,5 @@ def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layo
         drawn = {f"{stem}{suffix}" for stem in stems for suffix in (".dxf", ".svg")}
         assert {path.name for path in folder.iterdir()} == drawn
         for sheet in sheets:
-            assert len(ezdxf.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')) == len(
-                sheet.cuts
-            )
+            cut = ezdxf.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')
+            assert len(cut) == len(sheet.cuts)

@@ -14,6 +14,7 @@ from mirrorcam.cad.parts.coupon import (
     CouponPlan,
     plan_coupon,
 )
+from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import corners_of
@@ -62,7 +63,7 @@ def test_rims_are_as_high_over_the_thickest_mirror_as_the_holders(default_layout
 def test_the_gauges_are_the_lens_ring_and_a_little_less_and_more(coupon: CouponPlan) -> None:
     ring = HARDWARE.camera.lens_ring_mm
     assert [2.0 * bore.radius_mm for bore in gauges(coupon)] == pytest.approx([ring + step for step in LENS_STEPS_MM])
-    stated = sorted(hole.diameter_mm for hole in coupon.dimensions if "diameter_mm" in vars(hole))
+    stated = sorted(hole.diameter_mm for hole in coupon.dimensions if isinstance(hole, Hole))
     assert set(np.round([ring + step for step in LENS_STEPS_MM], 3)) <= set(stated)
     for bore in gauges(coupon):
         top, bottom = bore.mouth[2], bore.mouth[2] - bore.depth_mm
