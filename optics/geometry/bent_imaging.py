@@ -37,12 +37,18 @@ Pair = tuple[FloatArray, FloatArray]
 class _Base:
     """The planes that bent mirrors stand off from.
 
-    Attributes:
-        normal: unit normals (3, n).
-        distance_mm: from the pupil (n,).
-        axes: the x and y axis (3, n) of each mirror's own frame.
-        middle_mm: means (3, n) of the outlines' corners, with the coordinates `middle_uv_mm` along the axes.
-        bend_per_mm: the curvature (3, n).
+    Attributes
+    ----------
+    normal
+        Unit normals (3, n).
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    axes
+        The x and y axis (3, n) of each mirror's own frame.
+    middle_mm
+        Means (3, n) of the outlines' corners, with the coordinates `middle_uv_mm` along the axes.
+    bend_per_mm
+        The curvature (3, n).
     """
 
     normal: FloatArray
@@ -64,14 +70,22 @@ class _Base:
 class _TangentPlanes:
     """Tangent planes of bent surfaces at (u, v).
 
-    Attributes:
-        base: the planes that the surfaces stand off from.
-        uv_mm: where they touch (n,), (n,).
-        normal: unit normals (3, n).
-        distance_mm: from the pupil (n,).
-        length: of the normals before they are scaled to 1 (n,).
-        reach_mm: where they touch along the axes, from the pupil's foot (n,), (n,).
-        slope: dh/du, dh/dv (n,), (n,).
+    Attributes
+    ----------
+    base
+        The planes that the surfaces stand off from.
+    uv_mm
+        The places (n,), (n,) where they touch.
+    normal
+        Unit normals (3, n).
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    length
+        Lengths (n,) of the normals before they are scaled to 1.
+    reach_mm
+        The same places along the axes, from the foot of the pupil (n,), (n,).
+    slope
+        Slopes dh/du, dh/dv (n,), (n,).
     """
 
     base: _Base

@@ -14,12 +14,18 @@ from mirrorcam.optics.base.values import FloatArray
 class MirrorArrays:
     """The mirrors that points (3, n) are seen in; n may be 1 for one mirror of all points.
 
-    Attributes:
-        centre_mm: virtual centres (3, n) of the reflecting planes.
-        middle_mm: means (3, n) of the outlines' corners.
-        thickness_mm: of the plate before the reflecting surface (n,); 0 of first-surface mirrors.
-        refractive_index: of the plate (n,).
-        curvature_per_m: (3, n), xx, yy and xy; see `Mirror`.
+    Attributes
+    ----------
+    centre_mm
+        Virtual centres (3, n) of the reflecting planes.
+    middle_mm
+        Means (3, n) of the outlines' corners.
+    thickness_mm
+        Thickness (n,) of the plate before the reflecting surface; 0 of first-surface mirrors.
+    refractive_index
+        Refractive index (n,) of the plate.
+    curvature_per_m
+        Curvature (3, n): xx, yy and xy; see `Mirror`.
     """
 
     centre_mm: FloatArray
@@ -33,11 +39,16 @@ class MirrorArrays:
 class ImageDerivatives:
     """Derivatives of a values, each of one point's image.
 
-    Attributes:
-        point: by the point (a, 3, n).
-        centre: by the virtual centre (a, 3, n).
-        thickness: by the thickness (a, n).
-        curvature: by the curvature (a, 3, n), or (a, 0, n) of mirrors that are taken as flat.
+    Attributes
+    ----------
+    point
+        By the point (a, 3, n).
+    centre
+        By the virtual centre (a, 3, n).
+    thickness
+        By the thickness (a, n).
+    curvature
+        By the curvature (a, 3, n), or (a, 0, n) of mirrors that are taken as flat.
     """
 
     point: FloatArray

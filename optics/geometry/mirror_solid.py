@@ -14,9 +14,12 @@ from mirrorcam.optics.base.values import FloatArray
 class MirrorSolid:
     """A prism over a convex outline.
 
-    Attributes:
-        corners_in_rig_mm: corners (2n, 3): those of the reflecting face, then those of the opposite face, alike.
-        normal_in_rig: unit normal (3,) of the reflecting face, towards the pupil.
+    Attributes
+    ----------
+    corners_in_rig_mm
+        Corners (2n, 3): those of the reflecting face, then those of the opposite face, alike.
+    normal_in_rig
+        Unit normal (3,) of the reflecting face, towards the pupil.
     """
 
     corners_in_rig_mm: FloatArray

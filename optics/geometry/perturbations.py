@@ -23,15 +23,24 @@ DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens th
 class Perturbations:
     """Deviations of n devices of m mirrors from their design.
 
-    Attributes:
-        focal: relative error (n,) of the focal length.
-        centre_px: error (n, 2) of the principal point.
-        lens: error (n, 5) of k1 k2 p1 p2 k3.
-        tilts_rad: rotation (n, m, 2) of each mirror about the x and y axis of its own plane.
-        shifts_mm: shift (n, m) of each mirror along its normal.
-        thickness_mm: error (n,) of the thickness of the stock sheet that all mirrors of a device are cut from.
-        camera_shifts_mm: position (n, 3) of the pupil in the frame of the holder (the rig as designed).
-        camera_turns_rad: rotation vector (n, 3) of holder_from_camera.
+    Attributes
+    ----------
+    focal
+        Relative error (n,) of the focal length.
+    centre_px
+        Error (n, 2) of the principal point.
+    lens
+        Error (n, 5) of k1 k2 p1 p2 k3.
+    tilts_rad
+        Rotation (n, m, 2) of each mirror about the x and y axis of its own plane.
+    shifts_mm
+        Shift (n, m) of each mirror along its normal.
+    thickness_mm
+        Error (n,) of the thickness of the stock sheet that all mirrors of a device are cut from.
+    camera_shifts_mm
+        Position (n, 3) of the pupil in the frame of the holder (the rig as designed).
+    camera_turns_rad
+        Rotation vector (n, 3) of holder_from_camera.
     """
 
     focal: FloatArray
@@ -86,14 +95,22 @@ def perturbed_camera(camera: Camera, perturbations: Perturbations, device: int) 
 class Devices:
     """The mirrors and the pupils of n devices in the frame of their holder, which is the rig frame as designed.
 
-    Attributes:
-        normals: unit normals (n, m, 3) on the reflecting side.
-        middles_mm: means (n, m, 3) of the outlines' corners, which lie on the reflecting planes.
-        axes: the x and y axis (n, m, 3, 2) of each mirror's own frame.
-        outlines_mm: corners (n, m, k, 3); those of mirrors with fewer than k repeat their last.
-        thicknesses_mm: of the mirrors (n, m).
-        pupils_mm: positions of the cameras' pupils (n, 3).
-        holder_from_camera: rotations of the cameras (n, 3, 3).
+    Attributes
+    ----------
+    normals
+        Unit normals (n, m, 3) on the reflecting side.
+    middles_mm
+        Means (n, m, 3) of the outlines' corners, which lie on the reflecting planes.
+    axes
+        The x and y axis (n, m, 3, 2) of each mirror's own frame.
+    outlines_mm
+        Corners (n, m, k, 3); those of mirrors with fewer than k repeat their last.
+    thicknesses_mm
+        Thicknesses (n, m) of the mirrors.
+    pupils_mm
+        Positions of the cameras' pupils (n, 3).
+    holder_from_camera
+        Rotations of the cameras (n, 3, 3).
     """
 
     normals: FloatArray

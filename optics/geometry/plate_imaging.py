@@ -41,18 +41,30 @@ class _Partials:
 class PlatePath:
     """Light from the pupil to points by way of plane reflecting surfaces behind plates.
 
-    Attributes:
-        point_mm: the points (3, n).
-        normal: unit normals (3, n) of the planes, towards the pupil.
-        distance_mm: of the planes from the pupil (n,).
-        thickness_mm: of the plates (n,).
-        height_mm: of the points along the normal, from the pupil (n,).
-        across_mm: what of the points is along the plane (3, n), with the square `squared_mm2` (n,) of its length l.
-        air_mm: A (n,).
-        g: tan' / tan (n,).
-        s_per_mm: tan / l (n,).
-        alpha_per_mm: 2 t s^2 dg / dtan^2 (n,).
-        slope_mm: A + 2 t g + 2 alpha l^2 (n,), the derivative in the implicit equation of s.
+    Attributes
+    ----------
+    point_mm
+        The points (3, n).
+    normal
+        Unit normals (3, n) of the planes, towards the pupil.
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    thickness_mm
+        Thicknesses (n,) of the plates.
+    height_mm
+        Heights (n,) of the points along the normal, from the pupil.
+    across_mm
+        Components (3, n) of the points along the plane, with the square `squared_mm2` (n,) of their length l.
+    air_mm
+        The length A (n,).
+    g
+        The ratio tan' / tan (n,).
+    s_per_mm
+        The ratio tan / l (n,).
+    alpha_per_mm
+        The term 2 t s^2 dg / dtan^2 (n,).
+    slope_mm
+        The sum A + 2 t g + 2 alpha l^2 (n,), the derivative in the implicit equation of s.
     """
 
     point_mm: FloatArray

@@ -51,11 +51,16 @@ class Probe:
 class DesignReference:
     """A design and the points at which devices are compared with it.
 
-    Attributes:
-        design: its views, n = 1.
-        probes: one per working depth.
-        reference_mm: depth of the reference plane of decoding, midway in disparity between the working depths.
-        window: the part of it that decoded views show: the bounding box of what is common to all views of the design.
+    Attributes
+    ----------
+    design
+        Its views, of one device: n = 1.
+    probes
+        One per working depth.
+    reference_mm
+        Depth of the reference plane of decoding, midway in disparity between the working depths.
+    window
+        The part of it that decoded views show: the bounding box of what is common to all views of the design.
     """
 
     design: BuiltViews

@@ -32,16 +32,26 @@ FAR_NORMALIZED = 1e3
 class BuiltViews:
     """The views of n devices of m mirrors, in the view axes of their holders, mm.
 
-    Attributes:
-        layout: the design.
-        cameras: the camera of each device, the same object where it is not perturbed.
-        pupils_mm: positions of the pupils (n, 3).
-        view_from_camera: rotations of the cameras (n, 3, 3).
-        normals: of the apparent mirrors (`Mirror.apparent`), (n, m, 3).
-        centres_mm: virtual camera centres (n, m, 3).
-        outlines: the mirrors' outlines (n, m) in each camera's normalized coordinates.
-        shown: the part of each that shows the scene.
-        sub_images: the part of those that lies on the sensor and whose rays are reflected towards the scene.
+    Attributes
+    ----------
+    layout
+        The design.
+    cameras
+        The camera of each device, the same object where it is not perturbed.
+    pupils_mm
+        Positions of the pupils (n, 3).
+    view_from_camera
+        Rotations of the cameras (n, 3, 3).
+    normals
+        Unit normals (n, m, 3) of the apparent mirrors (`Mirror.apparent`).
+    centres_mm
+        Virtual camera centres (n, m, 3).
+    outlines
+        The mirrors' outlines (n, m) in each camera's normalized coordinates.
+    shown
+        The part (n, m) of each outline that shows the scene.
+    sub_images
+        The part (n, m) of those that lies on the sensor and whose rays are reflected towards the scene.
     """
 
     layout: Layout

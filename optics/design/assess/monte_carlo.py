@@ -44,14 +44,20 @@ class Spread:
 class Study:
     """The tolerance analysis of a layout.
 
-    Attributes:
-        tolerances: those of `spreads[1.0]`.
-        devices: the number drawn.
-        spreads: by accuracy (a factor on the tolerances of printing and assembling; those of the camera stay), then by
-            figure.
-        hidden: by accuracy, the fraction of devices in which a mirror hides a part of another from the camera.
-        shares: by cause, then by figure: the mean square deviation from the design with that tolerance alone, as a
-            fraction of the sum over causes. For a figure that depends linearly, that is its share of the variance.
+    Attributes
+    ----------
+    tolerances
+        The tolerances of `spreads[1.0]`.
+    devices
+        Number of devices drawn.
+    spreads
+        Spread of each figure, by accuracy (a factor on the tolerances of printing and assembling; those of the camera
+        stay), then by figure.
+    hidden
+        Fraction of devices in which a mirror hides a part of another from the camera, by accuracy.
+    shares
+        Mean square deviation from the design with one tolerance alone, as a fraction of the sum over causes, by cause,
+        then by figure. For a figure that depends linearly, that is its share of the variance.
     """
 
     tolerances: Tolerances

@@ -23,14 +23,22 @@ class Kind:
 class MirrorVariables:
     """One mirror in expressions; a second-surface mirror as its *apparent* mirror (see `Mirror.apparent`).
 
-    Attributes:
-        centre: virtual centre (3).
-        corners: of its sub-image, in normalized coordinates (2).
-        face: corners (3) of its face.
-        normal: unit normal (3) of the face, away from the pupil.
-        before: extent of the solid from the face towards the pupil.
-        behind: extent of the solid from the face away from the pupil.
-        entry: offset (3) along the face between where light meets the front and where it meets the reflecting surface.
+    Attributes
+    ----------
+    centre
+        Virtual centre (3).
+    corners
+        Corners (2) of its sub-image, in normalized coordinates.
+    face
+        Corners (3) of its face.
+    normal
+        Unit normal (3) of the face, away from the pupil.
+    before
+        Extent of the solid from the face towards the pupil.
+    behind
+        Extent of the solid from the face away from the pupil.
+    entry
+        Offset (3) along the face between where light meets the front and where it meets the reflecting surface.
     """
 
     centre: Expression

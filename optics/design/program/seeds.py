@@ -27,10 +27,14 @@ OUTLINE_DECIMALS_MM = 9
 class Seed:
     """Mirrors to start from, row by row, in units of the scale.
 
-    Attributes:
-        centres: virtual centres (n, 3) in view axes.
-        corners: of the sub-images (n, sides, 2), normalized.
-        half_tile: half the size (2,) of a tile, normalized.
+    Attributes
+    ----------
+    centres
+        Virtual centres (n, 3) in view axes.
+    corners
+        Corners (n, sides, 2) of the sub-images, normalized.
+    half_tile
+        Half the size (2,) of a tile, normalized.
     """
 
     centres: FloatArray

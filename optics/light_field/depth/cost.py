@@ -69,9 +69,12 @@ def best_half(costs: Sequence[Grey], groups: Sequence[Sequence[int]]) -> Cost:
 class _Block:
     """Neighbouring planes between which a view's picture only shifts, but for less than `WARP_PX`.
 
-    Attributes:
-        matrix: (2, 3) from pixels of a padded picture to those of the view, for the plane amid the block.
-        size: width and height of the padded picture.
+    Attributes
+    ----------
+    matrix
+        Affine transform (2, 3) from pixels of a padded picture to those of the view, for the middle plane of the block.
+    size
+        Width and height of the padded picture.
     """
 
     matrix: FloatArray
@@ -81,10 +84,14 @@ class _Block:
 class Planes:
     """Planes across the view axis, and which of their pixels the views do not see; built once for a geometry.
 
-    Args:
-        views: of the size of the pictures to come.
-        seen: (t, s, v, u) float32, 1 where a view has a sample and 0 elsewhere.
-        inverse_distances: of the planes (n,), evenly spaced.
+    Parameters
+    ----------
+    views
+        Geometry of the views, with the size of the pictures to come.
+    seen
+        Mask (t, s, v, u), float32: 1 where a view has a sample and 0 elsewhere.
+    inverse_distances
+        Inverse distances (n,) of the planes from the reference view, 1/mm, evenly spaced.
     """
 
     def __init__(self, views: Views, seen: NDArray[np.float32], inverse_distances: FloatArray):

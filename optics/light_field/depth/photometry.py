@@ -69,9 +69,14 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     The gain is a plane over the view, g = a + b u + c v, fitted to what both show of the same places; places that
     differ too much, hidden in one of them, lose their say round after round (Geman-McClure weights).
 
-    Args:
-        across, down: pixels (m, n) of the view that show the places.
-        reference: what `patches` says of them (m, n) in the reference view.
+    Parameters
+    ----------
+    picture
+        The view (v, u), 0 to 255, `NO_SAMPLE` where there is none.
+    across, down
+        Pixels u, v (m, n) of the view that show some places of the reference view.
+    reference
+        Brightness (m, n) of these places in the reference view, as `patches` gives it.
     """
     theirs = np.asarray(
         cv2.remap(patches(picture), across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0)

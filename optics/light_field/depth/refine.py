@@ -38,12 +38,17 @@ MEDIAN_PX = 5
 class MatchStatistics:
     """Statistics of the match at an inverse distance (v, u), from the step towards it.
 
-    Attributes:
-        information: sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less
-            what noise alone would fake.
-        variance: of the differences between views, grey^2.
-        agreeing: how many other views show the same there, as a sum of weights from 0 to 1.
-        seeing: how many other views look there.
+    Attributes
+    ----------
+    information
+        Sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less the sum that is
+        expected of noise alone.
+    variance
+        Variance of the differences between views, grey^2.
+    agreeing
+        Number of other views that show the same there, as a sum of weights from 0 to 1.
+    seeing
+        Number of other views that have a sample there.
     """
 
     information: Float32

@@ -41,11 +41,16 @@ def _turned(volume: Cost) -> Cost:
 def aggregate(volume: Cost, next_plane: int, any_plane: int, run: Map = map) -> Cost:
     """The summed path costs (v, n, u) of a cost volume (v, n, u): along rows and columns, both ways.
 
-    Args:
-        volume: matching costs; four times (the largest + `any_plane`) must fit 16 bits.
-        next_plane: price of going on to a neighbouring plane.
-        any_plane: price of going on to any other plane.
-        run: `map`, or the one of a pool of threads.
+    Parameters
+    ----------
+    volume
+        Matching costs (v, n, u); four times (the largest + `any_plane`) must fit 16 bits.
+    next_plane
+        Penalty of a step to a neighbouring plane.
+    any_plane
+        Penalty of a step to any other plane.
+    run
+        `map`, or that of a pool of threads.
     """
     rows, _, columns = volume.shape
     across = _turned(volume)

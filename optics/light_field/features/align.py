@@ -89,15 +89,23 @@ class ImagePyramid:
 class Templates:
     """Patches of the reference view on one level of the pyramid, SAMPLES each.
 
-    Attributes:
-        level: of the pyramid.
-        index: (m,) which keypoints.
-        patches: (m, SAMPLES) of mean zero and length one.
-        steps: (m, 2, SAMPLES) what a difference from the patch says of how far it has moved, in px of the level.
-        slants: (m, 2, 2, SAMPLES) how it changes, along u and v, by a move in proportion to the offset along u and v;
-            less what a move of the whole patch explains.
-        products: (m, 2, 2, 2, 2) of the slants with each other.
-        leaning: (m, 2, 2, 2) px of the level along u and v that a patch would seem to move by each of these moves.
+    Attributes
+    ----------
+    level
+        Level of the pyramid.
+    index
+        Indices (m,) of the keypoints.
+    patches
+        Samples (m, SAMPLES), of mean zero and length one.
+    steps
+        Least-squares operator (m, 2, SAMPLES) from a difference from the patch to its move, px of the level.
+    slants
+        Change (m, 2, 2, SAMPLES) of the patch by a move along u and v in proportion to the offset along u and v, less
+        the part that a move of the whole patch explains.
+    products
+        Inner products (m, 2, 2, 2, 2) of the slants with each other.
+    leaning
+        Apparent move (m, 2, 2, 2) of the whole patch along u and v by each of these moves, px of the level.
     """
 
     level: int
@@ -151,12 +159,16 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
 class AlignedPatches:
     """Positions at which views see the patches of keypoints.
 
-    Attributes:
-        pixels: (views, n, 2); NaN where a view was not looked at.
-        alike: (views, n) how like the patch it looks there, the normalized cross-correlation; 0 where not looked at and
-            for keypoints without a template.
-        slant_covariance: (n, 3, 3) of w, d, e (see `slope`) from not knowing the slants better, in px/mm of the views:
-            of the whole movement per mm that a view moves. It is one error in all views, which no residual shows.
+    Attributes
+    ----------
+    pixels
+        Pixels (views, n, 2) where the patches are seen; NaN where a view was not looked at.
+    alike
+        Normalized cross-correlation (views, n) with the patch; 0 where a view was not looked at, and for keypoints
+        without a template.
+    slant_covariance
+        Covariance (n, 3, 3) of w, d, e (see `slope`) due to the uncertainty of the slants, as the whole movement in px
+        per mm of view position. The error is common to all views, so that no residual shows it.
     """
 
     pixels: FloatArray
@@ -175,13 +187,22 @@ def align(
 ) -> AlignedPatches:
     """Move and slant the patches of keypoints until views look like them.
 
-    Args:
-        pyramid, given: of all views; the patches of the reference view.
-        views: numbers of the views to look at.
-        start_px: where these are expected to see the keypoints (views, n, 2); NaN where not to look.
-        across_mm: their positions (views, 2).
-        distance_mm: (n,) about how far away the keypoints are.
-        run: `map`, or that of a pool of threads.
+    Parameters
+    ----------
+    pyramid
+        Image pyramid of all views.
+    given
+        Patches of the reference view.
+    views
+        Numbers of the views to look at.
+    start_px
+        Pixels (views, n, 2) where these are expected to see the keypoints; NaN where not to look.
+    across_mm
+        Positions (views, 2) of these views across the view axis.
+    distance_mm
+        Approximate distance (n,) of the keypoints.
+    run
+        `map`, or that of a pool of threads.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
     covariance = np.zeros((start_px.shape[1], 3, 3))

@@ -27,11 +27,16 @@ FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZ
 class Keypoints:
     """Keypoints of one view.
 
-    Attributes:
-        pixels: (n, 2) as (u, v).
-        scale_px: (n,) how many pixels of the view are one of the image scale that a keypoint was found at.
-        angle: (n,) orientation, radians.
-        descriptors: (n, d): binary ones as uint64 words, SIFT's as float32 of unit length.
+    Attributes
+    ----------
+    pixels
+        Pixels (n, 2) as (u, v).
+    scale_px
+        Size (n,), in pixels of the view, of one pixel of the image scale that a keypoint was found at.
+    angle
+        Orientation (n,), radians.
+    descriptors
+        Descriptors (n, d): binary ones as uint64 words, those of SIFT as float32 of unit length.
     """
 
     pixels: FloatArray

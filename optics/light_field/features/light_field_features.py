@@ -53,27 +53,43 @@ COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
 class Features:
     """Features of one light field (n of them), in the order of their keypoints; arrays are read-only.
 
-    Attributes:
-        detector: its name.
-        pixels: (n, 2) where the consolidated fit has them in the reference view, as (u, v).
-        scale_px: (n,) scale they were found at, 1 the finest.
-        disparity_px: (n,) consolidated slope, px per mean step along s (of one column of views: along t), positive
-            nearer than the reference plane: -du/ds.
-        disparity_sigma_px: (n,) its standard deviation.
-        points_in_rig_mm: (n, 3).
-        depth_mm: (n,) from the pupil along view z.
-        depth_sigma_mm: (n,) its standard deviation.
-        residual_px: (n,) root mean square distance of where views see them from where the fit expects them.
-        seen: (n, t, s) in which views they were found, the reference view included.
-        seen_px: (n, t, s, 2) where; NaN where not.
-        apart_disparity_px: (n, 2) the slopes along s and along t estimated apart, each as `disparity_px` (both in px
-            per mean step of the same axis, so that they are equal for a point); NaN where views in one line, or too
-            few, cannot tell.
-        two_slope_sigma: (n,) how many standard deviations the two principal slopes are apart; NaN where unknown.
-        refracted: (n,) whether that is more than the test's limit: seen by way of a curved or through a refracting
-            surface; their depth is not that of anything at this pixel.
-        descriptors: (n, d) of the reference view: bits as uint64 words, SIFT's as float32 (RootSIFT).
-        layout_identity: of the light field.
+    Attributes
+    ----------
+    detector
+        Name of the detector.
+    pixels
+        Pixels (n, 2) of the consolidated fit in the reference view, as (u, v).
+    scale_px
+        Scale (n,) they were found at, 1 the finest.
+    disparity_px
+        Consolidated slope (n,), px per mean step along s (of one column of views: along t), positive nearer than the
+        reference plane: -du/ds.
+    disparity_sigma_px
+        Standard deviation (n,) of the disparity.
+    points_in_rig_mm
+        Points (n, 3) in rig.
+    depth_mm
+        Depth (n,) from the pupil along view z.
+    depth_sigma_mm
+        Standard deviation (n,) of the depth.
+    residual_px
+        Root mean square distance (n,) between the pixels where views see them and those that the fit predicts.
+    seen
+        Views (n, t, s) in which they were found, the reference view included.
+    seen_px
+        Pixels (n, t, s, 2) where they were found; NaN where they were not.
+    apart_disparity_px
+        Slopes (n, 2) along s and along t estimated apart, each as `disparity_px` (both in px per mean step of the same
+        axis, so that they are equal for a point); NaN where the views lie in one line or are too few.
+    two_slope_sigma
+        Difference (n,) of the two principal slopes in standard deviations; NaN where unknown.
+    refracted
+        Whether (n,) that difference exceeds the test's limit: the feature is seen by way of a curved or through a
+        refracting surface, and its depth is not that of anything at this pixel.
+    descriptors
+        Descriptors (n, d) in the reference view: bits as uint64 words, those of SIFT as float32 (RootSIFT).
+    layout_identity
+        Identity of the layout of the light field.
     """
 
     detector: DetectorName

@@ -32,10 +32,14 @@ ENOUGH_VOTES = 0.8
 class Candidates:
     """For each of n keypoints of the reference view matches in other views; NaN where there are fewer.
 
-    Attributes:
-        inverse_mm: (n, views, KEPT) the slope that each match tells.
-        off_line_px: (n, views, KEPT) how far it is from the line that the keypoint moves on.
-        rate_px_mm: (n, views, KEPT) px that a match moves on this line per 1/mm.
+    Attributes
+    ----------
+    inverse_mm
+        Inverse distance (n, views, KEPT) of each match, 1/mm.
+    off_line_px
+        Distance (n, views, KEPT) of the match from the line that the keypoint moves on.
+    rate_px_mm
+        Rate (n, views, KEPT) at which a match moves on this line, px per 1/mm.
     """
 
     inverse_mm: FloatArray

@@ -70,13 +70,21 @@ class Geometry:
 class SlopeFit:
     """Points by least squares over the views that see them.
 
-    Attributes:
-        directions: a (n, 2).
-        inverse_mm: w (n,).
-        distances_px: (views, n) between where a point is seen and where the fit expects it; NaN where it is not seen.
-        information: (n,) of w, in 1 / (mm^-2) for noise of one pixel: its variance is noise^2 / information.
-        squares_px2: (n,) sum of squared distances over the views used.
-        freedom: (n,) numbers beyond the three unknowns.
+    Attributes
+    ----------
+    directions
+        Directions a (n, 2).
+    inverse_mm
+        Inverse distances w (n,).
+    distances_px
+        Distance (views, n) between the pixel where a point is seen and the one that the fit predicts; NaN where it is
+        not seen.
+    information
+        Information (n,) on w, in 1 / (mm^-2), for noise of one pixel: the variance of w is noise^2 / information.
+    squares_px2
+        Sum (n,) of squared distances over the views used.
+    freedom
+        Degrees of freedom (n,): measured numbers less the three unknowns.
     """
 
     directions: FloatArray
@@ -119,12 +127,18 @@ def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_
 class TwoSlopes:
     """Slopes along s and t estimated apart.
 
-    Attributes:
-        matrices_mm: W (n, 2, 2), 1/mm; NaN where the views used do not tell it.
-        apart_mm: (n, 2) d and e, 1/mm.
-        apart_covariance: (n, 2, 2) of these for noise of one pixel.
-        squares_px2: (n,) sum of squared distances that remain.
-        freedom: (n,) numbers beyond the five unknowns.
+    Attributes
+    ----------
+    matrices_mm
+        Matrices W (n, 2, 2), 1/mm; NaN where the views used do not determine them.
+    apart_mm
+        The components d and e (n, 2), 1/mm.
+    apart_covariance
+        Covariance (n, 2, 2) of these for noise of one pixel.
+    squares_px2
+        Sum (n,) of squared residual distances.
+    freedom
+        Degrees of freedom (n,): measured numbers less the five unknowns.
     """
 
     matrices_mm: FloatArray

@@ -46,11 +46,17 @@ class Lost:
 class Video:
     """A video file.
 
-    Attributes:
-        width_px, height_px, rate_hz: as the file says.
-        count: frames that the file says it has; None where it does not say.
+    Attributes
+    ----------
+    width_px, height_px, rate_hz
+        Size and frame rate that the file states.
+    count
+        Number of frames that the file states; None where it states none.
 
-    Raises InputError for what is not a video, or one that is cut off before the index that it cannot be read without.
+    Raises
+    ------
+    InputError
+        For a file that is not a video, or one that is cut off before the index that it cannot be read without.
     """
 
     def __init__(self, path: Path) -> None:

@@ -20,11 +20,16 @@ Depth = NDArray[np.float32]
 class Assumed:
     """Geometry for files that do not state their own; what a file states takes precedence.
 
-    Attributes:
-        rows, cols: number of views down and across.
-        step_mm: distance of neighbouring views.
-        focal_px: focal length of the views.
-        reference_depth_mm: distance of the plane of zero disparity from the views.
+    Attributes
+    ----------
+    rows, cols
+        Number of views down and across.
+    step_mm
+        Distance of neighbouring views.
+    focal_px
+        Focal length of the views.
+    reference_depth_mm
+        Distance of the plane of zero disparity from the views.
     """
 
     rows: int | None = None
@@ -49,11 +54,16 @@ NOTHING = Assumed()
 class Contents:
     """Content of a file or folder of light fields.
 
-    Attributes:
-        frames: the light fields; of a recording, each is read when it is asked for.
-        depth_mm: (v, u) true depth of the central view of a single light field, from the pupil; None without one.
-        depth_range_mm: nearest and farthest depth that the file states of its scene; None without them.
-        is_recording: whether the frames are numbered ones of a stream, even where there is only one.
+    Attributes
+    ----------
+    frames
+        The light fields; of a recording, each is read when it is asked for.
+    depth_mm
+        True depth (v, u) of the central view of a single light field, from the pupil; None without one.
+    depth_range_mm
+        Nearest and farthest depth that the file states of its scene; None without them.
+    is_recording
+        Whether the frames are numbered ones of a stream, even where there is only one.
     """
 
     frames: Sequence[LightField]
@@ -66,12 +76,18 @@ class Contents:
 class Format:
     """A file format.
 
-    Attributes:
-        name: the name of the format and of its module.
-        ending: what names of its files, or of its folders where there is no point in it, end in.
-        detect: whether a file or folder is in this format, by its name and by what a folder holds.
-        write: writes a light field and, in formats that have it, the depth (v, u) of the central view.
-        read: reads with what is assumed of its geometry; None for a format that is only written.
+    Attributes
+    ----------
+    name
+        Name of the format and of its module.
+    ending
+        Text that names of its files, or of its folders where there is no point in it, end with.
+    detect
+        Whether a file or folder is in this format, by its name and by what a folder holds.
+    write
+        Writer of a light field and, in formats that have it, the depth (v, u) of the central view.
+    read
+        Reader, given what is assumed of the geometry; None for a format that is only written.
     """
 
     name: str

@@ -72,11 +72,17 @@ class Recording:
     Opened again with the same `about`, writing goes on after them, and ends in the same bytes as if it had never
     stopped.
 
-    Attributes:
-        entries: what has been written.
-        complete: whether `path` was there already, written with the same `about`; there is nothing left to do then.
+    Attributes
+    ----------
+    entries
+        Journal entries of the frames that have been written.
+    complete
+        Whether `path` was there already, written with the same `about`; there is nothing left to do then.
 
-    Raises InputError where `path` or its beginning is of something else, and where nothing can be written.
+    Raises
+    ------
+    InputError
+        Where `path` or its beginning is of something else, and where nothing can be written.
     """
 
     def __init__(self, path: Path, about: dict[str, Any], sink: Sink) -> None:
@@ -176,8 +182,10 @@ def _whole_lines(journal: Path) -> list[dict[str, Any]]:
 class Folders:
     """A sink of one folder per frame, named by its number in the source, and `frames.json`.
 
-    Args:
-        write_one: writes a light field into an empty folder.
+    Parameters
+    ----------
+    write_one
+        Function that writes a light field into an empty folder.
     """
 
     def __init__(self, write_one: Callable[[Path, LightField], None]) -> None:

@@ -99,10 +99,14 @@ class StoredLightFields(Sequence[LightField]):
 
     A recording that was cut off (NAME.partial) holds the frames that are whole.
 
-    Attributes:
-        numbers, times_s: of the frames, in the source.
-        lost: frames of the source that could not be used, with the reasons.
-        about: what the recording says of itself.
+    Attributes
+    ----------
+    numbers, times_s
+        Numbers and times of the frames in the source.
+    lost
+        Frames of the source that could not be used, with the reasons.
+    about
+        Description that the recording was written with.
     """
 
     def __init__(self, path: Path) -> None:

@@ -17,13 +17,20 @@ from mirrorcam.optics.light_field.render.refocusing import Float32, FocalPlane, 
 class Epi:
     """An epipolar-plane image of a row of views (along s), or of a column (along t).
 
-    Attributes:
-        samples: (n, length, c) float32, 0 to 1, a line of each of n views; along s left to right, t top to bottom.
-        weights: (n, length) float32, 0 where there is no sample.
-        positions_mm: (n,) of the views along the axis, as they are: not evenly spaced.
-        axis: of the views; lines run along u for s, along v for t.
-        line: row (for s) or column (for t) of the reference view.
-        plane_depth_mm: what lies at this depth stays in place from view to view.
+    Attributes
+    ----------
+    samples
+        Samples (n, length, c), float32, 0 to 1: a line of each of n views; along s left to right, t top to bottom.
+    weights
+        Weights (n, length), float32, 0 where there is no sample.
+    positions_mm
+        True positions (n,) of the views along the axis, not evenly spaced.
+    axis
+        Axis of the views; lines run along u for s, along v for t.
+    line
+        Row (for s) or column (for t) of the reference view.
+    plane_depth_mm
+        Depth of the plane that stays in place from view to view.
     """
 
     samples: Float32

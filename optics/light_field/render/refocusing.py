@@ -36,9 +36,12 @@ ROWS_AT_ONCE = 64
 class RenderedPicture:
     """A picture made of several views, in the frame of the reference view.
 
-    Attributes:
-        image: (h, w, c) float32, 0 to 1, zero where `weights` is zero.
-        weights: (h, w) float32, how many samples (in full weights) each pixel is made of.
+    Attributes
+    ----------
+    image
+        Picture (h, w, c), float32, 0 to 1, zero where `weights` is zero.
+    weights
+        Number (h, w), float32, of samples (in full weights) that each pixel is made of.
     """
 
     image: Float32

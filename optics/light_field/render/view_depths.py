@@ -25,9 +25,12 @@ EDGE_PX = 2
 class ViewDepths:
     """Nearness of what all views of a light field see.
 
-    Attributes:
-        nearness: (t, s, v, u) float32, 1 / Z in 1/mm, Z from the reference view along view z; NaN where not known.
-        sure: (t, s, v, u), where other views confirm it.
+    Attributes
+    ----------
+    nearness
+        Nearness (t, s, v, u), float32: 1 / Z in 1/mm, Z from the reference view along view z; NaN where not known.
+    sure
+        Mask (t, s, v, u) of pixels whose nearness other views confirm.
     """
 
     nearness: Float32
@@ -110,10 +113,21 @@ def landed(
 ) -> tuple[Float32, Float32]:
     """Pixels at which a pinhole at a place (3,) in the view frame, on the views' plane, sees what a view's pixels show.
 
-    Args:
-        nearness: (v, u), 1 / Z of those pixels.
+    Parameters
+    ----------
+    views
+        Geometry of the light field.
+    source
+        Row t and column s of the view.
+    place_mm
+        Position (3,) of the pinhole in the view frame.
+    nearness
+        Nearness (v, u) of the view's pixels, 1 / Z in 1/mm.
 
-    Returns pixels u, v (v, u) on the grid of the views: those of the reference plane stay where they are.
+    Returns
+    -------
+    across, down
+        Pixels u, v (v, u) on the grid of the views: those of the reference plane stay where they are.
     """
     return _seen_from(views, views.positions_mm[source], place_mm, nearness)
 

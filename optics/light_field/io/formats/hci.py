@@ -46,9 +46,12 @@ _COUNTS = ("image_resolution_x_px", "image_resolution_y_px", "num_cams_x", "num_
 class HciScene:
     """A scene of the benchmark: its light field and, where the folder has it, the truth of the central view.
 
-    Attributes:
-        disparity_px: (v, u) float32, px per view step, positive nearer than the reference plane, or None.
-        disparity_range_px: least and largest disparity of the scene, as its parameters state them, or None.
+    Attributes
+    ----------
+    disparity_px
+        Disparity (v, u), float32, px per view step, positive nearer than the reference plane, or None.
+    disparity_range_px
+        Least and largest disparity of the scene, as its parameters state them, or None.
     """
 
     light_field: LightField
