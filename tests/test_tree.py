@@ -8,22 +8,6 @@ import pytest
 
 from tests.test_architecture import FOLDERS, ROOT
 
-# Modules whose tests are elsewhere, to be moved to their place.
-ELSEWHERE = {
-    "optics/base/progress.py",
-    "optics/light_field/depth/depth_files.py",
-    "optics/light_field/depth/refine.py",
-    "optics/light_field/features/feature_files.py",
-    "optics/light_field/io/formats/zarr.py",
-    "optics/light_field/io/light_field_format.py",
-    "optics/light_field/io/pinholes.py",
-    "optics/light_field/io/view_arrays.py",
-    "optics/light_field/io/views_picture.py",
-    "cad/device_files.py",
-    "cad/parts/coupon.py",
-    "render_scenes/truth/obstacles.py",
-}
-
 
 def module_paths() -> list[str]:
     """Path of every module below the root; packages and entry points hold no code of their own to test."""
@@ -40,11 +24,7 @@ def untested(paths: list[str], root: Path) -> set[str]:
 
 def test_every_module_has_its_tests_at_the_mirrored_path() -> None:
     assert len(module_paths()) > 200
-    assert sorted(untested(module_paths(), ROOT) - ELSEWHERE) == []
-
-
-def test_the_list_of_tests_elsewhere_has_no_stale_entries() -> None:
-    assert sorted(ELSEWHERE - untested(module_paths(), ROOT)) == []
+    assert sorted(untested(module_paths(), ROOT)) == []
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import ezdxf
+import ezdxf.filemanagement
 
 from mirrorcam.cad.device_files import write_sheets
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
@@ -46,5 +46,5 @@ def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layo
         drawn = {f"{stem}{suffix}" for stem in stems for suffix in (".dxf", ".svg")}
         assert {path.name for path in folder.iterdir()} == drawn
         for sheet in sheets:
-            cut = ezdxf.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')
+            cut = ezdxf.filemanagement.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')
             assert len(cut) == len(sheet.cuts)

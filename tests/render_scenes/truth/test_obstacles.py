@@ -8,7 +8,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
 from mirrorcam.render_scenes.truth.obstacles import Obstacles
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 
@@ -37,7 +37,7 @@ def facing(layout: Layout) -> FloatArray:
     return rigid(turn, turn @ np.array([0.0, -70.0, DEPTH_MM]) - turn @ np.array([*BOARD.size_mm, 0.0]) / 2.0)
 
 
-def maps_and_corners(layout: Layout, obstacles: Obstacles | None) -> tuple[FloatArray, FloatArray]:
+def maps_and_corners(layout: Layout, obstacles: Obstacles | None) -> tuple[BoolArray, BoolArray]:
     """Where the board shows (h, w), and which of its corners are seen by way of each mirror."""
     maps = board_maps(pixel_rays(layout, mirrors=True, obstacles=obstacles), BOARD, facing(layout))
     return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).by_mirrors(facing(layout))[1]
