@@ -14,7 +14,7 @@ from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
 
 SHOWN = ("device.", "mirrors.")
-"""How the names of the checks begin that are printed beside those that fail."""
+"""Prefixes of the names of checks that are printed even if they pass."""
 
 
 class CadOptions(Value):

@@ -21,7 +21,7 @@ GROUPS = {
     "what tells depth": ("baseline", "disparity", "depth_resolution"),
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
-"""Titles of the groups of the table, each with how the names of its figures begin."""
+"""Titles of the groups of the table, each with the prefixes of the names of its figures."""
 
 
 class DesignOptions(Value):

@@ -1,4 +1,4 @@
-"""`mirrorcam epi`: lines of a light field's pictures, view beside view."""
+"""`mirrorcam epi`: epipolar-plane images of light fields."""
 
 from __future__ import annotations
 

@@ -85,6 +85,6 @@ class LightFieldsOptions(GeometryOptions):
 
 
 def say_some(title: str, lines: Sequence[str]) -> None:
-    """Print lines, of very many the first."""
+    """Print lines, at most the first `PRINTED_LINES`."""
     for line in lines[:PRINTED_LINES]:
         say(title, line)

@@ -12,7 +12,7 @@ from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
 
 def tolerances_from_text(text: str) -> Tolerances:
-    """Tolerances of a text like tilt_deg=0.3,offset_mm=0.3, the others as usual; of "none", of a perfect copy."""
+    """Parse tolerances from a text like tilt_deg=0.3,offset_mm=0.3, the others by default; "none" is a perfect copy."""
     if text == "none":
         return Tolerances.none()
     parts = [part.partition("=") for part in text.split(",") if part]
@@ -28,7 +28,7 @@ def tolerances_from_text(text: str) -> Tolerances:
 
 
 def sensor_from_text(text: str) -> SensorModel:
-    """A preset by its name, or a TOML file of a `SensorModel`."""
+    """Read a sensor model: a preset by its name, or a TOML file."""
     from mirrorcam.optics.base.files import read_model
 
     presets = {str(name): model for name, model in SENSORS.items()}

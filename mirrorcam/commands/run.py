@@ -1,4 +1,4 @@
-"""`mirrorcam run`: the whole way once."""
+"""`mirrorcam run`: the whole pipeline, from a design to a page of results."""
 
 from __future__ import annotations
 

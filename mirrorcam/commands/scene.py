@@ -48,7 +48,7 @@ class SceneOptions(Value):
 
 
 def mesh_from_text(text: str) -> NamedMesh:
-    """A mesh and its place of a text like vase.stl:10,-30,350, or of its file alone."""
+    """Parse a mesh and its place from a text like vase.stl:10,-30,350, or from the name of its file alone."""
     from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
 
     name, colon, place = text.rpartition(":")

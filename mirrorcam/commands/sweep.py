@@ -1,4 +1,4 @@
-"""`mirrorcam sweep`: from many things that could be asked for to a table and figures of what they trade."""
+"""`mirrorcam sweep`: designs for a grid of specs, with a table and a figure of their trade-offs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def count_from_text(text: str) -> tuple[int, int]:
-    """Rows and columns, of a text like 3x5."""
+    """Parse rows and columns from a text like 3x5."""
     found = re.fullmatch(r"(\d+)x(\d+)", text)
     if found is None:
         raise InputError(f"--counts {text!r}: expected rows x columns, like 3x5")
@@ -33,7 +33,7 @@ def count_from_text(text: str) -> tuple[int, int]:
 
 
 def depths_from_text(text: str) -> tuple[float, ...]:
-    """Depths, of a text like 300,500."""
+    """Parse depths from a text like 300,500."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -97,7 +97,7 @@ class SweepOptions(Value):
 
 
 def _runner(options: SweepOptions) -> tuple[Runner, str]:
-    """The runner of the designs, and its name for people."""
+    """The runner of the designs, and its description for the progress line."""
     from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 
@@ -108,7 +108,7 @@ def _runner(options: SweepOptions) -> tuple[Runner, str]:
 
 
 def summary(outcomes: Sequence[Outcome]) -> list[str]:
-    """The outcomes in lines of text: counts of each status, which constraints cannot hold, what failed."""
+    """Summarise outcomes in lines of text: counts of each status, the constraints that cannot hold, the failures."""
     statuses = Counter(outcome.status for outcome in outcomes)
     lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
     bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")

@@ -1,4 +1,4 @@
-"""A board on a sheet of paper at true scale, as PDF or SVG, with a ruler to verify the print."""
+"""Printed boards: a page at true scale, as PDF or SVG, with a ruler to verify the print."""
 
 from __future__ import annotations
 
@@ -28,21 +28,35 @@ PAGES_MM = {
     "a0": (841.0, 1189.0),
     "letter": (215.9, 279.4),
 }
-EDGE_MM = 8.0  # that printers leave white, and that a board needs around it
+EDGE_MM = 8.0  # margin that printers leave white, and that a board needs around it
 RULER_MM = 100.0
-FOOTER_MM = 12.0  # below the board, for ruler and words
-WORDS_MM = 80.0  # beside the ruler
+FOOTER_MM = 12.0  # height of ruler and text below the board
+TEXT_MM = 80.0  # width of the text beside the ruler
 LINE_MM = 3.0
-GAP_MM = 8.0  # between ruler and words
-POINTS = 7  # the size of letters
+GAP_MM = 8.0  # between ruler and text
+POINTS = 7  # font size
 FORMATS = (".pdf", ".svg")
 
 
 def page_for(target: Target, page: str) -> tuple[float, float]:
-    """Width and height, mm, of a page that holds the board and its footer, upright or across.
+    """Choose a page, portrait or landscape, that holds a board and its footer.
 
-    `page` is one of `PAGES_MM`, a WIDTHxHEIGHT in mm, taken as it is, or empty: the smallest A page. Raises InputError
-    where the board does not fit.
+    Parameters
+    ----------
+    target
+        The board.
+    page
+        A name in `PAGES_MM`; WIDTHxHEIGHT in mm, which is not turned; or empty for the smallest A page.
+
+    Returns
+    -------
+    tuple
+        Width and height of the page in mm.
+
+    Raises
+    ------
+    InputError
+        If `page` is no page, or the board does not fit on it.
     """
     needs = needed_mm(target)
     if page and page not in PAGES_MM:
@@ -61,9 +75,9 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
 
 
 def needed_mm(target: Target) -> tuple[float, float]:
-    """The least width and height of a page, mm."""
+    """Return the smallest width and height of a page, in mm, that hold a board and its footer."""
     width, height = target.size_mm
-    return max(width, RULER_MM + WORDS_MM) + 2 * EDGE_MM, height + FOOTER_MM + 3 * EDGE_MM
+    return max(width, RULER_MM + TEXT_MM) + 2 * EDGE_MM, height + FOOTER_MM + 3 * EDGE_MM
 
 
 def _custom(text: str) -> tuple[float, float]:
@@ -77,7 +91,19 @@ def _custom(text: str) -> tuple[float, float]:
 
 
 def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: str) -> None:
-    """Write the sheet atomically in the format of the suffix; the same board gives the same bytes."""
+    """Write the page of a board atomically; the same arguments give the same bytes.
+
+    Parameters
+    ----------
+    target
+        The board.
+    path
+        The file; its suffix, one of `FORMATS`, chooses the format.
+    page_mm
+        Width and height of the page.
+    name
+        Name of the board in the footer and as the title of the document.
+    """
     width, height = page_mm
     figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -102,7 +128,7 @@ def board_in_page_mm(target: Target, page_mm: tuple[float, float]) -> tuple[floa
 
 
 def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
-    """All areas as one black shape."""
+    """Draw areas as one black path."""
     rings = [ring.coords for area in areas.geoms for ring in (area.exterior, *area.interiors)]
     codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
     outline = Outline(np.concatenate([np.array(ring) for ring in rings]), np.concatenate(codes))
@@ -110,7 +136,7 @@ def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
 
 
 def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> None:
-    """A ruler of 100 mm, and beside it what the board is."""
+    """Draw a ruler of 100 mm and, beside it, the name and the dimensions of the board."""
     ticks = [
         shapely.box(
             left + at - 0.06, top, left + at + 0.06, top + (5.0 if at % 10 == 0 else 4.0 if at % 5 == 0 else 3.0)
@@ -124,7 +150,7 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     width, height = target.size_mm
     kind = "ChArUco" if isinstance(target, Charuco) else "checkerboard"
     lines = [
-        _shortened(name, WORDS_MM - GAP_MM),
+        _shortened(name, TEXT_MM - GAP_MM),
         f"{kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm",
     ]
     if isinstance(target, Charuco):
@@ -134,10 +160,10 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
         axes.text(left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM, line, fontsize=POINTS, va="baseline")
 
 
-def _shortened(text: str, room_mm: float) -> str:
-    """A text, or as much of its beginning as there is room for."""
-    room_points = room_mm / MM_PER_INCH * 72.0
+def _shortened(text: str, width_mm: float) -> str:
+    """A text, cut and ended by "..." where it is wider than `width_mm`."""
+    width_points = width_mm / MM_PER_INCH * 72.0
     kept, end = text, ""
-    while kept and TextPath((0.0, 0.0), kept + end, size=POINTS).get_extents().width > room_points:
+    while kept and TextPath((0.0, 0.0), kept + end, size=POINTS).get_extents().width > width_points:
         kept, end = kept[:-1], "..."
     return kept + end

@@ -1,4 +1,4 @@
-"""The picture of a calibration: what the model leaves unexplained, and where."""
+"""Residuals of a calibration over the sensor, and their distribution."""
 
 from __future__ import annotations
 

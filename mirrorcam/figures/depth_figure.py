@@ -1,4 +1,4 @@
-"""A depth map as people look at it: the view, how deep everything in it is with a scale in mm, and how sure that is."""
+"""Figure of a depth map: the view, its depth with a scale in mm, and the confidence of that depth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TICKS = 7
 
 
 def draw_depth(path: Path, light_field: LightField, depth: DepthMap) -> None:
-    """Write the figure, PNG, atomically; colours go by nearness: equal steps of colour are equal disparities."""
+    """Write the figure as PNG, atomically; colours are linear in inverse depth: equal steps are equal disparities."""
     samples = light_field.samples[depth.view]
     view = np.broadcast_to(samples, (*samples.shape[:2], 3))
     nearness = 1.0 / depth.depth_mm

@@ -1,4 +1,4 @@
-"""The paper's "before and after": a design's start beside its optimum (tech report, figure "OptimizingMirrorCam")."""
+"""Comparison of a faceted parabola with the optimised layout (tech report, figure "OptimizingMirrorCam")."""
 
 from __future__ import annotations
 
@@ -32,10 +32,23 @@ MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
 
 
 def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None:
-    """Write a PNG of two layouts side by side: sensor, mirrors from the side and the front, overlap at each depth.
+    """Write a PNG of two layouts beside each other: sensor, mirrors from the side and the front, overlap at each depth.
 
-    The depths are those of the optimised layout's spec (or of the parabola's). Panels of one kind share their scale.
-    Where there is no parabola, the optimised layout stands alone. Raises ValueError where neither has a spec.
+    Panels of one kind share their scale.
+
+    Parameters
+    ----------
+    parabola
+        The start of the optimisation, in the left column; without it, the optimised layout fills the figure.
+    optimised
+        The result, in the right column. The depths are those of its spec, else of the parabola's.
+    path
+        The file, which is written atomically.
+
+    Raises
+    ------
+    ValueError
+        If neither layout has a spec.
     """
     spec = optimised.spec or (parabola.spec if parabola else None)
     if spec is None:
@@ -70,14 +83,14 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
 
 
 def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths: Sequence[float]) -> list[Axes]:
-    """Axes side by side in one side of the figure, placed by hand: matplotlib's layout engines vary run to run."""
+    """Add a row of axes to a column; placed by hand, since matplotlib's layout engines vary from run to run."""
     across, upwards = figure.get_size_inches()
     panels = []
     for width in widths:
         cell_in = SIDE_IN * width / sum(widths)
-        room = (cell_in - MARGIN_IN["left"] - MARGIN_IN["right"], height_in - MARGIN_IN["top"] - MARGIN_IN["bottom"])
+        size = (cell_in - MARGIN_IN["left"] - MARGIN_IN["right"], height_in - MARGIN_IN["top"] - MARGIN_IN["bottom"])
         corner = (left_in + MARGIN_IN["left"], top_in - height_in + MARGIN_IN["bottom"])
-        rectangle = (corner[0] / across, corner[1] / upwards, room[0] / across, room[1] / upwards)
+        rectangle = (corner[0] / across, corner[1] / upwards, size[0] / across, size[1] / upwards)
         panels.append(figure.add_axes(rectangle))
         left_in += cell_in
     return panels
@@ -93,7 +106,7 @@ def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
 
 
 def _share_limits(column: Sequence[Axes]) -> None:
-    """The same limits for panels of one kind; y runs down, as in views."""
+    """Set the limits of all panels of one kind to their union; y points down, as in views."""
     for get, put in ((Axes.get_xlim, Axes.set_xlim), (Axes.get_ylim, Axes.set_ylim)):
         limits = np.array([get(axes) for axes in column])
         for axes in column:
@@ -128,7 +141,7 @@ def _finish(axes: Axes, title: str, x: str, y: str, handles: Sequence[Artist]) -
 
 
 def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
-    """Sub-images on the sensor and, in them, the region that all views see."""
+    """Draw the sub-images on the sensor and, in them, the region that all views see at each depth."""
     camera = layout.camera
     for k in range(len(layout.mirrors)):
         _outline(axes, layout.outline_px(k), facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, linewidth=1.3)
@@ -150,7 +163,7 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
 
 
 def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
-    """Virtual centres, the ideal grid they should be on, and what parts them, along two axes of the view."""
+    """Draw virtual centres, the fitted ideal grid and the deviations from it, along two axes of the view."""
     smaller = min(1.0, 4.0 / max(layout.rows, layout.cols))
     grid = fitted_grid(layout)[0][..., [first, second]]
     for line in (*grid, *np.swapaxes(grid, 0, 1)):
@@ -163,7 +176,7 @@ def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> Non
 
 
 def _side(axes: Axes, layout: Layout) -> None:
-    """Mirrors, camera and virtual cameras from the side: the scene lies to the right."""
+    """Draw mirrors, camera, chief rays and virtual cameras from the side; the scene is to the right."""
     turn = layout.view_from_rig.T
     depths = np.concatenate([mirror.outline_in_rig_mm @ turn for mirror in layout.mirrors])[:, 2]
     end_mm = depths.max() + 0.5 * np.ptp(depths)
@@ -185,7 +198,7 @@ def _side(axes: Axes, layout: Layout) -> None:
 
 
 def _front(axes: Axes, layout: Layout) -> None:
-    """Mirrors and virtual cameras from behind, looking along the view axis: x to the right."""
+    """Draw mirrors and virtual cameras from behind, along the view axis; x points right."""
     for mirror in layout.mirrors:
         outline = (mirror.outline_in_rig_mm @ layout.view_from_rig.T)[:, :2]
         _outline(axes, outline, facecolor=_fill(MIRROR, 0.12), edgecolor=MIRROR, linewidth=0.8)

@@ -1,4 +1,4 @@
-"""Epipolar-plane images as people look at them: where they were cut, each view at its place in mm, depths as slopes."""
+"""Figure of an epipolar-plane image: where it was cut, each view at its position in mm, depths as slopes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[f
 
 
 def _bands(axes: Axes, shown: np.ndarray, positions_mm: FloatArray) -> None:
-    """Each view's line as a band around its true position, as far as halfway to the next."""
+    """Draw the line of each view as a band around its position, up to halfway to the next."""
     middles = (positions_mm[1:] + positions_mm[:-1]) / 2.0
     first, last = 2.0 * positions_mm[0] - middles[0], 2.0 * positions_mm[-1] - middles[-1]
     edges = np.concatenate([[first], middles, [last]])

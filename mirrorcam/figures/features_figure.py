@@ -1,4 +1,4 @@
-"""Features as people look at them: on the central view, coloured by their depth, with a scale in mm."""
+"""Figure of features on the central view, coloured by their depth, with a scale in mm."""
 
 from __future__ import annotations
 

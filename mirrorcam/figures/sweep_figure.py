@@ -92,7 +92,7 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
 
 
 def _panel(figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float) -> Axes:
-    """Axes in one cell of the figure, placed by hand: matplotlib's layout engines vary run to run."""
+    """Add axes to a cell of the figure; placed by hand, since matplotlib's layout engines vary from run to run."""
     left, bottom = left_in + MARGIN_IN["left"], bottom_in + MARGIN_IN["bottom"]
     width = width_in - MARGIN_IN["left"] - MARGIN_IN["right"]
     height = height_in - MARGIN_IN["bottom"] - MARGIN_IN["top"]
@@ -115,7 +115,7 @@ def _front(points: Sequence[tuple[float, float]], x: Axis, y: Axis) -> list[tupl
 
 
 def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dict[tuple[int, int], str]) -> None:
-    """Two figures against each other: the front of each count as a line, the front of all as a broad one behind."""
+    """Plot two figures of merit against each other, with the Pareto front of each count and, broader, that of all."""
     found = [
         (a, b, outcome)
         for outcome in solved
@@ -141,7 +141,7 @@ def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dic
 
 
 def _against_count(axes: Axes, solved: Sequence[Outcome], axis: Axis, colours: dict[tuple[int, int], str]) -> None:
-    """One figure of every design over its count, side by side within it, and the best of each count on a line."""
+    """Plot one figure of merit of every design over its count, and a line through the best of each count."""
     best: list[tuple[float, float]] = []
     for place, (count, colour) in enumerate(colours.items()):
         values = [axis.value(outcome) for outcome in solved if _count(outcome) == count]

@@ -16,7 +16,24 @@ GAP_PX = 10
 
 
 def overview(folder: Path) -> NDArray[np.uint8]:
-    """Overview (h, w, 3) of a tabletop set; frame and view are brightened as screens expect, red is near."""
+    """Draw the overview of a tabletop set.
+
+    Parameters
+    ----------
+    folder
+        Folder of the set.
+
+    Returns
+    -------
+    array (h, w, 3)
+        The frame at the left; at the right the true central view above its inverse depth, red where near. Frame and
+        view are gamma-encoded, since their files hold linear values.
+
+    Raises
+    ------
+    InputError
+        If a file of the set is missing or cannot be read.
+    """
     manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
     frame, view = (
@@ -27,12 +44,12 @@ def overview(folder: Path) -> NDArray[np.uint8]:
     grey = np.rint(255.0 * (nearness - low) / max(high - low, 1e-12)).astype(np.uint8)
     near = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))[..., ::-1]
     height, width = (HEIGHT_PX - GAP_PX) // 2, round((HEIGHT_PX - GAP_PX) / 2 * view.shape[1] / view.shape[0])
-    small = [np.asarray(cv2.resize(picture, (width, height))) for picture in (view, near)]
+    small = [np.asarray(cv2.resize(image, (width, height))) for image in (view, near)]
     wide = round(HEIGHT_PX * frame.shape[1] / frame.shape[0])
     large = np.asarray(cv2.resize(frame, (wide, HEIGHT_PX), interpolation=cv2.INTER_AREA))
-    sheet = np.full((HEIGHT_PX, wide + GAP_PX + width, 3), 255, dtype=np.uint8)
-    sheet[:, :wide], sheet[:height, wide + GAP_PX :], sheet[-height:, wide + GAP_PX :] = large, *small
-    return sheet
+    picture = np.full((HEIGHT_PX, wide + GAP_PX + width, 3), 255, dtype=np.uint8)
+    picture[:, :wide], picture[:height, wide + GAP_PX :], picture[-height:, wide + GAP_PX :] = large, *small
+    return picture
 
 
 def _for_screens(linear: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -54,15 +54,15 @@ def tolerance_figure(study: Study, path: Path) -> None:
 def _axes(
     figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float, margin_in: dict[str, float]
 ) -> Axes:
-    """Axes in a cell of the figure, placed by hand: matplotlib's layout engines vary run to run."""
+    """Add axes to a cell of the figure; placed by hand, since matplotlib's layout engines vary from run to run."""
     across, upwards = figure.get_size_inches()
-    room = width_in - margin_in["left"] - margin_in["right"], height_in - margin_in["top"] - margin_in["bottom"]
+    size = width_in - margin_in["left"] - margin_in["right"], height_in - margin_in["top"] - margin_in["bottom"]
     corner = left_in + margin_in["left"], bottom_in + margin_in["bottom"]
-    return figure.add_axes((corner[0] / across, corner[1] / upwards, room[0] / across, room[1] / upwards))
+    return figure.add_axes((corner[0] / across, corner[1] / upwards, size[0] / across, size[1] / upwards))
 
 
 def _label(name: str) -> str:
-    """A figure's name as people read it, the depth apart: "overlap IoU, 300 mm"."""
+    """Label of a figure of merit, with its depth at the end: "overlap IoU, 300 mm"."""
     text = re.sub(r"_([0-9.e+]+)mm$", r", \1 mm", name.removesuffix("_deg").removesuffix("_mm"))
     for short, long in (("fov_x", "field of view across"), ("fov_y", "field of view upwards"), ("iou", "IoU")):
         text = text.replace(short, long)
@@ -70,7 +70,7 @@ def _label(name: str) -> str:
 
 
 def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Sequence[str]) -> None:
-    """Median and range of figures; accuracy 0 is the design itself."""
+    """Draw median and range of figures over accuracy; accuracy 0 is the design itself."""
     accuracies = [0.0, *study.spreads]
     for name, colour in zip(names, cycle(COLOURS)):
         spreads = [of[name] for of in study.spreads.values()]

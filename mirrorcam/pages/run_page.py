@@ -1,4 +1,4 @@
-"""Gathers what a run has made into the page."""
+"""The page of a run, made of the results in its folder."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         base_frames=dataset.base_frames,
         as_built=(
             f"each was tilted by {tolerances.tilt_deg:g}° and shifted by {tolerances.offset_mm:g} mm (one standard "
-            f"deviation), and the lens strayed from its data sheet"
+            f"deviation), and the lens deviates from its data sheet"
         ),
         checks=read_metrics(root / "cad" / "checks.json"),
         truth=read_metrics(root / "validation" / "metrics.json"),

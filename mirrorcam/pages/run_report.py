@@ -70,7 +70,7 @@ def design_table(parabola: Layout, optimised: Layout) -> Table:
 
 
 def highlights(report: Report) -> list[Tile]:
-    """The few figures that tell a newcomer what came out, of those that were measured."""
+    """Headline figures for a newcomer, of those that were measured."""
     width, height = report.view_size_px
     tiles = [Tile(f"{report.layout.rows} {TIMES} {report.layout.cols}", f"views of {width} {TIMES} {height} px")]
     for name, metric in report.layout.metrics.items():

@@ -13,7 +13,7 @@ SECONDS_TO_CONNECT = 10
 
 
 def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> Iterator[tuple[int, Answer | Died]]:
-    """Number and answer of each task, as they come, from the workers of the scheduler at `address`.
+    """Yield number and answer of each task as it is finished by the workers of the scheduler at `address`.
 
     Tasks that come first are begun first. Workers may come and go. Raises InputError where no scheduler answers, or
     where it goes away.

@@ -26,7 +26,7 @@ from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder
 
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
-"""How many frames of a video the brightness of its views is measured in."""
+"""Number of frames of a video in which the brightness of its views is measured."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class DecodeRequest:
     device
         Number of a camera of this machine, which is recorded until it is interrupted.
     limit
-        How many frames of a video or camera are decoded at most.
+        Largest number of frames of a video or camera that are decoded.
     to
         What a video becomes: a Zarr group, or folders in another tool's format.
     field

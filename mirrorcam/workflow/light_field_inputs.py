@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 @dataclass(frozen=True)
 class NamedLightField:
-    """A light field, the name of its results, and the depths between which its file says the scene is."""
+    """A light field, the name of its results, and the range of depths that its file states."""
 
     name: str
     light_field: LightField

@@ -36,7 +36,7 @@ def on_cluster(address: str) -> Run:
 def finished_frames(
     run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Number and files of each frame, as `run` finishes them.
+    """Yield number and files of each frame as `run` finishes it.
 
     Raises InputError for a frame that ended all of its workers.
     """

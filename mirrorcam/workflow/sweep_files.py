@@ -1,4 +1,4 @@
-"""A sweep as files: the table of its designs and the figure of what they trade."""
+"""A sweep as files: the table of its designs and the figure of their trade-offs."""
 
 from __future__ import annotations
 
@@ -32,9 +32,25 @@ def write_sweep(
     table: TableFormat = "csv",
     progress: Progress = no_progress,
 ) -> SweepFiles:
-    """Design specs into a folder, which an interrupted sweep goes on with; then write sweep.csv and pareto.png.
+    """Design all specs, then write their table and the figure of their trade-offs.
 
-    There is no figure where no spec could be solved.
+    Parameters
+    ----------
+    specs
+        The specs, in the order of the table.
+    folder
+        Folder of the sweep; designs that an interrupted sweep has finished in it are kept.
+    run
+        Runner of the designs.
+    table
+        Format and suffix of the table, `sweep.csv` by default.
+    progress
+        Called with the numbers of designs done and of all.
+
+    Returns
+    -------
+    SweepFiles
+        Outcomes and files: the table and, where a spec was solved, `pareto.png`.
     """
     outcomes = sweep(specs, folder, run, progress)
     path, figure = folder / f"sweep.{table}", folder / "pareto.png"

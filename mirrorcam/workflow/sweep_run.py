@@ -12,7 +12,7 @@ from mirrorcam.workflow.sweep_work import Answer, answer
 
 
 def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
-    """Numbers of specs in groups of one structure, in which what was built for one serves the next.
+    """Group the numbers of specs by structure: the problem that is built for one spec of a group serves the next.
 
     Arrays of many mirrors come first, so that no core is left alone with one at the end.
     """
@@ -25,14 +25,14 @@ def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
 def design_here(
     specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Number and answer of each spec, as they come, from processes on this machine."""
+    """Yield number and answer of each spec as it is finished by processes of this machine."""
     yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
 
 
 def design_on_cluster(
     specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
-    """Number and answer of each spec, as they come, from the workers of the scheduler at `address`."""
+    """Yield number and answer of each spec as it is finished by the workers of the scheduler at `address`."""
     order = [number for group in in_order(specs) for number in group]
     for place, got in run_cluster([specs[number].model_dump_json() for number in order], address, work):
         yield order[place], got

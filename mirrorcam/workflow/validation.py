@@ -36,7 +36,7 @@ LIMITS = {
     "held_out_spatial_rms_mm": 0.05,
     "decoded_corner_rms_px": 0.25,
 }
-"""What a 1920 x 1080 set of 20 frames must reach; figures in pixels do not depend on the size of the sensor much."""
+"""Limits for a 1920 x 1080 set of 20 frames; figures in pixels depend little on the size of the sensor."""
 
 
 class _Poses(Value):
@@ -147,9 +147,9 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
         "distance_error_rms_mm": Metric(value=np.sqrt(np.mean(distances**2)), unit="mm"),
         "focal_error_px": Metric(value=abs(layout.camera.fx_px - truth.camera.fx_px), unit="px"),
     }
-    sheets = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.is_second_surface]
-    if sheets:
-        thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in sheets]
+    second_surface = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.is_second_surface]
+    if second_surface:
+        thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in second_surface]
         figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")
     return figures
 

@@ -1,1 +1,1 @@
-"""The page that tells whether a calibration is good to use, and why."""
+"""The report of a calibration: its verdict and the diagnostics behind it."""

@@ -75,7 +75,7 @@ def report_html(calibration: Calibration, *, command: str) -> str:
 
 
 def _tiles(calibration: Calibration) -> list[Tile]:
-    """The few figures that tell what came out."""
+    """Headline figures of a calibration."""
     metrics, diagnostics = calibration.metrics, calibration.diagnostics
     tiles = []
     for name, what in (("held_out_rms", "frames left out of the fit"), ("rms", "fitted corners")):
@@ -158,7 +158,7 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
 
 
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
-    """Maps of how sure projected points are, in the rig and against the reference view."""
+    """Maps of the standard deviation of projected points, in the rig and against the reference view."""
     maps = [one for one in diagnostics.projection if one.view != DIRECT]
     reference = "the direct view" if diagnostics.reference == DIRECT else f"mirror {diagnostics.reference}"
     cards = []

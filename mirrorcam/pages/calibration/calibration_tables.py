@@ -65,7 +65,7 @@ def common_table(diagnostics: Diagnostics) -> Table:
 
 
 def weak_table(diagnostics: Diagnostics) -> Table:
-    """The combinations of numbers that the pictures determine least."""
+    """The combinations of parameters that the pictures determine least."""
     rows = [
         (full_stop(direction.words), "; ".join(_amount(*sigma) for sigma in direction.sigmas))
         for direction in diagnostics.weak
@@ -149,5 +149,5 @@ def split_table(diagnostics: Diagnostics) -> Table:
 
 
 def chance_text(value: float) -> str:
-    """A probability, in thousandths."""
+    """A probability to three decimals."""
     return "< 0.001" if value < 1e-3 else f"{value:.3f}"

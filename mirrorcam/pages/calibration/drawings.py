@@ -1,4 +1,4 @@
-"""Drawings of a calibration: residuals, coverage, the board's places, and how sure every view is."""
+"""Drawings of a calibration: residuals, coverage, poses of the board, and standard deviations of every view."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Window:
 
 
 def _window(layout: Layout, views: Sequence[ViewFigures], width: float) -> _Window:
-    """The sensor, or as much of it as the views take up, at a width."""
+    """The part of the sensor that the views take up, with a margin, scaled to a width."""
     outlines = np.concatenate([view.outline_px for view in views])
     size = np.array([layout.camera.width_px, layout.camera.height_px])
     margin = MARGIN * layout.camera.width_px
@@ -59,7 +59,7 @@ def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
 
 
 def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[ViewFigures], str]) -> str:
-    """Words in the corner of every mirror's sub-image that is nearest the top left, to be drawn last."""
+    """Labels in the top left corner of every mirror's sub-image, to be drawn last."""
     parts = []
     for view in views:
         if view.view != DIRECT:
@@ -69,7 +69,7 @@ def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[Vie
 
 
 def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sigma_px: float) -> str:
-    """Mean residuals of places on the sensor as needles, red where noise does not explain them."""
+    """Draw mean residuals in cells of the sensor as needles, red where noise does not explain them."""
     direct = len(views) == 1 and views[0].view == DIRECT
     width = HALF if direct else WIDTH
     window = _window(calibration.layout, views, width)
@@ -99,7 +99,7 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
 
 
 def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
-    """Residuals in standard deviations, x and y, against the normal distribution, in counts that grow by tens."""
+    """Draw histograms of the residuals in x and y, in standard deviations, and the normal distribution."""
     used = calibration.residuals_px[calibration.inliers] / sigma_px
     edges = np.linspace(-5.0, 5.0, 51)
     counts = [np.histogram(values, edges)[0] for values in used.T]
@@ -133,7 +133,7 @@ def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
 
 
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
-    """Corners seen in cells of every view: the fuller the darker, red where none."""
+    """Draw the number of corners in cells of every view: darker where there are more, red where there are none."""
     mirrors = [view for view in views if view.view != DIRECT]
     window = _window(layout, mirrors, WIDTH)
     most = max(int(view.cell_counts.max()) for view in mirrors)
@@ -152,7 +152,7 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
 
 
 def board_turns(calibration: Calibration) -> str:
-    """Tilt of every board, and which of its edges was nearer."""
+    """Draw the tilt of every board and its direction, towards the edge that was nearer."""
     normals, mirrored = board_normals(calibration)
     tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
     flat = np.linalg.norm(normals[:, :2], axis=1)
@@ -183,7 +183,7 @@ def board_turns(calibration: Calibration) -> str:
 
 
 def board_distances(views: Sequence[ViewFigures]) -> str:
-    """Distances of the board from where each view looks from, a row for each view."""
+    """Draw distances of the board from the centre of each view's camera, a row for each view."""
     far = max(float(view.distances_mm.max(initial=0.0)) for view in views)
     near = min(float(view.distances_mm.min(initial=far)) for view in views)
     margin = 0.08 * (far - near) + 1.0
@@ -223,9 +223,22 @@ def projection_sigmas(
     *,
     name: str,
 ) -> str:
-    """Standard deviations (n,) px of every map at its pixels, the surer the paler, up to `most`.
+    """Draw standard deviations of projected points in every mirror's view, darker where they are larger.
 
-    `name` is one that no other drawing of the page has.
+    Parameters
+    ----------
+    layout
+        The layout, whose sensor is shown.
+    views
+        Figures of the views, with their outlines.
+    maps
+        The pixels at which points were projected, for each view; the direct view is left out.
+    values
+        Standard deviations (n,) in px, at the pixels of each map.
+    most
+        Standard deviation in px of the darkest shade.
+    name
+        Beginning of the identifiers in the drawing, unique in the page.
     """
     outlines = {view.view: view for view in views}
     shown = [outlines[one.view] for one in maps if one.view != DIRECT]
@@ -257,7 +270,7 @@ def projection_sigmas(
 
 
 def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:
-    """Standard deviation of depth against the range: by matching, by calibration, and both."""
+    """Draw the standard deviation of depth over the range: by matching, by calibration, and in total."""
     known = np.isfinite(depth.total_mm)
     ranges, total = depth.range_mm[known], depth.total_mm[known]
     x = Scale(float(ranges[0]), float(ranges[-1]), 64, WIDTH - 150)

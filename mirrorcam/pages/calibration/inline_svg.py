@@ -1,4 +1,4 @@
-"""Drawings that live in a page: SVG whose colours are the page's own, so that they are legible in the dark, too."""
+"""SVG drawings inside a page, in the colours of its style sheet, so that they are legible in the dark mode, too."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Scale:
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
     def ticks(self, about: int = 5) -> list[float]:
-        """Round values (1, 2 or 5 of a power of ten apart) within the scale, some `about` many."""
+        """Round values (1, 2 or 5 of a power of ten apart) within the scale, about `about` of them."""
         rough = (self.high - self.low) / about
         power = 10.0 ** np.floor(np.log10(rough))
         step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda times: abs(times * power - rough))
@@ -34,7 +34,7 @@ class Scale:
 
 
 def coordinate(value: float) -> str:
-    """A coordinate to a hundredth, as short as it can be said."""
+    """A coordinate to a hundredth, without trailing zeros."""
     return f"{value:.2f}".rstrip("0").rstrip(".") or "0"
 
 
@@ -50,7 +50,7 @@ def drawing(width: float, height: float, body: str, label: str) -> Markup:
 
 
 def text(x: float, y: float, words: str, *, anchor: str = "middle", style: str = "", turn: bool = False) -> str:
-    """Words at a place; `turn` writes them upwards."""
+    """A text at a position; `turn` writes it upwards."""
     where = f'x="{coordinate(x)}" y="{coordinate(y)}"'
     turned = f' transform="rotate(-90 {coordinate(x)} {coordinate(y)})"' if turn else ""
     kind = f' class="{style}"' if style else ""
