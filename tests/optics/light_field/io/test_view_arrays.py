@@ -31,6 +31,13 @@ def test_bytes_come_back_from_floats_of_any_range(tmp_path: Path, largest: float
         np.testing.assert_array_equal(getattr(found, name), getattr(light_field, name), err_msg=name)
 
 
+def test_every_byte_comes_back_although_floats_are_rounded(tmp_path: Path) -> None:
+    views = grid_views(1, 2, width_px=16, height_px=16)
+    samples = np.broadcast_to(np.arange(256, dtype=np.uint8).reshape(16, 16, 1), (1, 2, 16, 16, 1))
+    write_arrays(tmp_path / "a.npy", LightField.of(views, samples, np.ones((1, 2, 16, 16), np.float32)), 1000.0)
+    np.testing.assert_array_equal(read_arrays(tmp_path / "a.npy", 1000.0, NOTHING).samples, samples)
+
+
 def test_floats_stay_floats(tmp_path: Path) -> None:
     views = grid_views(1, 2, width_px=5, height_px=4)
     samples = np.random.default_rng(6).random((1, 2, 4, 5, 3), dtype=np.float32)
