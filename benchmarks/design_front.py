@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +21,7 @@ from matplotlib.figure import Figure
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.worker_pool import Call, call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import MEETINGS, design
@@ -156,28 +155,27 @@ def fronts(workers: int) -> Fronts:
             *((f"fold 90 deg, {sides} corners", 90.0, sides) for sides in (5, 6)),
         )
     }
+    plain: dict[tuple[tuple[float, ...], str], list[Call]] = {
+        key: [(designed, (spec.replaced(tradeoff=tradeoff),)) for tradeoff in TRADEOFFS] for key, spec in asked.items()
+    }
+    both = next(iter(PROTOTYPE))
+    for ratio, depths in WEIGHED.items():
+        plain[both, f"fold 90 deg, weighed {ratio}"] = [
+            (designed, (DesignSpec(depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both))
+            for tradeoff in TRADEOFFS
+        ]
+    more: list[Call] = [
+        (partial(searched, checked=True), (DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(3, 3)))
+        for depths in PROTOTYPE
+    ]
+    # The searches take longest, so they start first.
+    answers = iter(call_all([*more, *(call for calls in plain.values() for call in calls)], workers))
+    searches = dict(zip(PROTOTYPE, answers, strict=False))
     found: Fronts = {depths: {} for depths in PROTOTYPE}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        plain = {
-            key: [pool.submit(designed, spec.replaced(tradeoff=tradeoff)) for tradeoff in TRADEOFFS]
-            for key, spec in asked.items()
-        }
-        more = {
-            depths: pool.submit(
-                partial(searched, checked=True), DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(3, 3)
-            )
-            for depths in PROTOTYPE
-        }
-        both = next(iter(PROTOTYPE))
-        for ratio, depths in WEIGHED.items():
-            plain[both, f"fold 90 deg, weighed {ratio}"] = [
-                pool.submit(designed, DesignSpec(depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both)
-                for tradeoff in TRADEOFFS
-            ]
-        for (depths, name), futures in plain.items():
-            found[depths][name] = [future.result() for future in futures]
-        for depths, future in more.items():
-            found[depths]["fold 90 deg, more starts"] = future.result()
+    for (depths, name), calls in plain.items():
+        found[depths][name] = [next(answers) for _ in calls]
+    for depths, front in searches.items():
+        found[depths]["fold 90 deg, more starts"] = front
     return found
 
 

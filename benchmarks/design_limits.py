@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +29,7 @@ from benchmarks.design_account import (
 )
 from benchmarks.design_front import Point, designed, efficiency_at, searched, upper
 from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
 from mirrorcam.optics.design.program.seeds import seed_of
@@ -62,25 +61,21 @@ def relaxations(spec: DesignSpec) -> dict[str, tuple[DesignSpec, tuple[PairConst
 
 def bounds(spec: DesignSpec, workers: int) -> dict[str, list[Point]]:
     """The best fronts found with constraints left out."""
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = {
-            name: pool.submit(partial(searched, checked=checked, tradeoffs=FEW_TRADEOFFS), relaxed, pairs)
-            for name, (relaxed, pairs, checked) in relaxations(spec).items()
-        }
-        return {name: future.result() for name, future in futures.items()}
+    calls = {
+        name: (partial(searched, checked=checked, tradeoffs=FEW_TRADEOFFS), (relaxed, pairs))
+        for name, (relaxed, pairs, checked) in relaxations(spec).items()
+    }
+    return dict(zip(calls, call_all(list(calls.values()), workers), strict=True))
 
 
 def over_folds(spec: DesignSpec, workers: int) -> dict[int, list[Point]]:
     """The results of `design` at each fold over a few tradeoffs."""
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = {
-            fold: [
-                pool.submit(designed, spec.replaced(fold_deg=float(fold), tradeoff=tradeoff))
-                for tradeoff in FEW_TRADEOFFS
-            ]
-            for fold in FOLDS_DEG
-        }
-        return {fold: [future.result() for future in each] for fold, each in futures.items()}
+    asked = [(fold, tradeoff) for fold in FOLDS_DEG for tradeoff in FEW_TRADEOFFS]
+    calls = [(designed, (spec.replaced(fold_deg=float(fold), tradeoff=tradeoff),)) for fold, tradeoff in asked]
+    found: dict[int, list[Point]] = {fold: [] for fold in FOLDS_DEG}
+    for (fold, _), point in zip(asked, call_all(calls, workers), strict=True):
+        found[fold].append(point)
+    return found
 
 
 def draw_limits(
