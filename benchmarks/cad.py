@@ -1,6 +1,6 @@
 """Time to build every file of a device: `python -m benchmarks.cad [LAYOUT ...]`.
 
-For each layout, in one run: by all cores into an empty folder (beside the limit that was set for so many mirrors),
+For each layout, in one run: by all cores into an empty folder (beside the limit set for that number of mirrors),
 again over the same folder (all parts taken over), and by one process, where it is noted what the time goes to.
 By default the layout of the tests, 3x3, and the default design of 5x5 mirrors.
 """

@@ -40,9 +40,9 @@ def rms(errors: FloatArray) -> str:
     return "{:6.3f} {:6.3f}".format(*np.sqrt(np.mean(known**2, axis=0))) if len(known) else "     -      -"
 
 
-def start_of(found: Calibration, board: Board, *, sheet: bool) -> Estimate:
+def start_of(found: Calibration, board: Board, *, plate: bool) -> Estimate:
     estimate = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
-    if not sheet:
+    if not plate:
         estimate = replace(estimate, thickness_mm=np.zeros(len(found.layout.mirrors)))
     return replace(estimate, shape=np.zeros(len(board.modes)))
 
@@ -77,15 +77,15 @@ def main(folder: Path) -> None:
 
     print("\nrms per axis, px (x y)           all            direct         mirror 0       mirror 1       predicted*")
     fold = np.arange(len(photos))
-    for label, rows, board, sheet in (
+    for label, rows, board, plate in (
         ("as drawn, first-surface", as_seen, drawn, False),
         ("+ camera turned back", steady, drawn, False),
         ("+ second-surface", steady, drawn, True),
         ("+ corners of the board free", steady, free, True),
         ("free board, glass, as seen", as_seen, free, True),
     ):
-        model = Model(INTRINSICS, thickness=sheet, curvature=False, board=board)
-        solution = fit(start_of(found, board, sheet=sheet), rows, model)
+        model = Model(INTRINSICS, thickness=plate, curvature=False, board=board)
+        solution = fit(start_of(found, board, plate=plate), rows, model)
         errors, _ = predicted_mirrored(solution.estimate, rows, model, fold)
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)] + [errors]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
@@ -95,7 +95,7 @@ def main(folder: Path) -> None:
         poses = np.repeat(found.rig_from_board, 3, axis=0) if len(np.unique(rows.frame)) == 3 * len(photos) else None
         if poses is None:
             continue
-        start = replace(start_of(found, drawn, sheet=True), rig_from_board=poses)
+        start = replace(start_of(found, drawn, plate=True), rig_from_board=poses)
         solution = fit(start, rows, Model(INTRINSICS, thickness=False, curvature=False, board=board, mirrors=False))
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
@@ -103,7 +103,7 @@ def main(folder: Path) -> None:
     print("** every view a pose of its own: what is left is paper, lens and finding")
 
     model = Model(INTRINSICS, thickness=True, curvature=False, board=free)
-    errors, unseen = predicted_mirrored(start_of(found, free, sheet=True), steady, model, fold)
+    errors, unseen = predicted_mirrored(start_of(found, free, plate=True), steady, model, fold)
     print(
         "\npredicted* by photograph, px       mirror 0       mirror 1       both mirrors one after the other (corners)"
     )

@@ -186,7 +186,7 @@ def _inner(scene: HciScene) -> HciScene:
     return replace(scene, light_field=LightField.of(views, light_field.samples[t, s], light_field.weights[t, s]))
 
 
-def desk_errors(folder: Path) -> None:
+def scene_errors(folder: Path) -> None:
     from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet, read_map
 
     manifest = TabletopSet.load(folder)
@@ -233,10 +233,10 @@ def speed(rounds: int = 20) -> None:
         light_field = LightField.of(views, samples, np.ones(shape, np.float32))
         estimator = DepthEstimator(light_field)
         times = _times(light_field, estimator, rounds)
-        told = [f"{name} {statistics.median(each):6.1f} ms ({min(each):.1f})" for name, each in times.items()]
+        texts = [f"{name} {statistics.median(each):6.1f} ms ({min(each):.1f})" for name, each in times.items()]
         rate = 1e3 / statistics.median(times["depth"])
         print(
-            f"{count}x{count} views of {width}x{height} px, {estimator.planes} planes: {', '.join(told)}; {rate:.1f}/s"
+            f"{count}x{count} views of {width}x{height} px, {estimator.planes} planes: {', '.join(texts)}; {rate:.1f}/s"
         )
 
 
@@ -270,7 +270,7 @@ def main(arguments: list[str]) -> None:
     if job == "speed":
         speed()
     else:
-        {"hci": hci, "desk": desk_errors}[job](Path(rest[0]))
+        {"hci": hci, "desk": scene_errors}[job](Path(rest[0]))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Features of desks beside plain pairwise matching: `python -m benchmarks.light_field_features DESK...`.
+"""Features of tabletop scenes beside plain pairwise matching: `python -m benchmarks.light_field_features SCENE...`.
 
-DESK: folders of `mirrorcam scene`. For each detector prints, over all desks: how many features are accepted, how many
+SCENE: folders of `mirrorcam scene`. For each detector prints, over all scenes: how many features are accepted, how many
 of them are where the surface at their pixel is (inliers), the part they are of all (precision), and the time of a
 frame. A feature is an inlier where its depth is within 2 % (also printed: 1 %) of the true depth of its pixel or one of
 the eight around it, in whatever material; what is seen by glass or in a glossy surface hardly ever is.
 
 The baseline detects alike, and matches the reference view's descriptors with those of one other view: two nearest
-neighbours and the ratio test (.8), then the depth that the match tells. `pair`: the other view with the most inliers
+neighbours and the ratio test (.8), then the depth of the match. `pair`: the other view with the most inliers
 (as if one knew); `pair, on line`: also within a pixel of the epipolar line; `all pairs, on line`: whatever is matched
 into any view, at the median of its slopes. All within the same range of depths.
 
@@ -46,8 +46,8 @@ ROUNDS = 15
 
 
 @dataclass(frozen=True)
-class Desk:
-    """A rendered desk: what the camera photographs, and of the true central view depths (v, u) and kinds of surface."""
+class TabletopRecording:
+    """The frame of a rendered tabletop scene, its decoder, and the true central view's depths and surfaces (v, u)."""
 
     name: str
     frame: Any
@@ -56,14 +56,14 @@ class Desk:
     kind: NDArray[np.uint8]
 
 
-def read_desk(folder: Path) -> Desk:
-    """The frame of a desk, decoded by the layout as built: errors of features, not of a calibration, are measured."""
+def read_recording(folder: Path) -> TabletopRecording:
+    """Read a tabletop scene, decoded by the layout as built: errors of features, not of a calibration, are measured."""
     manifest = TabletopSet.load(folder)
     decoder = Decoder(Layout.load(folder / "truth/layout.json"))
     t, s = manifest.central_view
     depth = read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
     kind = read_image(folder / f"truth/mask/{t}_{s}.png", grey=True)
-    return Desk(folder.name, read_image(folder / manifest.frame_name), decoder, depth, kind)
+    return TabletopRecording(folder.name, read_image(folder / manifest.frame_name), decoder, depth, kind)
 
 
 def relative_error(pixels: FloatArray, depth_mm: FloatArray, true_mm: FloatArray) -> FloatArray:
@@ -109,41 +109,43 @@ def pairs(
         inverse = (a_ * rest).sum(axis=1) / (a_**2).sum(axis=1)
         off = np.abs(a_[:, 0] * rest[:, 1] - a_[:, 1] * rest[:, 0]) / np.hypot(*a_.T)
         for way, most in (("pair", np.inf), ("pair, on line", ON_LINE_PX)):
-            told = np.full(len(points[reference]), np.nan)
+            estimate = np.full(len(points[reference]), np.nan)
             ok = (inverse > far) & (inverse <= near) & (off <= most)
-            told[first[ok]] = inverse[ok]
-            ways[way].append(told)
+            estimate[first[ok]] = inverse[ok]
+            ways[way].append(estimate)
     on_line = np.array(ways["pair, on line"])
     ordered = np.sort(on_line, axis=0)
     middle = (np.maximum(np.isfinite(on_line).sum(axis=0), 1) - 1) // 2
     median = np.take_along_axis(ordered, middle[None], axis=0)[0]
     everything = {**ways, "all pairs, on line": [median]}
-    return {way: (points[reference], told) for way, told in everything.items()}
+    return {way: (points[reference], estimate) for way, estimate in everything.items()}
 
 
-def counts(pixels: FloatArray, depth_mm: FloatArray, desk: Desk) -> tuple[int, ...]:
+def counts(pixels: FloatArray, depth_mm: FloatArray, recorded: TabletopRecording) -> tuple[int, ...]:
     """Count accepted depths, and those that are right within each of WITHIN; several at one place count as one."""
     _, first = np.unique(pixels, axis=0, return_index=True)
-    error = relative_error(pixels[first], depth_mm[first], desk.depth_mm)
+    error = relative_error(pixels[first], depth_mm[first], recorded.depth_mm)
     return (len(first), *(int((error <= within).sum()) for within in WITHIN))
 
 
-def flagged(features: Features, desk: Desk) -> tuple[int, int, int, int]:
+def flagged(features: Features, recorded: TabletopRecording) -> tuple[int, int, int, int]:
     """Count features with two slopes and all features, on matte things; the same on glossy ones and glass."""
     u, v = np.rint(features.pixels).astype(np.int64).T
-    matte = desk.kind[v, u] == MASK["matte"]
+    matte = recorded.kind[v, u] == MASK["matte"]
     marked = features.refracted
     return int((marked & matte).sum()), int(matte.sum()), int((marked & ~matte).sum()), int((~matte).sum())
 
 
-def baseline(desk: Desk, light_field: LightField, name: DetectorName, keypoints: int) -> dict[str, tuple[int, ...]]:
+def baseline(
+    recorded: TabletopRecording, light_field: LightField, name: DetectorName, keypoints: int
+) -> dict[str, tuple[int, ...]]:
     """Counts of every way to match, of the view with the most inliers."""
     pupil_mm = light_field.reference_view_depth_mm
     found = {}
     for way, (pixels, views) in pairs(light_field, name, keypoints).items():
         each = [
-            counts(pixels[told], 1.0 / inverse[told] + pupil_mm, desk)
-            for inverse, told in ((inverse, np.isfinite(inverse)) for inverse in views)
+            counts(pixels[known], 1.0 / inverse[known] + pupil_mm, recorded)
+            for inverse, known in ((inverse, np.isfinite(inverse)) for inverse in views)
         ]
         found[way] = max(each, key=lambda count: count[1])
     return found
@@ -160,21 +162,21 @@ def median_ms(job: Callable[[], object]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("desks", nargs="+", type=Path, metavar="DESK")
+    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE")
     parser.add_argument("--keypoints", type=int, default=600, help="of each view, at most")
     given = parser.parse_args()
-    desks = [read_desk(folder) for folder in given.desks]
-    views = desks[0].decoder.views
+    scenes = [read_recording(folder) for folder in given.scenes]
+    views = scenes[0].decoder.views
     print(
-        f"{', '.join(desk.name for desk in desks)}: {views.rows}x{views.cols} views of {views.width_px}x"
+        f"{', '.join(recorded.name for recorded in scenes)}: {views.rows}x{views.cols} views of {views.width_px}x"
         f"{views.height_px} px, at most {given.keypoints} keypoints a view, {cv2.getNumThreads()} threads"
     )
     print(f"{'':28}{'accepted':>9}{'inliers':>9}{'precision':>11}{'within 1 %':>12}{'ms a frame':>12}{'frames/s':>10}")
 
     def row(title: str, each: list[tuple[int, ...]], ms: float | None, whole_ms: float | None = None) -> None:
         accepted, inliers, finer = np.sum(each, axis=0)
-        told = f"{title:28}{accepted:9}{inliers:9}{inliers / max(accepted, 1):11.3f}{finer / max(accepted, 1):12.3f}"
-        print(told + ("" if ms is None else f"{ms:12.1f}") + ("" if whole_ms is None else f"{1e3 / whole_ms:10.1f}"))
+        line = f"{title:28}{accepted:9}{inliers:9}{inliers / max(accepted, 1):11.3f}{finer / max(accepted, 1):12.3f}"
+        print(line + ("" if ms is None else f"{ms:12.1f}") + ("" if whole_ms is None else f"{1e3 / whole_ms:10.1f}"))
 
     for name in cast(tuple[DetectorName, ...], get_args(DetectorName)):
         try:
@@ -186,20 +188,20 @@ def main() -> None:
         found: list[tuple[int, ...]] = []
         marked: list[tuple[int, ...]] = []
         times: list[tuple[float, float, float]] = []
-        for desk in desks:
-            light_field = desk.decoder.decode(desk.frame)
-            for way, count in baseline(desk, light_field, name, given.keypoints).items():
+        for recorded in scenes:
+            light_field = recorded.decoder.decode(recorded.frame)
+            for way, count in baseline(recorded, light_field, name, given.keypoints).items():
                 plain.setdefault(way, []).append(count)
-            finder = FeatureFinder(desk.decoder.views, name, keypoints=given.keypoints)
+            finder = FeatureFinder(recorded.decoder.views, name, keypoints=given.keypoints)
             features = finder.find(light_field)
             sure = ~features.refracted
-            marked.append(flagged(features, desk))
-            found.append(counts(features.pixels[sure], features.depth_mm[sure], desk))
+            marked.append(flagged(features, recorded))
+            found.append(counts(features.pixels[sure], features.depth_mm[sure], recorded))
             times.append(
                 (
                     median_ms(lambda: pairs(light_field, name, given.keypoints)),  # noqa: B023  # called at once
                     median_ms(lambda: finder.find(light_field)),  # noqa: B023
-                    median_ms(lambda: finder.find(desk.decoder.decode(desk.frame))),  # noqa: B023
+                    median_ms(lambda: finder.find(recorded.decoder.decode(recorded.frame))),  # noqa: B023
                 )
             )
         pairs_ms, find_ms, whole_ms = np.median(times, axis=0)

@@ -1,6 +1,6 @@
-"""Pictures of light fields against truth, and what they cost: `python -m benchmarks.light_field_images [DESK...]`.
+"""Pictures of light fields against truth, and what they cost: `python -m benchmarks.light_field_images [SCENE...]`.
 
-DESK: folders of `mirrorcam scene`, decoded by the layout as built. Refocused pictures are compared with what a pinhole
+SCENE: folders of `mirrorcam scene`, decoded by the layout as built. Refocused pictures are compared with what a pinhole
 at the central view sees, as soft as lens and lookup make it (sigma .95 px), where it lies within a quarter pixel of
 the plane (farthest view) in every view and is matte: what is in focus, and hidden from none. Sharp pictures are
 compared wherever there is a sample; a held-out view is rendered without its own samples from those of the others.

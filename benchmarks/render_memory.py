@@ -38,7 +38,7 @@ def resident_mib(pid: int) -> float:
 
 
 def measure(request: SetRequest, out: Path, workers: int) -> dict[int, tuple[float, float]]:
-    """Resident memory, MiB, of the parent and of its largest worker after so many frames."""
+    """Resident memory, MiB, of the parent and of its largest worker after a number of frames."""
     found: dict[int, tuple[float, float]] = {}
 
     def look(done: int, total: int) -> None:

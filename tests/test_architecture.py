@@ -132,12 +132,12 @@ def trespasses(source: str, module: str, is_package: bool = False) -> list[str]:
         allowed = target in MAY_IMPORT[package] or target in sys.stdlib_module_names
         if target == package:
             other = layer_of(name, name in modules() and modules()[name].name == "__init__.py")
-            climbs = own in layers and other in layers and layers.index(other) > layers.index(own)
+            upward = own in layers and other in layers and layers.index(other) > layers.index(own)
             kept_apart = any(
                 (_within(own, a) and _within(other, b)) or (_within(own, b) and _within(other, a)) for a, b in apart
             )
             # A package's own name is what it shows to others; its modules may read what it says of itself.
-            allowed = name == package or not (climbs or kept_apart)
+            allowed = name == package or not (upward or kept_apart)
         if not allowed:
             wrong.append(f"{module}:{line} imports {name}")
     return wrong

@@ -212,10 +212,10 @@ def test_type_checkers_see_the_types_of_the_installed_package(installed: Install
     settings.write_text("[mypy]\nfollow_imports = skip\n[mypy-mirrorcam.*]\nfollow_imports = silent\n")
     options = ("--config-file", str(settings), "--cache-dir", str(tmp_path / "cache"))
     seen_from = ("--python-executable", str(installed.python))
-    told = python(sys.executable, "-m", "mypy", *options, *seen_from, str(snippet), cwd=tmp_path, check=False).stdout
-    layout, design = (line for line in told.splitlines() if "Revealed type" in line)
+    printed = python(sys.executable, "-m", "mypy", *options, *seen_from, str(snippet), cwd=tmp_path, check=False).stdout
+    layout, design = (line for line in printed.splitlines() if "Revealed type" in line)
     assert "-> mirrorcam.optics.geometry.layout.Layout" in layout
     assert (
         "(spec: mirrorcam.optics.geometry.design_spec.DesignSpec) -> mirrorcam.optics.geometry.layout.Layout" in design
     )
-    assert 'snippet.py:4: error: Module has no attribute "x"' in told
+    assert 'snippet.py:4: error: Module has no attribute "x"' in printed

@@ -132,7 +132,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
         for other in tree.query(outline.buffer(GAP_SEARCH_MM))
         if other != place and outlines[other][0] == sheet
     ]
-    room = box(0.0, 0.0, *cutting.sheet_mm)
+    stock = box(0.0, 0.0, *cutting.sheet_mm)
     arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in laid.items()]
     return {
         "outlines_missing": Metric(value=len(set(mirror_names(layout)) - set(laid)), unit="", limit=0),
@@ -145,7 +145,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
             value=min(gaps, default=GAP_SEARCH_MM), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
         ),
         "outlines_off_sheet": Metric(
-            value=sum(not room.contains(outline) for _, outline in outlines), unit="", limit=0
+            value=sum(not stock.contains(outline) for _, outline in outlines), unit="", limit=0
         ),
         "marks_missing": Metric(value=sum(not cut.strokes for cut in cuts.values()), unit="", limit=0),
         "marks_off_mirror": Metric(

@@ -37,7 +37,7 @@ WRIST_SAGITTA_MM = 0.02
 STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
 # From how far off its seat a mirror is let down, in its thicknesses.
 DROP_OF_THICKNESS = 4.0
-# The room around a mirror is tried this much smaller than stated, so that walls just there are not met.
+# The clearance around a mirror is tested this much smaller than stated, so that walls just there are not met.
 ROUNDING_MM = 1e-3
 
 
@@ -168,10 +168,10 @@ def check_drop(
 ) -> dict[str, Metric]:
     """Check that the mirrors, as cut, go down to their seats along the normal with the stated clearance around them.
 
-    Both are volumes common with a part: of the mirror's path, and of the mirror grown to its sides by the room.
+    Both are volumes common with a part: of the mirror's path, and of the mirror grown to its sides by the clearance.
     """
     together = manifold3d.Manifold.compose(list(parts))
-    in_path = in_room = 0.0
+    in_path = in_clearance = 0.0
     for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
         if name not in laid:
             continue
@@ -179,9 +179,9 @@ def check_drop(
         low = mirror.back_mm + ROUNDING_MM
         grown = np.array(Polygon(corners).buffer(fit_mm - ROUNDING_MM).exterior.coords)
         in_path += common_mm3(together, prism(mirror, corners, low, low + DROP_OF_THICKNESS * thickness))
-        in_room += common_mm3(together, prism(mirror, grown, low, low + thickness))
+        in_clearance += common_mm3(together, prism(mirror, grown, low, low + thickness))
     return {
         "drop_clash_mm3": Metric(value=in_path, unit="mm3", limit=0.0),
-        "room_clash_mm3": Metric(value=in_room, unit="mm3", limit=0.0),
+        "room_clash_mm3": Metric(value=in_clearance, unit="mm3", limit=0.0),
         "room_mm": Metric(value=fit_mm, unit="mm"),
     }

@@ -82,8 +82,8 @@ def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, p
     wrong = np.abs(lies - planned).max() if len(lies) == len(planned) else float(np.ptp(planned))
     return {
         **{
-            f"print_{name}_mm": Metric(value=round(float(length), 3), unit="mm", limit=room)
-            for name, length, room in zip(("length", "width", "height"), size, bed, strict=True)
+            f"print_{name}_mm": Metric(value=round(float(length), 3), unit="mm", limit=limit)
+            for name, length, limit in zip(("length", "width", "height"), size, bed, strict=True)
         },
         "off_bed_um": Metric(value=round(float(beyond) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),
         "above_bed_um": Metric(value=round(max(float(low[2]), 0.0) * 1000.0, 2), unit="um", limit=SAME_MESH_UM),

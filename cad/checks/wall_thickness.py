@@ -12,7 +12,7 @@ from mirrorcam.optics.base.values import FloatArray
 WALL_COSINE = np.cos(np.radians(15.0))
 WALL_SAMPLE_MM2 = 1.0
 WALL_DOT_MM2 = 0.5
-# Walls thicker than this are not told apart.
+# Walls thicker than this are not distinguished.
 THICK_MM = 12.0
 # Rays start this far inside: the rounding of the STL's 32-bit numbers is 1e-5 mm.
 SURFACE_MM = 1e-3

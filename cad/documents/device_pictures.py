@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
 PICTURE_PX = (1400, 1050)
-# Room for the names at both sides.
+# Margin for the names at both sides.
 MARGINS_PX = (275, 50)
 BARE_MARGINS_PX = (60, 50)
 # Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.

@@ -87,10 +87,10 @@ def _arrange(
 ) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float]:
     """Place the views at the largest scale of the standard that leaves room for their dimensions."""
     bottom = BORDER_MM + BLOCK_MM
-    room = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
+    free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
     wide, deep = np.ptp(top.box, axis=0)
     high = float(np.ptp(front.box, axis=0)[1])
-    spare = room - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
+    spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
     # What is left over goes around the views in equal shares.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
@@ -115,7 +115,7 @@ def _isometric(view: PartView, placed: Sequence[PlacedView], right_end: float) -
 
 
 def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> float:
-    """Draw tables in the upper right corner, below each other; returns where the room left of them ends."""
+    """Draw tables in the upper right corner, below each other; returns where the free area left of them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:

@@ -56,8 +56,8 @@ class Screen:
         """The view that shows all points (n, 3), at least `margins_px` (x, y) from the picture's sides."""
         seen = points_in_rig @ axes[:2].T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        room = np.array(size_px) - 2.0 * np.array(margins_px)
-        return cls(axes, (low + high) / 2.0, float((room / np.maximum(high - low, 1e-6)).min()), size_px)
+        free = np.array(size_px) - 2.0 * np.array(margins_px)
+        return cls(axes, (low + high) / 2.0, float((free / np.maximum(high - low, 1e-6)).min()), size_px)
 
     def pixels(self, points_in_rig: FloatArray) -> FloatArray:
         """Column, row (px) and nearness (mm, larger is nearer) (..., 3) of points (..., 3)."""

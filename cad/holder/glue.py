@@ -45,7 +45,7 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
     beyond = hardware.fit.free_mm + dimensions.rim_mm + BEYOND_MM
-    room = outline.buffer(beyond, join_style="mitre", mitre_limit=2.0)
+    within = outline.buffer(beyond, join_style="mitre", mitre_limit=2.0)
     columns = [_column(mirror, other, away) for place, other in enumerate(mirrors) if place != index]
     taken = union_all([column.buffer(BESIDE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, low, right, high = outline.bounds
@@ -60,7 +60,9 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
         blocked = taken.intersection(strip)
         below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < middle]
         above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > middle]
-        shape = room.intersection(box(at - half, max([low - beyond, *below]), at + half, min([high + beyond, *above])))
+        shape = within.intersection(
+            box(at - half, max([low - beyond, *below]), at + half, min([high + beyond, *above]))
+        )
         grooves.append(Groove(float(at), get_coordinates(shape)[:-1]))
     return tuple(grooves)
 

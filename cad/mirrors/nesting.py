@@ -18,7 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
 
-# Room for rounding, so that a piece as wide as the sheet's room is not refused.
+# Room for rounding, so that a piece as wide as the sheet's usable area is not refused.
 ROUNDING_MM = 1e-6
 
 

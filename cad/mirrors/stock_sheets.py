@@ -106,10 +106,10 @@ def require_cuttable(layout: Layout, cutting: Cutting) -> None:
         path = offset_outline(outline, cutting.kerf_mm / 2.0)
         if not fits(path, cutting.sheet_mm, cutting.gap_mm):
             width, height = _box_mm(path)
-            room = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
+            usable = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
             raise InputError(
                 f"mirror {name} is {width:.1f} x {height:.1f} mm as cut, expected at most "
-                f"{' x '.join(f'{length:g}' for length in room)} mm (sheet without its margins)"
+                f"{' x '.join(f'{length:g}' for length in usable)} mm (sheet without its margins)"
             )
 
 

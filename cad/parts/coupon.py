@@ -16,7 +16,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 MIRROR_MM = (20.0, 15.0)
-"""The test mirror, cut from the layout's sheet."""
+"""The test mirror, cut from the stock sheet of the layout's mirrors."""
 
 PLATE_MM = 2.4
 GAUGE_WALL_MM = 3.0
@@ -47,10 +47,10 @@ class CouponPlan:
 
 
 def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
-    """Lay out the coupon; of the layout only the thickest sheet counts."""
+    """Lay out the coupon; of the layout only the thickness of the thickest mirror counts."""
     at, screw, dimensions = RIG_FROM_COUPON_MM, hardware.screw, hardware.holder
     fit, rim = hardware.fit.free_mm, dimensions.rim_mm
-    sheet = max(mirror.thickness_mm for mirror in layout.mirrors)
+    thickness = max(mirror.thickness_mm for mirror in layout.mirrors)
     ring, radius = hardware.camera.lens_ring_mm, hardware.wrist.diameter_mm / 2.0
     pitch = ring + 2.0 * GAUGE_WALL_MM
     seat_x, seat_y = (side + 2.0 * (fit + rim) for side in MIRROR_MM)
@@ -69,7 +69,7 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
 
     pieces.append(solid((0.0, 0.0, 0.0), (right, depth, PLATE_MM)))
     # The seat: rims all round as high over it as the holder's, grooves for the glue as the holder has.
-    high = PLATE_MM + dimensions.rim_height_of_sheet * sheet
+    high = PLATE_MM + dimensions.rim_height_of_sheet * thickness
     for low_x, low_y, high_x, high_y in (
         (0.0, 0.0, seat_x, rim),
         (0.0, seat_y - rim, seat_x, seat_y),

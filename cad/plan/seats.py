@@ -110,7 +110,7 @@ def mirror_prism(mirror: Mirror) -> Frustum:
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """The room that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it."""
+    """The clearance that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it."""
     back, fit = mirror.back_mm, hardware.fit.free_mm
     front = back + mirror.thickness_mm + fit
     return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))

@@ -69,9 +69,9 @@ def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardwar
     for i in range(1, count):
         middle = start + (end - start) * i / count
         tried = np.linspace(middle - slack, middle + slack, TRIED)
-        room = [room_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
+        areas = [room_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
         # Of places that are as good, the one nearest to the middle.
-        best = max(range(TRIED), key=lambda k: (round(room[k], 3), -abs(tried[k] - middle)))
+        best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
         places.append(float(tried[best]))
     return tuple(places)
 

@@ -161,8 +161,8 @@ def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> Boug
 def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatArray, hardware: Hardware) -> list[_Pin]:
     """The two pins of a joint, as far apart as they can be."""
     axis, cut = joint.axis, joint.at_mm
-    room = room_for_pins(body, axis, cut, joint.span_mm, hardware)
-    corners, apart = farthest_pair(get_coordinates(room))
+    area = room_for_pins(body, axis, cut, joint.span_mm, hardware)
+    corners, apart = farthest_pair(get_coordinates(area))
     needed = PINS_APART * hardware.holder.pin_mm[0]
     if apart < needed:
         raise InputError(

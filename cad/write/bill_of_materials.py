@@ -45,7 +45,7 @@ class PrintedLine(Value):
 
 
 class MirrorLine(Value):
-    """The mirrors of one kind of sheet."""
+    """The mirrors cut from one kind of stock sheet."""
 
     sheet: str
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ class MirrorLine(Value):
 
 
 class BoughtLine(Value):
-    """Something to buy, so many pieces or so much of it; `standard` is what a shop calls it."""
+    """An item to buy, by its number or by the amount in its note; `standard` is its trade designation."""
 
     title: str
     count: int | None

@@ -65,10 +65,10 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         connect(connection, parent, child)
     mirrors, bought = [], []
     for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
-        sheet = _coloured(_sheet(mirror), f"mirror_{name}", MIRROR_RGB)
+        solid = _coloured(_mirror_solid(mirror), f"mirror_{name}", MIRROR_RGB)
         seat = mirror.rig_from_plane.copy()
         seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
-        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], sheet, seat))
+        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], solid, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
     bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
     items = bought_items(device)
@@ -110,7 +110,7 @@ def _coloured(shape: Shape[Any], label: str, rgb: Rgb) -> Solid:
     return solid
 
 
-def _sheet(mirror: Mirror) -> Solid:
+def _mirror_solid(mirror: Mirror) -> Solid:
     """A mirror as cut, in its own frame but for its height: the back at z = 0."""
     corners = [Vector(x, y, 0.0) for x, y in mirror.outline_in_plane_mm]
     face = Face(Wire.make_polygon(corners))

@@ -58,7 +58,7 @@ class RenderOptions(Value):
     )
     as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(built by hand)")] = Field(
         default="",
-        description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+        description="deviation of the camera from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
     )
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="board.toml; without it, the default board"

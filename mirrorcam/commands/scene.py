@@ -42,7 +42,7 @@ class SceneOptions(Value):
     )
     as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hobbyist)")] = Field(
         default="",
-        description="how far the camera strays from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+        description="deviation of the camera from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
     )
     out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is continued")
 

@@ -1,4 +1,4 @@
-"""The pinhole that is nearest to a view that is none: behind a sheet, or in a mirror that is bent."""
+"""The pinhole nearest to a view that is not one: that of a second-surface mirror, or of a bent one."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class VirtualCamera:
     `camera` has the intrinsics of the whole flipped frame, `camera_from_rig` (4, 4) is rigid, in mm. `outline_px`
     (n, 2) bounds what the mirror shows in the flipped frame, `sub_image` is its bounding rectangle. `pinhole_error_px`
     is by how much this camera is wrong anywhere in the sub-image, at the layout's depths: 0 for a flat first-surface
-    mirror; sheets that are coated behind and bent mirrors are no pinholes.
+    mirror; second-surface mirrors and bent ones are not pinholes.
     """
 
     name: str
@@ -124,7 +124,7 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         name = f"view_{row}_{column}"
         corners = mirror.usable_normalized
         if not len(corners):
-            raise InputError(f"{name} shows nothing: light that enters its sheet does not leave it")
+            raise InputError(f"{name} shows nothing: light that enters its plate does not leave it")
         along = np.linspace(0.0, 1.0, POINTS_PER_EDGE, endpoint=False)[:, None]
         edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
         outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))

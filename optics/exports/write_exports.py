@@ -116,8 +116,8 @@ triangulates one picture; of many, `colmap mapper --Mapper.ba_refine_sensor_from
 --Mapper.ba_refine_extra_params 0` finds the rig's motion too. nerfstudio: `ns-train splatfacto --data nerfstudio`.
 
 How wrong these cameras are, in px, anywhere in their view: as pinholes, and in Kalibr's model, which has no k3. A flat
-mirror that is coated in front makes a pinhole. One coated behind its sheet, or bent, does not: the camera here is the
-nearest to it over the view and {depths} mm from its virtual centre.
+first-surface mirror makes a pinhole. A second-surface or bent mirror does not: the camera here is the pinhole nearest
+to it over the view and {depths} mm from its virtual centre.
 
 | view | first pixel of the flipped frame | size px | pinhole | Kalibr |
 |---|---|---|---|---|

@@ -51,17 +51,17 @@ def test_what_was_asked_for_is_public() -> None:
 
 
 def test_importing_loads_nothing_but_the_standard_library() -> None:
-    told = after("import sys; before = set(sys.modules); import mirrorcam")
-    ours = [name for name in told["modules"] if name.startswith("mirrorcam")]
+    found = after("import sys; before = set(sys.modules); import mirrorcam")
+    ours = [name for name in found["modules"] if name.startswith("mirrorcam")]
     assert ours == ["mirrorcam"]
-    assert {"numpy", "pydantic", "cv2", "scipy"}.isdisjoint(told["modules"])
-    assert set(mirrorcam.__all__) <= set(told["names"])
+    assert {"numpy", "pydantic", "cv2", "scipy"}.isdisjoint(found["modules"])
+    assert set(mirrorcam.__all__) <= set(found["names"])
 
 
 def test_a_name_loads_its_own_module_once() -> None:
-    told = after("import mirrorcam; assert mirrorcam.Camera is mirrorcam.Camera; mirrorcam.Camera.c920()")
-    assert "mirrorcam.optics.geometry.camera" in told["modules"]
-    assert {"casadi", "build123d", "mitsuba", "matplotlib"}.isdisjoint(told["modules"])
+    found = after("import mirrorcam; assert mirrorcam.Camera is mirrorcam.Camera; mirrorcam.Camera.c920()")
+    assert "mirrorcam.optics.geometry.camera" in found["modules"]
+    assert {"casadi", "build123d", "mitsuba", "matplotlib"}.isdisjoint(found["modules"])
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -1,4 +1,4 @@
-"""Mirrors that are not alike, not smooth, not flat: as drawn, as shown by both renderers, as told in the truth."""
+"""Mirrors that are not alike, not smooth, not flat: as drawn, as shown by both renderers, as stated in the truth."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ def test_a_set_tells_the_finish_in_its_truth_alone(tmp_path: Path, small_layout:
         ),
     )
     dataset = render_set(request, tmp_path)
-    told = json.loads((tmp_path / "truth" / "finish.json").read_text(encoding="utf-8"))
-    finishes = [MirrorFinish.model_validate(values) for values in told["mirrors"]]
+    written = json.loads((tmp_path / "truth" / "finish.json").read_text(encoding="utf-8"))
+    finishes = [MirrorFinish.model_validate(values) for values in written["mirrors"]]
     assert len({finish.sag_mm for finish in finishes}) == 9
     assert dataset.intact(tmp_path, "truth/finish.json")
     assert repr(finishes[0].sag_mm) not in (tmp_path / "dataset.json").read_text(encoding="utf-8")

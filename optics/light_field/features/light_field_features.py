@@ -45,7 +45,7 @@ LEAST_ALIKE = 0.85
 PRIOR_FREEDOM = 4.0
 # Errors of a patch are in part alike in all views (surfaces bend within it, views are not equally soft): in the views
 # farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
-# residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered desks.
+# residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered tabletop scenes.
 COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
 
 

@@ -16,8 +16,8 @@ from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
-ROOM = 256
-"""By how many frames the array grows at once while it is written."""
+GROWTH_FRAMES = 256
+"""Number of frames that the array grows by at once while it is written."""
 
 
 class ZarrSink:
@@ -37,7 +37,7 @@ class ZarrSink:
         if self._samples is None:
             self._samples = self._created(light_field)
         if index >= self._samples.shape[0]:
-            self._samples.resize((index + ROOM, *self._samples.shape[1:]))
+            self._samples.resize((index + GROWTH_FRAMES, *self._samples.shape[1:]))
         self._samples[index] = light_field.samples
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
@@ -72,7 +72,7 @@ class ZarrSink:
         shape = light_field.samples.shape
         return group.create_array(
             "samples",
-            shape=(ROOM, *shape),
+            shape=(GROWTH_FRAMES, *shape),
             chunks=(1, *shape),
             dtype=light_field.samples.dtype,
             compressors=fast,

@@ -163,12 +163,12 @@ def drop(make_flat_pair: Callable[..., Layout]) -> Drop:
 
 
 def test_a_mirror_drops_into_its_pocket(drop: Drop) -> None:
-    """Walls of 1 mm on a floor, at the stated room; nearer by 0.1 mm; and a lip that hangs over the mirror."""
+    """Walls of 1 mm on a floor, at the stated clearance; nearer by 0.1 mm; and a lip that hangs over the mirror."""
 
-    def pocket(room: float) -> manifold3d.Manifold:
+    def pocket(clearance: float) -> manifold3d.Manifold:
         floor = manifold3d.Manifold.cube((50.0, 40.0, 6.0)).translate((-25.0, -20.0, -5.0))
-        return floor - manifold3d.Manifold.cube((30.0 + 2 * room, 20.0 + 2 * room, 5.0)).translate(
-            (-15.0 - room, -10.0 - room, 0.0)
+        return floor - manifold3d.Manifold.cube((30.0 + 2 * clearance, 20.0 + 2 * clearance, 5.0)).translate(
+            (-15.0 - clearance, -10.0 - clearance, 0.0)
         )
 
     fit = HARDWARE.fit.free_mm

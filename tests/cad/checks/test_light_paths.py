@@ -150,7 +150,7 @@ def test_sheets_shade_each_other_only_where_one_stands_before_another(default_la
 
 
 def test_a_mirror_that_shows_nothing_is_found(make_flat_pair: Callable[..., Layout]) -> None:
-    """Light at 45 deg goes 2 x 1.6 mm along a sheet of 3 mm (n = 1.49): it leaves a mirror of 2.5 mm beside it."""
+    """Light at 45 deg goes 2 x 1.6 mm along a plate of 3 mm (n = 1.49): it leaves a mirror of 2.5 mm beside it."""
     layout = make_flat_pair(gap_mm=8.0, height_mm=2.5)
     narrow = tuple(mirror.replaced(surface="second", thickness_mm=3.0) for mirror in layout.mirrors)
     checks = checked(layout.replaced(mirrors=narrow))

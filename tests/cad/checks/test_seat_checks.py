@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 FIT = HARDWARE.fit.free_mm
-WIDTH, HEIGHT, SHEET = 30.0, 20.0, 2.0
+WIDTH, HEIGHT, THICKNESS = 30.0, 20.0, 2.0
 Seated = tuple[Layout, tuple[Part, ...]]
 
 
@@ -38,10 +38,10 @@ def plane_of(mirror: Mirror) -> Plane:
     return Plane(origin=tuple(origin + mirror.back_mm * normal), x_dir=tuple(x_axis), z_dir=tuple(normal))
 
 
-def seat_block(mirror: Mirror, *, room: float = FIT, sink: float = 0.0) -> Part:
-    """A block with a pocket for a mirror of 30 x 20 x 2 mm: 1 mm deep, wider by the room on each side."""
+def seat_block(mirror: Mirror, *, clearance: float = FIT, sink: float = 0.0) -> Part:
+    """A block with a pocket for a mirror of 30 x 20 x 2 mm: 1 mm deep, wider by the clearance on each side."""
     outer = Pos(0, 0, -4.0) * Box(WIDTH + 6, HEIGHT + 6, 10.0)
-    pocket = Pos(0, 0, 5.0 - sink) * Box(WIDTH + 2 * room, HEIGHT + 2 * room, 10.0)
+    pocket = Pos(0, 0, 5.0 - sink) * Box(WIDTH + 2 * clearance, HEIGHT + 2 * clearance, 10.0)
     return Part((plane_of(mirror) * (outer - pocket)).solids())
 
 
@@ -54,7 +54,7 @@ def read_back(parts: tuple[Part, ...], folder: Path) -> list[FlatFace]:
 
 @pytest.fixture(scope="module")
 def seated(make_flat_pair: Callable[..., Layout]) -> Seated:
-    layout = make_flat_pair(gap_mm=20.0, width_mm=WIDTH, height_mm=HEIGHT, thickness_mm=SHEET)
+    layout = make_flat_pair(gap_mm=20.0, width_mm=WIDTH, height_mm=HEIGHT, thickness_mm=THICKNESS)
     return layout, tuple(seat_block(mirror) for mirror in layout.mirrors)
 
 
@@ -148,7 +148,7 @@ def test_a_seat_may_lie_on_two_parts(seated: Seated, tmp_path: Path) -> None:
 @pytest.mark.parametrize("error_mm", [0.002, -0.002])
 def test_a_pocket_two_microns_off_is_found(seated: Seated, tmp_path: Path, error_mm: float) -> None:
     layout, parts = seated
-    off = (parts[0], seat_block(layout.mirrors[1], room=FIT + error_mm))
+    off = (parts[0], seat_block(layout.mirrors[1], clearance=FIT + error_mm))
     checks = check_seats(read_back(off, tmp_path), layout, HARDWARE, cover_of(layout))
     assert failed(checks) == {"pocket_error_um"}
     assert checks["pocket_error_um"].value == pytest.approx(2.0, abs=1e-3)

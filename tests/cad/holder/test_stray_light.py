@@ -31,18 +31,18 @@ def plan(device: Device) -> HolderPlan:
     return device.holder
 
 
-def sheets(layout: Layout) -> list[Manifold]:
+def mirror_solids(layout: Layout) -> list[Manifold]:
     return [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in map(mirror_prism, layout.mirrors)]
 
 
 def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
     assert len(seen_between(default_layout)) > 100
-    assert stray_light(default_layout, body_of(PlanarCsg(), plan), sheets(default_layout)) < 0.1 * STRAY_LIGHT
+    assert stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * STRAY_LIGHT
     # Of mirrors that leave more of the picture free, too much of it shows the room without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
-    assert stray_light(free, body_of(PlanarCsg(), walled), sheets(free)) < 0.1 * STRAY_LIGHT
-    assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), sheets(free)) > STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), mirror_solids(free)) > STRAY_LIGHT
 
 
 def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Layout) -> None:

@@ -227,14 +227,14 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
 
 def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Path, finished_set: Path) -> None:
     resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
-    room = 12_000  # for one file, which is less than a frame
+    limit = 12_000  # for one file, which is less than a frame
 
-    def little_room() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+    def small_file_limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    assert len(contents(finished_set)["frames/0000.jpg"]) > room
+    assert len(contents(finished_set)["frames/0000.jpg"]) > limit
     options = f"{OPTIONS} --no-maps --workers 1"
-    with command(options, preexec_fn=little_room) as running:
+    with command(options, preexec_fn=small_file_limit) as running:
         _, said = running.communicate(timeout=60)
     assert (running.returncode, said.count("\n")) == (2, 1)
     assert "cannot be written: File too large" in said

@@ -48,7 +48,7 @@ def test_the_seed_decides_about_the_set_alone() -> None:
 
 @pytest.fixture
 def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[str, Metric]:
-    """Replaces the rooms by stages that write their metrics; those of the validation are returned, to be changed."""
+    """Replace the stages by ones that write their metrics; those of the validation are returned, to be changed."""
     truth = {"normal_error_max_deg": Metric(value=0.01, unit="deg", limit=0.02)}
     part = {"seat_error_mm": Metric(value=0.0, unit="mm", limit=0.001)}
 

@@ -15,13 +15,13 @@ from tests.optics.exports.conftest import Case, seen_through
 
 
 def acrylic(layout: Layout) -> Layout:
-    sheets = tuple(
+    plates = tuple(
         Mirror.second_surface(
             mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=2.0, refractive_index=1.49
         )
         for mirror in layout.mirrors
     )
-    return layout.replaced(mirrors=sheets)
+    return layout.replaced(mirrors=plates)
 
 
 def bent(layout: Layout) -> Layout:

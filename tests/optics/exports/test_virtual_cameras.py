@@ -1,4 +1,4 @@
-"""A mirror as a camera: rigid, upright, exact for first-surface mirrors, and honest about sheets."""
+"""A mirror as a camera: rigid, upright, exact for first-surface mirrors, with an error for second-surface ones."""
 
 from __future__ import annotations
 

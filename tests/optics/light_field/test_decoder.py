@@ -94,17 +94,17 @@ def test_a_moved_mirror_would_be_noticed(crooked: Decoder, crooked_layout: Layou
 
 
 def second_surface(layout: Layout) -> Layout:
-    """Sheets of 3 mm, coated behind, that look at their chief rays like the mirrors of a layout."""
-    sheets = [
+    """Second-surface mirrors of 3 mm that look at their chief rays like the mirrors of a layout."""
+    mirrors = [
         Mirror.second_surface(
             mirror.virtual_centre_in_rig_mm, mirror.outline_in_rig_mm, thickness_mm=3.0, refractive_index=1.49
         )
         for mirror in layout.mirrors
     ]
-    return layout.replaced(mirrors=tuple(sheets))
+    return layout.replaced(mirrors=tuple(mirrors))
 
 
-def test_sheets_coated_behind_are_followed_ray_by_ray(crooked_layout: Layout) -> None:
+def test_second_surface_mirrors_are_followed_ray_by_ray(crooked_layout: Layout) -> None:
     layout = second_surface(crooked_layout)
     decoder = Decoder(layout)
     depth_mm = decoder.views.reference_depth_mm
@@ -118,7 +118,7 @@ def test_sheets_coated_behind_are_followed_ray_by_ray(crooked_layout: Layout) ->
         steepest = float(np.hypot(*np.gradient(expected[t, s])).max())
         assert np.abs(found - expected[t, s])[light_field.valid[t, s]].max() < 0.1 * steepest
         assert np.abs(shift_px(found, expected[t, s], light_field.valid[t, s])).max() < 0.003
-    # The plain mirrors that the sheets resemble are another model, whose errors grow with the angle to the chief ray.
+    # The plain mirrors that the plates resemble are another model, whose errors grow with the angle to the chief ray.
     far_off = np.abs(as_if_plain.samples[..., 0] - seen_by_pinholes(plain.views, depth_mm, waves))[as_if_plain.valid]
     close = np.abs(light_field.samples[..., 0] - expected)[light_field.valid]
     assert np.percentile(far_off, 99) > 2 * np.percentile(close, 99)

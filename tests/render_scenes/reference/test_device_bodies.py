@@ -55,7 +55,7 @@ def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_lay
 def test_what_stands_before_a_mirror_hides_it(
     surface: str, small_layout: Layout, small_board: Charuco, pose: FloatArray
 ) -> None:
-    """And leaves everything else as it was; of a sheet, the light of all branches together."""
+    """And leaves everything else as it was; of a plate, the light of all branches together."""
     mirrors = tuple(mirror.replaced(surface=surface, thickness_mm=2.0) for mirror in small_layout.mirrors)
     small_layout = small_layout.replaced(mirrors=mirrors, kind="as-built")
     alone, crop = scene_of(small_layout, small_board, pose), (200, 90, 80, 80)

@@ -93,14 +93,14 @@ def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pos
         hit = scene.scene.ray_intersect(mi.Ray3f(hit.p + CLEARANCE_MM * direction, direction))
         travelled += np.array(hit.t) + CLEARANCE_MM
     at = (np.array(hit.p).T - pose[:3, 3]) @ pose[:3, :3]
-    inside = np.abs(at[:, 2]) < 1e-3  # light that meets an edge of a sheet has not come to the board
+    inside = np.abs(at[:, 2]) < 1e-3  # light that meets an edge of a plate has not come to the board
     assert inside.mean() > 0.99
     for name, found in (("board.x", at[:, 0]), ("board.y", at[:, 1]), ("path", travelled)):
         np.testing.assert_allclose(found[inside], truth[name][y, x][inside], atol=1e-3, err_msg=name)
 
 
 def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: FloatArray) -> None:
-    """A corner's pixel, followed by rays through the sheet, ends at the corner: solved one way, traced the other."""
+    """A corner's pixel, followed by rays through the plate, ends at the corner: solved one way, traced the other."""
     oracle = Oracle(plates, TARGET)
     px, visible = oracle.by_mirrors(pose)
     assert visible.sum() > 300
@@ -111,7 +111,7 @@ def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: 
         start, direction = (start - pose[:3, 3]) @ board_from_rig.T, direction @ board_from_rig.T
         at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
-    # The part of a sheet that light enters but does not leave shows nothing.
+    # The part of a plate that light enters but does not leave shows nothing.
     planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
     assert visible.sum() < Oracle(planes, TARGET).by_mirrors(pose)[1].sum()
 
@@ -149,7 +149,7 @@ def test_a_plane_is_not_a_plate(plates: Layout) -> None:
     assert np.median(at_one) == pytest.approx(0.14, abs=0.02)
     assert min(at_two) > 0.08
     assert max(at_two) < 0.3
-    # It is the sheet: thin ones are planes.
+    # It is the plate: thin ones are planes.
     thin = plates.replaced(mirrors=tuple(mirror.replaced(thickness_mm=0.02) for mirror in plates.mirrors))
     assert max(rms(thin, 300.0, 500.0)) < 0.004
 

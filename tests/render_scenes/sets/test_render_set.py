@@ -112,9 +112,9 @@ def test_pictures_show_the_board_where_the_truth_says(finished: Path, small_boar
 
 def test_nothing_outside_the_truth_tells_the_truth(finished: Path) -> None:
     truth = json.loads((finished / "truth" / "layout.json").read_text(encoding="utf-8"))
-    told = (finished / MANIFEST).read_text(encoding="utf-8") + (finished / "layout.json").read_text(encoding="utf-8")
-    assert repr(truth["camera"]["fx_px"]) not in told
-    assert repr(truth["mirrors"][0]["virtual_centre_in_rig_mm"][0]) not in told
+    written = (finished / MANIFEST).read_text(encoding="utf-8") + (finished / "layout.json").read_text(encoding="utf-8")
+    assert repr(truth["camera"]["fx_px"]) not in written
+    assert repr(truth["mirrors"][0]["virtual_centre_in_rig_mm"][0]) not in written
     assert "seed" not in json.loads((finished / MANIFEST).read_text(encoding="utf-8"))
 
 
@@ -336,7 +336,7 @@ def test_the_manifest_holds_every_parameter(render: Render, tmp_path: Path) -> N
     sensor = SENSORS["poor"].replaced(focus_mm=432.1, exposure=0.7)
     settings = RenderSettings(renderer="fast", spp=9, paper=0.8, ink=0.04, sensor=sensor, maps=False)
     render(tmp_path / "set", frames=1, base_frames=0, settings=settings)
-    told = json.loads((tmp_path / "set" / MANIFEST).read_text(encoding="utf-8"))
-    assert told["settings"]["sensor"] == sensor.model_dump(mode="json")
-    assert set(told["settings"]) == set(RenderSettings.model_fields)
-    assert told["settings"] == settings.model_dump(mode="json")
+    written = json.loads((tmp_path / "set" / MANIFEST).read_text(encoding="utf-8"))
+    assert written["settings"]["sensor"] == sensor.model_dump(mode="json")
+    assert set(written["settings"]) == set(RenderSettings.model_fields)
+    assert written["settings"] == settings.model_dump(mode="json")

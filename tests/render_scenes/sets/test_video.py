@@ -43,9 +43,9 @@ def frames_of(path: Path) -> list[NDArray[np.uint8]]:
 
 
 def test_an_avi_holds_the_jpeg_files_as_they_are(pictures: dict[str, list[Path]], tmp_path: Path) -> None:
-    told: list[int] = []
-    write_mjpeg(tmp_path / "video.avi", pictures["jpg"], 29.97, told.append)
-    assert told == [1, 2, 3, 4, 5, 6]
+    reported: list[int] = []
+    write_mjpeg(tmp_path / "video.avi", pictures["jpg"], 29.97, reported.append)
+    assert reported == [1, 2, 3, 4, 5, 6]
     with av.open(str(tmp_path / "video.avi")) as container:
         (stream,) = container.streams
         assert stream.codec_context.name == "mjpeg"
@@ -55,9 +55,9 @@ def test_an_avi_holds_the_jpeg_files_as_they_are(pictures: dict[str, list[Path]]
 
 
 def test_an_mp4_shows_the_pictures_at_their_rate(pictures: dict[str, list[Path]], tmp_path: Path) -> None:
-    told: list[int] = []
-    write_h264(tmp_path / "video.mp4", pictures["png"], 25.0, 10, told.append)
-    assert told == [1, 2, 3, 4, 5, 6]
+    reported: list[int] = []
+    write_h264(tmp_path / "video.mp4", pictures["png"], 25.0, 10, reported.append)
+    assert reported == [1, 2, 3, 4, 5, 6]
     with av.open(str(tmp_path / "video.mp4")) as container:
         (stream,) = container.streams
         assert stream.codec_context.name == "h264"

@@ -1,4 +1,4 @@
-"""Light in a room against closed forms: sky, lamp, glass, mirrors, and how little of it is noise."""
+"""Light in a closed room against closed forms: sky, lamp, glass, mirrors, and how little of it is noise."""
 
 from __future__ import annotations
 

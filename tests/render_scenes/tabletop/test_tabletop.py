@@ -1,4 +1,4 @@
-"""What stands on the desk: at the depths asked for, where all views see it, in proportion to the camera."""
+"""Objects of the tabletop scene: at the depths asked for, where all views see it, in proportion to the camera."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_named_mesh_stands_where_it_is_put(default_layout: Layout) -> None:
     assert unplaced.view_from_object[2, 3] == 380.0
 
 
-def test_depths_that_make_no_desk_are_refused(default_layout: Layout) -> None:
+def test_depths_that_make_no_tabletop_are_refused(default_layout: Layout) -> None:
     with pytest.raises(InputError, match=r"^depths 400, 300 mm: expected one or more, ascending$"):
         arrange_tabletop(default_layout, (400.0, 300.0), 0)
     with pytest.raises(InputError, match=r"^depths  mm: expected one or more, ascending$"):

@@ -63,7 +63,7 @@ def test_maps_are_read_back_or_refused_in_one_line(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def asked(small_layout: Layout) -> TabletopRequest:
-    """A desk by way of the default mirrors, built by a hobbyist, before a sensor of 480 x 270 pixels."""
+    """A tabletop scene through the default mirrors, built by a hobbyist, before a sensor of 480 x 270 pixels."""
     if use_variant(colour=True) == SCALAR:
         pytest.skip("nothing compiles in colour")
     return TabletopRequest(
@@ -137,8 +137,8 @@ def test_a_decoded_frame_is_the_true_views(finished: Path, built: Layout) -> Non
 @pytest.mark.slow
 def test_a_decoded_frame_of_a_webcam_is_the_true_views(default_layout: Layout, tmp_path: Path) -> None:
     request = TabletopRequest(layout=default_layout, seed=1, sensor=SENSORS["ideal"], spp=16)
-    render_tabletop(request, tmp_path / "desk")
-    sharp, soft, shifts = compared(tmp_path / "desk", Decoder(Layout.load(tmp_path / "desk/truth/layout.json")))
+    render_tabletop(request, tmp_path / "scene")
+    sharp, soft, shifts = compared(tmp_path / "scene", Decoder(Layout.load(tmp_path / "scene/truth/layout.json")))
     assert min(sharp) > 28.0
     assert min(soft) > 36.0
     assert max(shifts) < 0.03
@@ -280,7 +280,7 @@ def test_truth_says_what_it_is_of(finished: Path, built: Layout) -> None:
 def test_an_interrupted_set_is_continued_to_the_same_bytes(
     finished: Path, asked: TabletopRequest, tmp_path: Path
 ) -> None:
-    out = tmp_path / "desk"
+    out = tmp_path / "scene"
     shutil.copytree(finished, out)
     (out / "truth/depth/1_2.exr").unlink()
     (out / "frames/0000.png").write_bytes(b"torn")
@@ -317,11 +317,11 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: TabletopRequest, tmp_path:
     block.write_text(text + "".join("f {} {} {} {}\n".format(*quad) for quad in quads), encoding="utf-8")
     place = np.array([5.0, -40.0, 290.0])
     request = asked.replaced(meshes=(NamedMesh(file=block, place_in_view_mm=place),), spp=4)
-    manifest = render_tabletop(request, tmp_path / "desk")
+    manifest = render_tabletop(request, tmp_path / "scene")
     assert manifest.meshes == (("block.obj", hashlib.sha256(block.read_bytes()).hexdigest()),)
-    views = Decoder(Layout.load(tmp_path / "desk/truth/layout.json")).views
-    labels = read_image(tmp_path / "desk/truth/things/1_1.png", grey=True)
-    depth = exr(tmp_path / "desk/truth/depth/1_1.exr")["depth"]
+    views = Decoder(Layout.load(tmp_path / "scene/truth/layout.json")).views
+    labels = read_image(tmp_path / "scene/truth/things/1_1.png", grey=True)
+    depth = exr(tmp_path / "scene/truth/depth/1_1.exr")["depth"]
     # The front of the block: x -10..10, y -30..0, z -5 of its base's middle.
     middle = views.project((place - np.array([0.0, 15.0, 5.0])) @ views.view_from_rig)[1, 1]
     u, v = np.rint(middle).astype(int)
@@ -344,7 +344,7 @@ def test_second_surface_mirrors_have_the_views_of_their_apparent_mirrors(small_l
 
 def test_one_mirror_has_a_true_view_and_no_disparity(asked: TabletopRequest, tmp_path: Path) -> None:
     alone = asked.layout.replaced(rows=1, cols=1, mirrors=asked.layout.mirrors[4:5])
-    manifest = render_tabletop(asked.replaced(layout=alone, spp=4), tmp_path / "desk")
+    manifest = render_tabletop(asked.replaced(layout=alone, spp=4), tmp_path / "scene")
     views = {name for name in manifest.files if name.startswith("truth/") and name.count("/") == 2}
     assert views == {f"truth/{kind}/0_0{end}" for kind, end in KINDS.items() if kind != "disparity"}
 

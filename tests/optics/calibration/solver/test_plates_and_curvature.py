@@ -116,7 +116,7 @@ def test_claims_are_the_bound_and_errors_keep_to_them(kind: str) -> None:
         linear.append(of.linear @ noise.ravel())
         nees.append(errors[-1] @ np.linalg.solve(solution.covariance, errors[-1]) / len(solution.parameters))
     claimed, bound = np.sqrt(np.diag(solution.covariance)), np.sqrt(np.diag(of.bound))
-    # Each claim rests on a sigma from some 5400 residuals, which strays by 1 %; the rest is the bound's curvature.
+    # Each claim rests on a sigma from some 5400 residuals, which scatters by 1 %; the rest is the bound's curvature.
     np.testing.assert_allclose(claimed / bound, solution.sigma_px / SIGMA_PX, rtol=0.02)
     spread = np.sqrt(2.0 / (len(nees) * len(bound)))
     assert np.mean(nees) == pytest.approx(1.0, abs=4.0 * spread)

@@ -66,9 +66,9 @@ def errors_px(light_field: LightField, expected: FloatArray, off_px: float = 1.2
     inside = (expected > 12).all(axis=2) & (expected < [247, 167]).all(axis=2)
     start[~inside] = np.nan
     found = aligned(light_field, start)
-    told = np.isfinite(found.pixels[..., 0]) & (found.alike > 0.85)
-    assert told.sum() > 0.9 * inside.sum()
-    return np.linalg.norm(found.pixels - expected, axis=2)[told]
+    accepted = np.isfinite(found.pixels[..., 0]) & (found.alike > 0.85)
+    assert accepted.sum() > 0.9 * inside.sum()
+    return np.linalg.norm(found.pixels - expected, axis=2)[accepted]
 
 
 def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, FloatArray]) -> None:
@@ -130,8 +130,8 @@ def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, F
     assert [each.level for each in given] == [1]
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))
-    told = found.alike > 0.9
-    assert np.median(np.linalg.norm(found.pixels - expected, axis=2)[told]) < 0.05
+    accepted = found.alike > 0.9
+    assert np.median(np.linalg.norm(found.pixels - expected, axis=2)[accepted]) < 0.05
 
 
 def test_views_too_large_for_tables_are_refused() -> None:

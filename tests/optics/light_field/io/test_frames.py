@@ -119,7 +119,7 @@ def test_a_file_that_breaks_off_gives_the_frames_before(tmp_path: Path, name: st
     assert 10 < len(frames) < 35
     assert [frame.number for frame in frames] == list(range(len(frames)))
     assert all(np.array_equal(frame.pixels, whole[frame.number].pixels) for frame in frames)
-    # At most the frame at the break, and what MP4's index in front still promises is not told frame by frame.
+    # At most the frame at the break, and what MP4's index in front still promises is not reported frame by frame.
     assert len(lost) <= 1
     if name == "a.mp4":
         assert video.count == 40

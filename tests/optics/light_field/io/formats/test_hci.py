@@ -152,9 +152,9 @@ def test_nine_views_beat_the_best_stereo_pair(nine: tuple[Path, LightField, Floa
 
 
 @pytest.mark.slow
-def test_nine_views_of_a_rendered_desk_beat_the_best_stereo_pair(tmp_path: Path) -> None:
-    render_hci(tmp_path / "desk", size_px=256)
-    scene = read_hci(tmp_path / "desk", every=4)
+def test_nine_views_of_a_rendered_tabletop_beat_the_best_stereo_pair(tmp_path: Path) -> None:
+    render_hci(tmp_path / "tabletop", size_px=256)
+    scene = read_hci(tmp_path / "tabletop", every=4)
     assert scene.disparity_px is not None
     ours = scores(our_disparity(scene), scene.disparity_px, 4)
     best, _ = best_stereo(scene, 4)

@@ -1,4 +1,4 @@
-"""Refocusing a desk photographed through mirrors as built, unevenly, against what a pinhole sees."""
+"""Refocusing a tabletop scene photographed through mirrors as built, unevenly, against what a pinhole sees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth of a desk photographed through mirrors as built, against its truth."""
+"""Depth of a tabletop scene photographed through mirrors as built, against its truth."""
 
 from __future__ import annotations
 

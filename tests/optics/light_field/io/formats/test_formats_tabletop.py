@@ -1,4 +1,4 @@
-"""A desk photographed through mirrors as built, as other tools' files alone tell it, against its true depth."""
+"""A tabletop scene photographed through mirrors as built, read from other tools' files, against its true depth."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def unlike(light_field: LightField, distance_mm: FloatArray, *, row_only: bool =
 
 
 @pytest.mark.slow
-def test_the_desks_true_depth_fits_what_other_tools_read(default_layout: Layout, tmp_path: Path) -> None:
+def test_the_tabletops_true_depth_fits_what_other_tools_read(default_layout: Layout, tmp_path: Path) -> None:
     request = TabletopRequest(layout=default_layout, seed=2, spp=16, sensor=SENSORS["ideal"])
     manifest = render_tabletop(request, tmp_path)
     assert manifest.central_view == (1, 1)
@@ -71,7 +71,7 @@ def test_the_desks_true_depth_fits_what_other_tools_read(default_layout: Layout,
     distance_mm = truth - light_field.reference_depth_mm + light_field.reference_distance_mm
     opposite_mm = 1.0 / (2.0 / light_field.reference_distance_mm - 1.0 / distance_mm)
     for to in THEIRS:
-        path = tmp_path / f"desk{formats()[to].ending}"
+        path = tmp_path / f"tabletop{formats()[to].ending}"
         write_light_field(path, light_field, to)
         forget(path)
         given = Assumed(focal_px=light_field.focal_px, reference_depth_mm=light_field.reference_distance_mm)
