@@ -1,13 +1,16 @@
-"""Expensive fixtures that all workers of a parallel test run build once between them."""
+"""What keeps a run of all tests short: fixtures built once for all workers, parts that are not sliced again."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
+
+from mirrorcam.cad.write.slicer import PROGRAMS
 
 
 def built_once(factory: pytest.TempPathFactory, name: str, build: Callable[[Path], object]) -> Path:
@@ -35,3 +38,14 @@ def built_once(factory: pytest.TempPathFactory, name: str, build: Callable[[Path
             build(unfinished)
             unfinished.rename(folder)
     return folder
+
+
+def path_without_slicer() -> str:
+    """Return PATH without the folders that hold PrusaSlicer, for a process that builds parts.
+
+    Slicing takes much of the time of a build; the parts of the default device are sliced by the tests of `cad`.
+    """
+    folders = os.environ["PATH"].split(os.pathsep)
+    return os.pathsep.join(
+        folder for folder in folders if not any(shutil.which(program, path=folder) for program in PROGRAMS)
+    )

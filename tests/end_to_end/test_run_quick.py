@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -17,13 +18,17 @@ import pytest
 from mirrorcam.optics.base.fingerprint import file_digests
 from mirrorcam.workflow.pipeline import SETTINGS
 from mirrorcam.workflow.stages import MANIFEST
+from tests.shared import path_without_slicer
 
 STAGES = ("design", "cad", "set", "validation", "light_field", "page")
 
 
 def run_quick(out: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
-    return subprocess.run(command, cwd=out.parent, capture_output=True, text=True, timeout=600, check=False)
+    environment = os.environ | {"PATH": path_without_slicer()}
+    return subprocess.run(
+        command, cwd=out.parent, capture_output=True, text=True, timeout=600, check=False, env=environment
+    )
 
 
 def reused(result: subprocess.CompletedProcess[str]) -> set[str]:
@@ -98,7 +103,10 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
         shutil.copytree(first[0] / stage, out / stage)
     unfinished = out / ".set-unfinished"
     command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    environment = os.environ | {"PATH": path_without_slicer()}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as running:
         while not (unfinished / "frames" / f"0002{SETTINGS.suffix}").exists():
             assert running.poll() is None, running.communicate()
             time.sleep(0.05)

@@ -14,6 +14,7 @@ import pytest
 
 import mirrorcam
 from mirrorcam.workflow.validation import mirror_errors
+from tests.shared import path_without_slicer
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LONGEST = 60
@@ -21,13 +22,16 @@ LONGEST = 60
 
 
 def run(name: str, out: Path) -> str:
-    """What an example prints; it is run from another folder, as by someone who copied it."""
+    """Return what an example prints; it is run from another folder, as by someone who copied it.
+
+    Parts are not sliced: tests of `cad` do that, and it takes most of the time.
+    """
     done = subprocess.run(
         [sys.executable, str(EXAMPLES / f"{name}.py"), str(out)],
         capture_output=True,
         text=True,
         cwd=out.parent,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        env=os.environ | {"OMP_NUM_THREADS": "1", "PATH": path_without_slicer()},
         check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]
