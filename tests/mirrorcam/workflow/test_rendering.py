@@ -124,3 +124,5 @@ def test_a_picture_of_the_device_is_written_in_the_format_of_its_name(
     write_product_picture(small_layout, tmp_path / "cad", tmp_path / name, spp=5)
     assert asked == [(tmp_path / "cad", 5)]
     assert np.abs(read_image(tmp_path / name).astype(int) - picture).max() <= error
+    write_product_picture(small_layout, tmp_path / "cad", tmp_path / name.lower(), spp=5)
+    assert (tmp_path / name).read_bytes() == (tmp_path / name.lower()).read_bytes()
