@@ -100,7 +100,7 @@ class Trace:
     ending: str
 
     def reached_s(self, objective: float) -> float | None:
-        """When an iterate was first near an objective with every constraint held."""
+        """Time at which an iterate was first near an objective with every constraint held."""
         for second, value, miss in zip(self.seconds, self.objectives, self.missed, strict=True):
             if miss <= HELD and value <= objective * (1.0 + NEAR):
                 return second

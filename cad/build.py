@@ -1,4 +1,4 @@
-"""From a layout to a folder with all that a maker needs: files of every part and of the whole, and their checks."""
+"""Building of a layout's device: files of every part and of the whole, and their checks."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ KERNEL = ("mirrorcam.cad.device_files",)
 def write_device(
     device: Device, out: Path, previous: Path | None, workers: int, progress: Progress
 ) -> dict[str, Metric]:
-    """Write everything into `out`; returns the checks by what they are of: `mount.wall_mm`, `device.rays_blocked`."""
+    """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
     made: list[Call] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
     done, total = 0, len(made) + 3

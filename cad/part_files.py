@@ -22,7 +22,7 @@ SOURCES = ("mirrorcam.cad", "mirrorcam.optics.base", "mirrorcam.optics.geometry"
 
 
 class _Record(Value):
-    """Beside the files of a part: what decided about them, their sha256 by path, and what was measured."""
+    """Record beside the files of a part: what decided about them, their sha256 by path, and what was measured."""
 
     key: str
     files: dict[str, str]

@@ -38,7 +38,7 @@ EXPLODE = {
 
 
 def parts_of(device: Device) -> tuple[PartPlan, ...]:
-    """Every part to print, in the order of their numbers; one that is larger than the bed in pieces."""
+    """Parts to print, in the order of their numbers; one that is larger than the bed in pieces."""
     return _on_bed(device).parts
 
 
@@ -116,7 +116,7 @@ def _part(
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
-    """Every screw, insert, nut and pin of the device, in its place."""
+    """Screws, inserts, nuts and pins of the device, in their places."""
     mount, clip, adapter = device.mount, device.clip, device.adapter
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])

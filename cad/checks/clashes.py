@@ -45,7 +45,7 @@ class Meeting:
 
 
 def meetings(solids: Mapping[str, manifold3d.Manifold]) -> list[Meeting]:
-    """Every pair of solids that comes nearer than `NEAR_MM`."""
+    """Pairs of solids that come nearer than `NEAR_MM`."""
     boxes = {name: np.array(solid.bounding_box()).reshape(2, 3) for name, solid in solids.items()}
     found = []
     for pair in combinations(solids, 2):
@@ -135,7 +135,7 @@ def _forms(first: str, second: str) -> bool:
 
 
 def _pressed(first: str, second: str) -> bool:
-    """Return whether one sits in the other's hole of its own diameter.
+    """Return whether one sits in the other's hole of the same diameter.
 
     An insert or pin does in a part, a screw in its thread, the wrist in its clamp.
     """

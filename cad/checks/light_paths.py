@@ -1,4 +1,4 @@
-"""The layout's light, ray-cast against meshes: an independent proof that nothing stands in its way.
+"""The layout's light, ray-cast against meshes: an independent proof that nothing blocks it.
 
 Light is traced from the pupil over the mirrors, through the glass of second-surface ones, by the code that judges
 layouts; the cones and beams that parts are cut with are not used. All in rig, mm.
@@ -115,7 +115,7 @@ def check_light(
     mirrors: Sequence[manifold3d.Manifold | None],
     camera: manifold3d.Manifold | None,
 ) -> dict[str, Metric]:
-    """Check that nothing stops the light.
+    """Check that no part blocks the light.
 
     Parameters
     ----------

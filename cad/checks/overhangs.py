@@ -131,7 +131,7 @@ def polygons(section: manifold3d.CrossSection) -> MultiPolygon:
 
 
 def floating_mm2(solid: manifold3d.Manifold, overhang_deg: float) -> float:
-    """The largest piece of a layer that nothing bears: its layers below end in the air, not on the bed."""
+    """The largest unsupported piece of a layer: its layers below end in the air, not on the bed."""
     _, _, bed_mm, _, _, top_mm = solid.bounding_box()
     reach = LAYER_MM * np.tan(np.radians(overhang_deg))
     borne: manifold3d.CrossSection | None = None

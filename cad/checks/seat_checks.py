@@ -47,7 +47,7 @@ class FlatFace:
         return (_loop(self.face.outer_wire()), *map(_loop, self.face.inner_wires()))
 
     def seen_from(self, frame: FloatArray) -> BaseGeometry:
-        """Its area in the x and y of a frame (4, 4).
+        """Its area, projected to the x and y of a frame (4, 4).
 
         Where borders touch in the solid, they may cross here, by rounding.
         """

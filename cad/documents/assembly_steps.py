@@ -79,7 +79,7 @@ class Stages:
 
     @property
     def threads(self) -> list[Piece]:
-        """Inserts and captive nuts, which go in before anything is joined."""
+        """Inserts and captive nuts, which go in before parts are joined."""
         return self.of_kind("insert", "nut")
 
     @property

@@ -61,7 +61,7 @@ class DevicePicture:
 
     @property
     def path(self) -> str:
-        """Its path below a device's folder."""
+        """Path below a device's folder."""
         return f"pictures/{self.name}.png"
 
 
@@ -117,7 +117,7 @@ ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matr
 
 
 def middle_ray(layout: Layout, index: int) -> FloatArray:
-    """Pupil, middle of a mirror, and a point on the way to the scene: (3, 3) in rig, mm."""
+    """Pupil, middle of a mirror, and a point towards the scene: (3, 3) in rig, mm."""
     mirror = layout.mirrors[index]
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     direction = middle - mirror.virtual_centre_in_rig_mm

@@ -24,12 +24,12 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
-    """Every seat's mirror, "row-column", and the middle (3,) of its corners in rig."""
+    """Name "row-column" of every seat's mirror, and the middle (3,) of its corners in rig."""
     return [(f"{i // plan.cols}-{i % plan.cols}", core.top.mean(axis=0)) for i, core in enumerate(plan.cores)]
 
 
 def seat_table(plan: HolderPlan) -> DrawingTable:
-    """Every seat plane from the flat back: a point amid the seat, tilt and direction of tilt of its normal."""
+    """Table of seat planes from the flat back: a point amid the seat, tilt and direction of tilt of its normal."""
     bed_from_mount = np.diag([1.0, -1.0, -1.0])
     rotation = bed_from_mount @ plan.rig_from_mount[:3, :3].T
     rows = []

@@ -232,7 +232,7 @@ def _reach_mm(front: _Front, mount: MountFace) -> float:
 
 
 def _baffle(front: _Front, mount: MountFace, rig_from_mount: FloatArray, hardware: Hardware) -> Baffle:
-    """The baffle, out of all light and of the way of every mirror into its pocket."""
+    """Plan the baffle outside all light and every mirror's path into its pocket."""
     reach = _reach_mm(front, mount)
     ways_in = (_way_in(mirror, reach, hardware) for mirror in front.layout.mirrors)
     return plan_baffle(

@@ -17,7 +17,7 @@ POINT_MM = 0.2
 
 
 def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
-    """From the back: where the thread of insert or nut begins and ends, and how deep the hole is."""
+    """Depths from the back where the thread of insert or nut begins and ends, and the depth of the hole."""
     screw = hardware.screw
     if screw.kind == "insert":
         return 0.0, screw.insert_mm, screw.insert_depth_mm

@@ -37,7 +37,7 @@ class NestedOutline:
 
 @dataclass(frozen=True)
 class _Turned:
-    """A piece in one of the ways it may lie: `outline` (n, 2) with its lower left at the origin, and its size."""
+    """A piece in one of its orientations: `outline` (n, 2) with its lower left at the origin, and its size."""
 
     turn: FloatArray
     outline: FloatArray
@@ -71,7 +71,7 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
 
 
 def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
-    """Return whether a convex piece (n, 2) lies on a sheet in one of the ways that are tried, a gap from its edge."""
+    """Return whether a convex piece (n, 2) lies on a sheet in one of the orientations tried, a gap from its edge."""
     room = _room(sheet_mm, gap_mm)
     return any((way.size <= room).all() for way in _ways_to_lie(piece))
 

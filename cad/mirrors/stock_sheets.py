@@ -60,7 +60,7 @@ class StockSheet:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for whoever cuts it."""
+        """Notes for the person who cuts the sheet."""
         width, height = self.cutting.sheet_mm
         half = self.cutting.kerf_mm / 2.0
         return (

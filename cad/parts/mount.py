@@ -152,7 +152,7 @@ def _lightest(
 def stiff_profiles(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> list[Profile]:
-    """For every width and thickness the shallowest profile that is stiff enough; raises InputError where none is."""
+    """The shallowest stiff profile for each width and thickness; raises InputError where none is."""
     mount, screw = hardware.mount, hardware.screw
     around = screw.head_mm / 2.0 + hardware.fit.free_mm + screw.insert_wall_mm
     # The holder's middle need not be the camera's.

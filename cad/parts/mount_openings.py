@@ -73,7 +73,7 @@ def cable_reach_mm(hardware: Hardware) -> float:
 def _cable_and_tripod(
     y: float, floor_z: float, section: Section, plate: float, hardware: Hardware
 ) -> list[Frustum | Bore | Hexagon]:
-    """Over the foot's plate a window for the cable, slots for a tie beside it, and a pocket for a tripod's nut."""
+    """A window for the cable over the foot's plate, slots for a tie beside it, and a pocket for a tripod's nut."""
     mount, depth = hardware.mount, section.depth_mm
     width, height = mount.cable_window_mm
     half, middle_z = width / 2.0, floor_z + height / 2.0

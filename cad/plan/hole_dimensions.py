@@ -16,7 +16,7 @@ WIDER = 1.5
 
 
 def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
-    """Every round hole among the cuts of a part, at its mouth, without access holes; a slot with its travel."""
+    """Round holes among the cuts of a part, at their mouths, without access holes; a slot with its travel."""
     bores = [cut for cut in cuts if isinstance(cut, Bore)]
     return tuple(
         Hole(bore.mouth + OUTSIDE_MM * bore.axis, bore.axis, round(2.0 * bore.radius_mm, 3), slot_text(bore))

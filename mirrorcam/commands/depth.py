@@ -1,4 +1,4 @@
-"""`mirrorcam depth`: how deep everything in a light field is."""
+"""`mirrorcam depth`: depth maps of light fields."""
 
 from __future__ import annotations
 

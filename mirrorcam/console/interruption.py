@@ -18,7 +18,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Within the block, Ctrl-C is remembered besides raising KeyboardInterrupt; outside a main thread, nothing changes.
+    """Record Ctrl-C within the block, besides raising KeyboardInterrupt; outside a main thread, nothing changes.
 
     Where the process ignores the signal, as jobs in the background of a script do, it goes on ignoring it.
     """

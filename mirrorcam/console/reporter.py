@@ -31,7 +31,7 @@ class Terminal:
 
 
 class Silent:
-    """Prints nothing."""
+    """A reporter that prints nothing."""
 
     def note(self, title: str, text: str) -> None:
         pass

@@ -29,7 +29,7 @@ HEADLINES = {
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page. Paths are relative to it, with forward slashes."""
+    """Content of the page. Paths are relative to it, with forward slashes."""
 
     command: str
     small: bool

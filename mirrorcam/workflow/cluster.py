@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: its scheduler gives those of a lost worker to another; answers come to this machine."""
+"""Tasks on a Dask cluster: its scheduler reassigns those of a lost worker; answers return to this machine."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ SECONDS_TO_CONNECT = 10
 def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> Iterator[tuple[int, Answer | Died]]:
     """Yield number and answer of each task as it is finished by the workers of the scheduler at `address`.
 
-    Tasks that come first are begun first. Workers may come and go. Raises InputError where no scheduler answers, or
-    where it goes away.
+    Tasks start in their order. Workers may join and leave. Raises InputError where no scheduler answers, or where the
+    connection to it is lost.
     """
     require("cluster")
     from distributed import Client, Future, KilledWorker, as_completed
 
     for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what goes wrong is said here, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here, in one line
     try:
         client = Client(address, timeout=SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

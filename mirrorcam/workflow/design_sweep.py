@@ -1,4 +1,4 @@
-"""A sweep: designs that are kept as they are finished, and the table of them all."""
+"""Design sweeps: results stored as each design is finished, and the table of all designs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
 
 
 class Results:
-    """Finished designs in a folder: results/KEY.json says what became of a spec, layouts/KEY.json is its layout."""
+    """Finished designs in a folder: results/KEY.json holds the outcome of a spec, layouts/KEY.json its layout."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -41,7 +41,7 @@ class Results:
         return self._folder / "results" / f"{_key(spec)}.json"
 
     def finished(self, spec: DesignSpec) -> Outcome | None:
-        """The outcome of a spec; None where that is unknown, a failure, altered, or made by other versions than now."""
+        """The outcome of a spec; None where it is missing, a failure, altered, or made by other versions than now."""
         record = read_record(Record, self._record(spec))
         if record is None:
             return None
@@ -52,9 +52,9 @@ class Results:
         return outcome if whole and current else None
 
     def keep(self, spec: DesignSpec, got: Answer | Died) -> Outcome:
-        """Write what became of a spec; its record comes last, so that there is none without its layout.
+        """Write the outcome of a spec; its record comes last, so that there is none without its layout.
 
-        Raises InputError where a worker runs another version of something that decides about designs.
+        Raises InputError where a worker runs another version of the sources or distributions that designs depend on.
         """
         if isinstance(got, Died):
             got = Answer(record_text(outcome_of(spec, got)))
@@ -74,7 +74,7 @@ class Results:
 
 
 def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
-    """The outcome of a spec, from the answer or the end of its workers."""
+    """The outcome of a spec, from the answer of a worker or the death of all that tried it."""
     if isinstance(got, Died):
         return Outcome(spec=spec, status="failed", finding=got.reason)
     return Record.model_validate_json(got.record).outcome
@@ -85,9 +85,9 @@ def _key(spec: DesignSpec) -> str:
 
 
 def sweep(specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress) -> list[Outcome]:
-    """The outcome of each spec, in their order. What `folder` holds already is taken from there, the rest is run.
+    """Return the outcome of each spec, in their order: those in `folder` are read, the others run.
 
-    Every design is in the folder as soon as it is finished, whatever ends the run after that.
+    Every design is stored as soon as it is finished, so that an interrupted sweep loses none.
     """
     results = Results(folder)
     outcomes = {number: found for number, spec in enumerate(specs) if (found := results.finished(spec)) is not None}
@@ -111,7 +111,7 @@ def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
 def write_table(path: Path, rows: Sequence[dict[str, Cell]]) -> None:
     """Write rows of the same columns atomically, as the suffix says: .csv, .parquet (needs its extra) or .json.
 
-    In CSV, several depths stand in one cell with a space between them, and what there is none of is empty.
+    In CSV, depths share one cell, separated by spaces, and missing values are empty.
     """
     if path.suffix == ".json":
         write_json(path, {"schema": "mirrorcam.sweep-table/1", "designs": list(rows)})
@@ -134,7 +134,7 @@ def _cell_text(value: Cell) -> Cell:
 
 
 def _arrow(rows: Sequence[dict[str, Cell]]) -> pyarrow.Table:
-    """Rows as Arrow columns, of the type of their first value; what has none is a missing number."""
+    """Rows as Arrow columns, of the type of their first value; a column without values is of floats."""
     import pyarrow
 
     types = {

@@ -1,4 +1,4 @@
-"""Folders that appear whole or not at all."""
+"""Atomic writing of folders: complete, or not there."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from mirrorcam.optics.base.values import InputError
 
 @contextmanager
 def replaced(folder: Path, *, marker: str, keep_interrupted: bool = False) -> Iterator[Path]:
-    """An empty hidden folder that takes the place of `folder` when the block ends well and vanishes otherwise.
+    """Yield an empty hidden folder that replaces `folder` if the block succeeds and is deleted otherwise.
 
-    With `keep_interrupted` it stays where the block was interrupted, and the next time is given as it is.
-    Raises InputError where `folder` holds files but not `marker`: then they are not ours to replace.
+    With `keep_interrupted` it is kept where the block was interrupted, and the next call yields it with its content.
+    Raises InputError where `folder` holds files but not `marker`: another program may have written them.
     """
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir()) and not (folder / marker).exists()):
         raise InputError(f"{folder}: exists and holds no {marker}, expected a new folder or one made by this command")
@@ -31,10 +31,10 @@ def replaced(folder: Path, *, marker: str, keep_interrupted: bool = False) -> It
 
 @contextmanager
 def merged(folder: Path, *, listing: str | None = None) -> Iterator[Path]:
-    """An empty hidden folder whose files move into `folder` when the block ends well and vanish otherwise.
+    """Yield an empty hidden folder whose files move into `folder` if the block succeeds and are deleted otherwise.
 
     Files of the same name are replaced, each in one step; others in `folder` stay, except those that an earlier block
-    has written and this one has not: their names are in the file `listing`, where one is named.
+    wrote and this one did not: their names are in the file `listing`, where one is given.
     """
     with _unfinished(folder, keep_interrupted=False) as unfinished:
         yield unfinished
@@ -54,7 +54,7 @@ def merged(folder: Path, *, listing: str | None = None) -> Iterator[Path]:
 
 @contextmanager
 def _unfinished(folder: Path, *, keep_interrupted: bool) -> Iterator[Path]:
-    """A hidden folder beside `folder`; when the block fails, folders above that were made for it vanish as well."""
+    """Yield a hidden folder beside `folder`; if the block fails, delete it and the parent folders made for it."""
     unfinished = folder.parent / f".{folder.name}-unfinished"
     if not keep_interrupted:
         _remove(unfinished)

@@ -33,7 +33,7 @@ SETTINGS = RenderSettings(maps=False)
 
 @dataclass(frozen=True)
 class Recipe:
-    """Everything that decides about the results of a run."""
+    """All inputs that decide about the results of a run."""
 
     spec: DesignSpec
     target: Target

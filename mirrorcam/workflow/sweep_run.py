@@ -1,4 +1,4 @@
-"""Runners of the designs of a sweep: processes on this machine, or the workers of a Dask cluster."""
+"""Runners of a sweep's designs: processes on this machine, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One design of a sweep as it is done in a worker: a spec goes in as text, the files to write come out as text."""
+"""One design of a sweep, as run by a worker: from a spec as text to the files to write as text."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 # Packages of `optics` that no design depends on.
 UNRELATED = ("calibration", "exports", "light_field")
 
-# MUMPS, which solves IPOPT's equations, keeps its state in globals: two designs at once in one process end in a crash.
+# MUMPS, IPOPT's linear solver, keeps its state in globals: two designs at once in one process crash.
 _one_at_a_time = threading.Lock()
 
 
 class Record(Value):
-    """The file of one finished design: what became of it, its layout's sha256, and what made it."""
+    """The file of one finished design: its outcome, its layout's sha256, and the versions that made it."""
 
     schema_id: Literal["mirrorcam.sweep/1"] = Field(default="mirrorcam.sweep/1", alias="schema")
     outcome: Outcome
@@ -36,7 +36,7 @@ class Record(Value):
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a worker: the text of a record's file and, of a solved spec, of its layout's; and its time."""
+    """A worker's answer: the text of the record's file, of the layout's if the spec was solved, and the time taken."""
 
     record: str
     layout: str = ""
@@ -52,12 +52,12 @@ def made_with() -> dict[str, str]:
 
 
 def file_text(value: Value) -> str:
-    """A value as its file holds it."""
+    """The text of a value's file."""
     return value.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"
 
 
 def record_text(outcome: Outcome, layout: str = "") -> str:
-    """The text of the record of an outcome and of the text of its layout."""
+    """The text of the record of an outcome, with the digest of its layout's text."""
     layout_sha256 = digest(layout.encode()) if layout else ""
     return file_text(Record(outcome=outcome, layout_sha256=layout_sha256, made_with=made_with()))
 

@@ -34,7 +34,7 @@ def digest(*parts: bytes | memoryview) -> str:
 
 
 def value_digest(value: Any) -> str:
-    """Return the sha256 of anything JSON can hold, whatever the order of its keys."""
+    """Return the sha256 of a JSON value, whatever the order of its keys."""
     return digest(json.dumps(value, sort_keys=True).encode())
 
 
@@ -135,7 +135,7 @@ def _is_compiled(distribution: str) -> bool:
 
 
 class Fingerprint(Value):
-    """Everything that a result depends on, part by part.
+    """All inputs that a result depends on, part by part.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Fingerprint(Value):
         return value_digest(self.model_dump(mode="json"))
 
     def changed_since(self, before: Fingerprint) -> str:
-        """Say in words what first differs from an earlier fingerprint; empty where nothing does."""
+        """Describe the first difference from an earlier fingerprint; empty where nothing differs."""
         if self.parameters != before.parameters:
             return "other parameters"
         for then, now in ((before.reads, self.reads), (before.sources, self.sources)):

@@ -1,4 +1,4 @@
-"""Frozen values that validate themselves: the base of everything that MirrorCam writes to or reads from a file."""
+"""Frozen values that validate themselves: the base of all values that MirrorCam writes to or reads from a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every mirror as the camera that other tools know: a pinhole with a lens, at a rigid pose, with its own picture.
+"""Mirrors as the cameras that other tools know: a pinhole with a lens, at a rigid pose, with a separate picture.
 
 What the base camera sees in a mirror is what a camera at the virtual centre c would see, but mirrored. With the
 mirror's unit normal n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, whose handedness is

@@ -151,5 +151,5 @@ class Layout(Value):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read `layout.json`. Raises InputError, one line, for anything that does not belong in it."""
+        """Read `layout.json`. Raises InputError, one line, for content that does not belong in it."""
         return read_model(cls, path)

@@ -141,7 +141,7 @@ def _small(light_field: LightField) -> tuple[NDArray[np.float32], NDArray[np.boo
 
 
 def _compared(light_field: LightField) -> Iterator[_Places]:
-    """For each view, row by row, where it can be compared with the central one, and how they compare."""
+    """Brightness of the central view relative to each view, row by row, where the two can be compared."""
     views, usable, matrices = _small(light_field)
     positions = light_field.positions_mm.reshape(-1, 3)
     central = int(np.flatnonzero((positions == 0).all(axis=1))[0])

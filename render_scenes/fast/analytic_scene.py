@@ -233,7 +233,7 @@ def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> 
 
 
 def _overlap(xp: Arithmetic, middle: Any, width: Any, count: Any) -> tuple[Any, Any]:
-    """For boxes at most one texel wide: the first of the two texels that they meet, and the fraction in it."""
+    """The first of the two texels that boxes at most one texel wide meet, and the fraction in it."""
     width = xp.minimum(width, 1.0)
     start = xp.maximum(xp.minimum(middle, xp.real(count) - 0.5), 0.5) - 0.5 * width
     first = xp.minimum(xp.truncated(start), count - 2)

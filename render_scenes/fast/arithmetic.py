@@ -48,7 +48,7 @@ class Arithmetic(Protocol):
 
 
 class NumpyArithmetic:
-    """NumPy, where nothing compiles."""
+    """NumPy arithmetic, for where nothing compiles."""
 
     def loaded(self, values: NDArray[Any]) -> Any:
         return values

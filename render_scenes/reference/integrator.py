@@ -104,7 +104,7 @@ def _plugin(variant: str) -> str:
             return end[1]
 
         def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
-            """As above, through plates and with scattering surfaces.
+            """Sample as above, through plates and with scattering surfaces.
 
             The path through the first plate is that of the branch, with `passes` passes to its coating; `out` is true
             after it. All later interactions are sampled at random.

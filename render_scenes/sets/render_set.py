@@ -41,7 +41,7 @@ Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
 
 class SetRequest(Value):
-    """Everything that the files of a rendered set follow from.
+    """All inputs that determine the files of a rendered set.
 
     Parameters
     ----------

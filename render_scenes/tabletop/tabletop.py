@@ -69,7 +69,7 @@ class NamedMesh(Value):
 
 
 def nearest_mm(layout: Layout) -> float:
-    """Depth from which on no mirror is in the way."""
+    """Depth from which on no mirror blocks the view."""
     return max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + ROOM_MM
 
 

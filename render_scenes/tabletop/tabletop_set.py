@@ -44,7 +44,7 @@ _SUBPIXELS = 2
 
 
 class TabletopRequest(Value):
-    """Everything that the files of a tabletop set follow from.
+    """All inputs that determine the files of a tabletop set.
 
     Parameters
     ----------

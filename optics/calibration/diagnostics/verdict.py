@@ -235,7 +235,7 @@ def _widest_deg(normals: FloatArray) -> float:
 
 
 def _untried(normals: FloatArray) -> str:
-    """In words, the way that boards were turned least, from their unit normals (f, 3) in view axes."""
+    """The direction that boards were turned least, in words, from their unit normals (f, 3) in view axes."""
     ways = {
         "left edge nearer": -normals[:, 0].min(),
         "right edge nearer": normals[:, 0].max(),

@@ -55,7 +55,7 @@ class Board:
 
     @classmethod
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
-        """Every corner free in x, y and z, less the seven directions that move, rotate or scale the whole board.
+        """A board with every corner free in x, y and z, less the seven directions that move, rotate or scale the whole.
 
         After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
         """
@@ -76,7 +76,7 @@ class Board:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Everything that a calibration solves for, and what it takes as given about the mirrors.
+    """All values that a calibration solves for, and those that it takes as given about the mirrors.
 
     Attributes
     ----------

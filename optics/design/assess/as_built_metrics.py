@@ -69,7 +69,7 @@ class DesignReference:
     window: shapely.Polygon
 
     def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
-        """Every figure (n,) of the devices, in the order of a report.
+        """The figures (n,) of the devices, in the order of a report.
 
         Grid error, baselines, pixel efficiency, overlap and field of view (at the farthest depth) are as in
         `layout_metrics`, but in the view axes of the holder, where the plane at a depth does not move when the camera

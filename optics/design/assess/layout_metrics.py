@@ -125,7 +125,7 @@ def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
 
 
 def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Absent where the views share nothing at any working depth."""
+    """Metrics of the depth range; absent where the views share nothing at any working depth."""
     found = depth_range_mm(views, depths_mm)
     if found is None:
         return {}

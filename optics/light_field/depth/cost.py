@@ -37,7 +37,7 @@ AXIS_SHARE = 0.25
 
 
 def sides(views: Views) -> list[list[int]]:
-    """For each side of the reference view that has any, the views there, as indices into `other_views`."""
+    """Views of each side of the reference view that has any, as indices into `other_views`."""
     offsets = np.array([views.positions_mm[index][:2] for index in other_views(views)])
     reach = np.abs(offsets).max() * AXIS_SHARE
     ways = [np.nonzero(sign * offsets[:, axis] > reach)[0].tolist() for axis in (0, 1) for sign in (-1, 1)]

@@ -1,4 +1,4 @@
-"""From a coarse map of inverse distance to a fine one: edges to the pixel, surfaces to a small part of one."""
+"""Refinement of a coarse map of inverse distance: edges to the pixel, surfaces to a small part of one."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     gradients = gradients.reshape(len(index), 2, SAMPLES) / (2.0 * length[:, None, None])
 
     def beyond_light(rows: Floats) -> Floats:
-        """Brightness and contrast are free: what looks like them says nothing."""
+        """Remove from rows what free brightness and contrast explain."""
         rows = rows - rows.mean(axis=-1, keepdims=True)
         return rows - np.einsum("n...p,np->n...", rows, patches)[..., None] * patches.reshape(
             len(patches), *(1,) * (rows.ndim - 2), SAMPLES
@@ -236,7 +236,7 @@ def _align_level(
     across_mm: Floats,
     distance_mm: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """As `align`, of the keypoints of one level."""
+    """Align the keypoints of one level, as `align` does."""
     shape = (*start_px.shape[:2], SAMPLES)
     count = shape[1]
     looked = np.isfinite(start_px[..., 0])

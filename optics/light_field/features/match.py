@@ -30,7 +30,7 @@ ENOUGH_VOTES = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """For each of n keypoints of the reference view matches in other views; NaN where there are fewer.
+    """Matches of n keypoints of the reference view in other views; NaN where there are fewer.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ class TwoSlopes:
 def fit_two_slopes(
     geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_inverse_mm: FloatArray
 ) -> TwoSlopes:
-    """As `fit`, with a symmetric matrix in place of the slope."""
+    """Fit a symmetric matrix in place of the slope, otherwise as `fit`."""
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     use = used.astype(np.float64)
     # Columns of the unknowns w, d, e in the two rows of each view, less what a, free too, takes up of them.

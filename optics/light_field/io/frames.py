@@ -164,7 +164,7 @@ def _packets(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _moment(packet: Any, number: int) -> int:
-    """When a packet's frame is shown, in the stream's own time; where the file does not say, one after another."""
+    """Time at which a packet's frame is shown, in the stream's own time; counted where the file does not state it."""
     return int(next(moment for moment in (packet.pts, packet.dts, number) if moment is not None))
 
 

@@ -1,4 +1,4 @@
-"""From a stream of frames to light fields on disk: reading, decoding and writing at the same time."""
+"""Recording of a stream of frames as light fields on disk: reading, decoding and writing at the same time."""
 
 from __future__ import annotations
 
