@@ -1,4 +1,4 @@
-"""Choice of Mitsuba's variant: CUDA where a GPU answers, otherwise LLVM, scalar as a last resort; never an abort.
+"""Choice of Mitsuba's variant: CUDA where a GPU is available, otherwise LLVM, scalar as a last resort; never an abort.
 
 Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process
 with an LLVM ERROR once a kernel compiles, and Dr.Jit takes them silently where a distribution ships one. So a library

@@ -195,7 +195,7 @@ def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) 
 
 
 def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
-    """The transform (4, 4) to the bed of a part that stands as a rotation (3, 3) says, its foot at `low_mm`."""
+    """The transform (4, 4) to the bed of a part that stands turned by a rotation (3, 3), its foot at `low_mm`."""
     return rigid(bed_from_rig, [0.0, 0.0, -low_mm])
 
 

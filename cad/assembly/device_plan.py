@@ -111,7 +111,7 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
 
 
 def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
-    """Solids at both ends of their travel along z and amid it."""
+    """Solids at both ends and the middle of their travel along z."""
     return tuple(moved(solid, np.array([0.0, 0.0, by])) for by in (-travel_mm, 0.0, travel_mm) for solid in solids)
 
 

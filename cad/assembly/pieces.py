@@ -109,7 +109,7 @@ def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
 
 
 def camera_piece(device: Device, clip: Piece) -> Piece:
-    """The camera, of the mass that its maker says; it leaves its clip by the open end, a board by the front."""
+    """The camera, of the mass that its maker states; it leaves its clip by the open end, a board by the front."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))

@@ -47,7 +47,7 @@ class MirrorLight:
 
     @property
     def hulls(self) -> tuple[manifold3d.Manifold, manifold3d.Manifold]:
-        """The light on its way to the pupil and to the scene as convex solids."""
+        """The light to the pupil and to the scene as convex solids."""
         return tuple(manifold3d.Manifold.hull_points(leg[self.inner :].reshape(-1, 3)) for leg in self.rays)
 
 

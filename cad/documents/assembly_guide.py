@@ -19,7 +19,7 @@ WEB = Path(__file__).parents[1] / "web"
 
 
 def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> None:
-    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all that lies there."""
+    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there."""
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
     )

@@ -81,7 +81,7 @@ def write_page(
 
 
 def _mass(part: BuiltPart) -> str:
-    """Grams as the slicer says, or of the solid where there is no slicer."""
+    """Grams by the slicer, or of the solid where there is no slicer."""
     return f"{part.checks['print_g'].value if 'print_g' in part.checks else part.mass.mass_g:.0f}"
 
 

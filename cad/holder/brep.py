@@ -1,4 +1,4 @@
-"""A mesh of flat faces as one B-rep: its faces lie in the planes that were asked for, not in planes fitted to it."""
+"""A mesh of flat faces as one B-rep: its faces lie in the given planes, not in planes fitted to it."""
 
 from __future__ import annotations
 

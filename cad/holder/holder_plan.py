@@ -196,7 +196,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
 
 
 def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """The holder with rims round its mirrors and grooves in their seats; both give way to cuts."""
+    """The holder with rims round its mirrors and grooves in their seats; cuts take precedence over both."""
     mirrors, axes = front.layout.mirrors, front.axes
     grooves = [
         tuple(
@@ -290,6 +290,6 @@ def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
 
 
 def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
-    """The space that a mirror passes through on its way into its pocket."""
+    """The space that a mirror passes through into its pocket."""
     seat, fit = mirror.back_mm, hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))

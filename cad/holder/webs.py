@@ -105,7 +105,7 @@ def plan_hollows(
 def _spans(
     low: float, high: float, cuts: tuple[float, ...], joint: float, widest: float, web: float
 ) -> list[tuple[float, float]]:
-    """Equal spans, no wider than asked for, with webs between them and joints left out."""
+    """Equal spans, no wider than given, with webs between them and joints left out."""
     spans = []
     starts, ends = [low, *(cut + joint for cut in cuts)], [*(cut - joint for cut in cuts), high]
     for start, end in zip(starts, ends, strict=True):

@@ -120,7 +120,7 @@ def _lay_down(
 def _nearest_place(
     ways: list[_Turned], taken: list[FloatArray], room: FloatArray, along: int
 ) -> tuple[_Turned, FloatArray] | None:
-    """The way to lie and the corner (2,) at which a piece reaches least far along an axis, then across it."""
+    """The orientation and the corner (2,) at which a piece reaches least far along an axis, then across it."""
     best: tuple[tuple[float, float], _Turned, FloatArray] | None = None
     for way in ways:
         if (way.size > room).any():

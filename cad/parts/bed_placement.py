@@ -38,7 +38,7 @@ class Lay:
 
 
 def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
-    """Turn a profile between two polylines (n, 2) as little as lets it fit; else cut its longest piece amid them.
+    """Turn a profile between two polylines (n, 2) as little as lets it fit; else cut its longest piece in two.
 
     None where neither helps.
     """

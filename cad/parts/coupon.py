@@ -1,4 +1,4 @@
-"""The fit coupon: one small print that tells, before the rest, whether mirrors, inserts, wrist and lens fit."""
+"""The fit coupon: one small print to test, before the rest, whether mirrors, inserts, wrist and lens fit."""
 
 from __future__ import annotations
 

@@ -204,7 +204,7 @@ def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float
 
 
 def _rib(clip: ClipPlan) -> Frustum:
-    """The V that guides the clip, over all of its way."""
+    """The V that guides the clip, over all of its travel."""
     deep, root = clip.rib_mm, 1.0
     y, low = clip.slide_y_mm, clip.bottom_mm - clip.travel_mm
     corners = np.array([(-deep - root, y - root, low), (deep + root, y - root, low), (0.0, y + deep, low)])

@@ -63,7 +63,7 @@ class Fastening(Value):
 
 
 class HolderDimensions(Value):
-    """The mirror holder, beside what the layout says."""
+    """Dimensions of the mirror holder that the layout does not state."""
 
     floor_mm: float = _positive(3.0, "thinnest material behind a mirror: stiff enough to stay flat")
     rim_mm: float = _positive(1.8, "width of the rim outside a pocket")

@@ -1,4 +1,4 @@
-"""The assembled device as GLB: a node for every piece, with its name, number, colour and way out when exploded."""
+"""The assembled device as GLB: a node for every piece, with its name, number, colour and displacement when exploded."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
 
 
 def _set_target(tree: dict[str, Any], accessor: int, target: int) -> None:
-    """Say what an accessor's bytes are for, as viewers like to know before they read them."""
+    """Set the target of an accessor's buffer view, which viewers use before they read it."""
     tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = target
 
 

@@ -84,7 +84,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
 
 
 def connect(connection: Connection, parent: Solid, child: Solid) -> None:
-    """Join two parts, both as they are in rig, by joints of the connection's name; what slides is put amid its way."""
+    """Join two parts, both as they are in rig, by joints of the connection's name; sliding parts at mid-travel."""
     rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
     if connection.slides_mm == 0.0:
         place = RigidJoint(connection.name, parent, location_of(rig_from_parent))

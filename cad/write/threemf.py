@@ -23,7 +23,7 @@ LICENCE = "Apache-2.0"
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
-    """Write the mesh of a part's STL file (rig, mm) as it prints, amid the bed.
+    """Write the mesh of a part's STL file (rig, mm) as it prints, in the middle of the bed.
 
     lib3mf gives random UUIDs to what has none; these are made of the part's identity, so that the same part gives the
     same bytes.

@@ -1,4 +1,4 @@
-"""`mirrorcam design`: from what is asked for to a layout."""
+"""`mirrorcam design`: optimisation of a layout for a specification."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
-    """Write a PNG: what is left of the residuals in each part of the sensor, by view, beside their distribution.
+    """Write a PNG: mean residuals in each part of the sensor, by view, beside their distribution.
 
     Averages over a cell show what the model misses; where it misses nothing, the arrows point anywhere.
     """

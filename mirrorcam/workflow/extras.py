@@ -1,4 +1,4 @@
-"""Optional parts of the installation, asked for before their work begins."""
+"""Optional parts of the installation, checked before their work begins."""
 
 from __future__ import annotations
 

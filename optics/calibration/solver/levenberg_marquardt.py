@@ -35,7 +35,7 @@ SINGULAR = 1e-12
 
 
 class UndeterminedError(Exception):
-    """The observations do not determine what was asked for."""
+    """The observations do not determine all parameters of the fit."""
 
 
 @dataclass(frozen=True)

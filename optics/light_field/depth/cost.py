@@ -140,7 +140,7 @@ class Planes:
         return gap if gap.any() else None
 
     def prepared(self, pictures: Sequence[Grey], run: Map = map) -> list[list[Grey]]:
-        """The pictures (v, u) of the other views, turned to the planes amid the blocks: what `cost` takes."""
+        """The pictures (v, u) of the other views, warped to the middle planes of the blocks: the input of `cost`."""
 
         def one(picture: Grey, blocks: Sequence[_Block]) -> list[Grey]:
             return [_warped(picture, block.matrix, block.size) for block in blocks]

@@ -1,4 +1,4 @@
-"""Views as pinholes with one orientation, and back: what structure-from-motion tools know."""
+"""Views as pinholes with one orientation, and back: the form of structure-from-motion tools."""
 
 from __future__ import annotations
 
