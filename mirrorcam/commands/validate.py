@@ -1,4 +1,4 @@
-"""`mirrorcam validate`: a blind calibration of a rendered set, checked against its sealed truth."""
+"""`mirrorcam validate`: a blind calibration of a rendered set, checked against its ground truth."""
 
 from __future__ import annotations
 

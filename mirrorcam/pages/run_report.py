@@ -13,13 +13,13 @@ from mirrorcam.optics.geometry.layout import Layout
 
 TEMPLATES = Path(__file__).parent
 LABELS = {
-    "normal_error_max_deg": "Direction of the worst mirror, from the truth",
-    "normal_error_between_mirrors_max_deg": "Direction of the worst mirror, a turn of all mirrors together aside",
-    "distance_error_max_mm": "Distance of the worst mirror, from the truth",
-    "held_out_rms_x_px": "Corners in frames left out of the fit, RMS in x",
-    "held_out_rms_y_px": "Corners in frames left out of the fit, RMS in y",
-    "held_out_spatial_rms_mm": "Corners in frames left out, from their pixel's ray in space, RMS",
-    "decoded_corner_rms_px": "Corners in decoded views, from a pinhole at the true place, RMS",
+    "normal_error_max_deg": "Worst mirror normal, against the ground truth",
+    "normal_error_between_mirrors_max_deg": "Worst mirror normal, without the rotation common to all mirrors",
+    "distance_error_max_mm": "Worst mirror distance, against the ground truth",
+    "held_out_rms_x_px": "Reprojection error of held-out frames, RMS in x",
+    "held_out_rms_y_px": "Reprojection error of held-out frames, RMS in y",
+    "held_out_spatial_rms_mm": "Distance of held-out corners from their viewing rays, RMS",
+    "decoded_corner_rms_px": "Corners in decoded views, against a pinhole at the true position, RMS",
 }
 HEADLINES = {
     "normal_error_max_deg": "is how far the worst mirror's calibrated direction is from the truth",

@@ -59,7 +59,7 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         verdict=STATES[verdict.state],
         reasons=verdict.reasons,
         advice=_advice(verdict, diagnostics),
-        advice_title="What to do next" if verdict.advice else "Where it is least sure",
+        advice_title="What to do next" if verdict.advice else "Largest uncertainty",
         tiles=_tiles(calibration),
         mirrors=count_text(len(calibration.layout.mirrors), "mirror"),
         camera=f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px",
@@ -81,22 +81,22 @@ def _tiles(calibration: Calibration) -> list[Tile]:
     for name, what in (("held_out_rms", "frames left out of the fit"), ("rms", "fitted corners")):
         if f"{name}_x_px" in metrics:
             worse = max(metrics[f"{name}_{axis}_px"].value for axis in "xy")
-            tiles.append(Tile(f"{figure_text(worse, 3)} px", f"per axis is what {what} are off, RMS"))
+            tiles.append(Tile(f"{figure_text(worse, 3)} px", f"RMS reprojection error per axis, {what}"))
             break
     if diagnostics is not None:
-        tiles.append(Tile(diagnostics.level.replace("+", " + "), "is the model that the pictures support"))
+        tiles.append(Tile(diagnostics.level.replace("+", " + "), "selected model"))
         normal = float(np.max(diagnostics.mirrors.normal_deg))
-        tiles.append(Tile(f"{figure_text(normal, 2)}°", f"is {SIGMA} of the least sure mirror's direction"))
+        tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
         depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
         if np.isfinite(depth):
-            tiles.append(Tile(f"{figure_text(depth, 2)} mm", f"is {SIGMA} of depth at {diagnostics.range_mm:.0f} mm"))
+            tiles.append(Tile(f"{figure_text(depth, 2)} mm", f"{SIGMA} of depth at {diagnostics.range_mm:.0f} mm"))
     return tiles
 
 
 def _advice(verdict: Verdict, diagnostics: Diagnostics | None) -> list[str]:
     items = list(verdict.advice)
     if diagnostics is not None and diagnostics.weak:
-        items.append(f"What these pictures tell least: {diagnostics.weak[0].words}")
+        items.append(f"Weakest direction: {diagnostics.weak[0].words}")
     return items
 
 
@@ -112,25 +112,22 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
     sigma = sigma_px(calibration)
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
-    turned = "How the boards were turned, a dot for each frame"
+    turned = "Tilt of the boards, a dot per frame"
     if not board_normals(calibration)[1].all():
-        turned += ": filled, before the mirrors; open, before the bare camera"
+        turned += ": filled, through the mirrors; open, bare camera"
     return {
         "residuals": Card(
             residual_needles(calibration, mirrors, sigma),
-            "Mean residuals where corners were seen, predicted less detected. Red: more than noise leaves; of noise "
-            "alone, 1 % are red.",
+            "Mean residuals, predicted minus detected. Red: significant at the 1 % level, as 1 % are by noise alone.",
         ),
-        "histogram": Card(
-            residual_histogram(calibration, sigma), "All residuals but the outliers; the scale of counts grows by tens."
-        ),
-        "direct": Card(residual_needles(calibration, direct, sigma), "The same of the direct view.")
+        "histogram": Card(residual_histogram(calibration, sigma), "Residuals without outliers; logarithmic counts."),
+        "direct": Card(residual_needles(calibration, direct, sigma), "Mean residuals of the direct view.")
         if direct
         else None,
         "coverage": Card(
-            coverage_map(calibration.layout, views), "Corners by place, and the part of every view that they fill."
+            coverage_map(calibration.layout, views), "Number of corners per cell, and the coverage of every view."
         ),
-        "distances": Card(board_distances(views), "Distance of the board, a dot for each frame."),
+        "distances": Card(board_distances(views), "Distance of the board, a dot per frame."),
         "turns": Card(board_turns(calibration), f"{turned}."),
     }
 

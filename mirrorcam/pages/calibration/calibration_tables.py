@@ -97,7 +97,17 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
 
 def model_table(diagnostics: Diagnostics) -> Table:
     """The models that were compared, and which one was taken."""
-    heads = ("Model", "Numbers", "RMS px", "Against", f"Drop, {SIGMA}²", "By chance", "Held out px", "Better by", "")
+    heads = (
+        "Model",
+        "Parameters",
+        "RMS px",
+        "Compared with",
+        f"Cost decrease, {SIGMA}²",
+        "p",
+        "Held out px",
+        "Better by",
+        "",
+    )
     return Table(heads, [_model_row(each, diagnostics.level) for each in diagnostics.comparisons], FIGURES)
 
 
@@ -125,15 +135,15 @@ def _held_out(comparison: ModelComparison) -> str:
 
 def _taken(comparison: ModelComparison, level: str) -> str:
     if comparison.name == level:
-        return Markup('<b class="pass">taken</b>')
+        return Markup('<b class="pass">selected</b>')
     if comparison.name == "paper" or level.startswith(f"{comparison.name}+"):
-        return "on the way"
+        return "nested"
     return Markup('<b class="fail">supported</b>') if comparison.supported else "no"
 
 
 def split_table(diagnostics: Diagnostics) -> Table:
     """Difference of calibrations of two halves of the frames, against the one that their uncertainty predicts."""
-    heads = ("Halves", "Frames", "Most they differ px", "Most predicted px", "Ratio over all", "By chance")
+    heads = ("Halves", "Frames", "Max. difference px", "Max. predicted px", "Overall ratio", "p")
     rows = [
         (
             split.how,

@@ -112,7 +112,7 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
     most = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
     return [
         Check(
-            "Corners left out as outliers",
+            "Corners rejected as outliers",
             Metric(value=outliers, unit="of the corners", limit=MAX_OUTLIERS),
             f"{outliers:.1%} of the corners fit nothing",
             "Look for glare, motion blur or a second board in the pictures with most outliers, and take these again.",
@@ -124,10 +124,11 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
             "Leave out blurred or dim pictures: their corners are worse than the others'.",
         ),
         Check(
-            "Places with more residual than noise leaves",
-            Metric(value=float(systematic.mean()), unit="of the places", limit=most),
-            f"residuals agree in {systematic.mean():.0%} of all places, by chance in {SYSTEMATIC_CHANCE:.0%}",
-            "Look where needles are red: a bent mirror or board, glass before a mirror, a lens beyond its model.",
+            "Cells with a significant mean residual",
+            Metric(value=float(systematic.mean()), unit="of the cells", limit=most),
+            f"mean residuals are significant in {systematic.mean():.0%} of the cells, "
+            f"by chance in {SYSTEMATIC_CHANCE:.0%}",
+            "See where arrows are red: a bent mirror or board, a second-surface mirror, a lens beyond its model.",
         ),
     ]
 
@@ -143,9 +144,9 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
     ratio = seen[worst] / seen[best]
     return [
         Check(
-            "Noisiest view and axis against the quietest, RMS",
+            "RMS of the noisiest view and axis, relative to the quietest",
             Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
-            f"{worst[0]} fits {ratio:.1f} times as badly in {worst[1]} as {best[0]} in {best[1]}",
+            f"the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times those of {best[0]} in {best[1]}",
             f"Look at {worst[0]}: its pictures may be blurred, or the model is wrong there.",
         )
     ]
@@ -159,20 +160,21 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         ratio = float(out / fit)
         checks.append(
             Check(
-                "Frames left out of the fit, RMS against that of the fit",
+                "RMS of held-out frames, relative to that of the fit",
                 Metric(value=ratio, unit="1", limit=MAX_HELD_OUT_RATIO),
-                f"frames left out are predicted {ratio:.2f} times as badly as those fitted",
-                "Take more pictures: so few are fitted rather than explained.",
+                f"residuals of held-out frames are {ratio:.2f} times those of the fit",
+                "Take more pictures: the model overfits so few.",
             )
         )
     if diagnostics is None:
         return checks
     checks += [
         Check(
-            f"Frames split {split.how}: difference against what is predicted",
+            f"Frames split {split.how}: difference relative to the predicted one",
             Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
-            split.alarm or f"split {split.how}, calibrations differ {split.overall_ratio:.1f} times as they predict",
-            "Trust no stated uncertainty until halves agree: look at the model's diagnostics below.",
+            split.alarm
+            or f"split {split.how}, calibrations differ by {split.overall_ratio:.1f} times the predicted difference",
+            "Do not rely on the stated uncertainty until the halves agree: see the model selection below.",
         )
         for split in diagnostics.splits
     ]
@@ -184,10 +186,10 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
     if np.isfinite(calibration_mm) and matching_mm > 0.0:
         checks.append(
             Check(
-                f"Depth {SIGMA} at {at:.0f} mm, of calibration against that of matching",
+                f"Depth {SIGMA} at {at:.0f} mm, calibration relative to matching",
                 Metric(value=calibration_mm / matching_mm, unit="1", limit=1.0),
-                f"at {at:.0f} mm depth is less sure by calibration ({calibration_mm:.2g} mm) than by matching",
-                "Take more pictures with tilted boards: they would make depth surer at no other cost.",
+                f"at {at:.0f} mm the depth uncertainty of calibration ({calibration_mm:.2g} mm) exceeds matching's",
+                "Take more pictures with tilted boards: they reduce the depth uncertainty of calibration.",
             )
         )
     return checks
@@ -203,25 +205,25 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     flattest = min(spans, key=lambda view: spans[view])
     return [
         Check(
-            "Coverage of the emptiest view",
+            "Lowest coverage of a view",
             Metric(value=emptiest.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
             f"corners fill {emptiest.coverage:.0%} of {emptiest.name}",
             f"Show the board {empty_region(emptiest)} of {emptiest.name}, as the picture has it.",
         ),
         Check(
-            "Frames that show the board in the rarest view",
+            "Fewest frames with a board in a view",
             Metric(value=rarest.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
             f"{rarest.name} shows the board in {rarest.frames} frames",
             f"Take {MIN_FRAMES - rarest.frames} pictures more with the board in {rarest.name}.",
         ),
         Check(
-            "Turn between the most different boards",
+            "Largest rotation between two boards",
             Metric(value=turn, unit="deg", limit=MIN_TURN_DEG, lower_is_better=False),
-            f"no two boards are turned by more than {turn:.0f}°",
+            f"no two boards differ by more than {turn:.0f}° in orientation",
             f"Tilt the board more: {_untried(normals[mirrored])}.",
         ),
         Check(
-            "Farthest board against the nearest, in the view with least",
+            "Smallest ratio of farthest to nearest board in a view",
             Metric(value=spans[flattest], unit="1", limit=MIN_DISTANCE_RATIO, lower_is_better=False),
             f"mirror {flattest} shows boards at nearly one distance",
             f"Hold the board nearer to and farther from mirror {flattest}.",

@@ -90,7 +90,7 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
     for words in (
         "one webcam and two flat mirrors",
         "All 2 checks pass",
-        "Direction of the worst mirror, from the truth",
+        "Worst mirror normal, against the ground truth",
         "0.00412°",
         "0.0041°",
         "≤ 0.02°",
@@ -147,7 +147,7 @@ def test_a_figure_past_its_limit_is_named_first_and_fails_the_page(report: Repor
     text = outline(page).text
     assert "1 of 3 checks failed: Tilt" in text
     assert "FAIL" in text
-    table = page[page.index("Against the truth") :]
+    table = page[page.index("Comparison with the ground truth") :]
     assert table.index("Tilt") < table.index("RMS x")
     assert "checks pass" not in text
 

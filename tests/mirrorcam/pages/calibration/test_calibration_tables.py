@@ -75,7 +75,7 @@ def test_intrinsics_without_a_sigma_are_held(calibration: Calibration) -> None:
     assert float(rows["fx px"][2]) > 0.0
 
 
-def test_one_model_is_taken_and_those_nested_in_it_are_on_the_way(diagnostics: Diagnostics) -> None:
+def test_one_model_is_selected_and_those_nested_in_it_are_named(diagnostics: Diagnostics) -> None:
     first = replace(diagnostics.comparisons[0], name="paper", against=None)
     names = {"joint": "paper", "joint+bend": "joint", "joint+sheet": "joint"}
     others = tuple(
@@ -83,7 +83,7 @@ def test_one_model_is_taken_and_those_nested_in_it_are_on_the_way(diagnostics: D
         for name, against in names.items()
     )
     table = model_table(replace(diagnostics, level="joint+bend", comparisons=(first, *others)))
-    assert [str(row[-1]) for row in table.rows] == ["on the way", "on the way", '<b class="pass">taken</b>', "no"]
+    assert [str(row[-1]) for row in table.rows] == ["nested", "nested", '<b class="pass">selected</b>', "no"]
     assert table.rows[0][3:7] == ("", "", "", "")
     assert [str(row[0]) for row in table.rows][2] == "<b>joint+bend</b>"
     rejected = model_table(replace(diagnostics, level="paper", comparisons=(first, *others)))
