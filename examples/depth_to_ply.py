@@ -15,7 +15,7 @@ import mirrorcam
 
 
 def main(out: Path) -> None:
-    # A frame that shows a board through two mirrors.
+    # A frame that shows a board through three mirrors.
     camera = mirrorcam.Camera(
         name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5
     )
