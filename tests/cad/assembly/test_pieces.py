@@ -13,7 +13,6 @@ from mirrorcam.cad.assembly.bought_solids import camera_solid
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import (
     ACRYLIC,
-    Kind,
     Piece,
     camera_piece,
     composed,
@@ -24,9 +23,9 @@ from mirrorcam.cad.assembly.pieces import (
     pieces_of,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
-from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart, MassProperties
+from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from tests.cad.assembly.bought import item
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +36,6 @@ def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> l
     for name in names:
         shutil.copy(built_block.stl, folder / f"{name}.stl")
     return [built_block.replaced(name=name, folder=folder) for name in names]
-
-
-def item(kind: Kind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
-    return BoughtItem(
-        kind=kind,  # type: ignore[arg-type]  # all kinds but the printed ones
-        size=size,
-        length_mm=length_mm,
-        rig_from_item=np.eye(4) if place is None else place,
-        explode_mm=np.array([1.0, 2.0, 3.0]),
-        joins=("mirror_holder",),
-    )
 
 
 def box(width: float, height: float, depth: float, centre: tuple[float, float, float], mass: float) -> MassProperties:
