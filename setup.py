@@ -1,4 +1,4 @@
-"""Which folder holds which package: one import package, `mirrorcam`, from four top-level folders.
+"""Which folder holds which package: one import package, `mirrorcam`, from four folders.
 
 Everything else about the distribution is in `pyproject.toml`.
 """
@@ -7,9 +7,10 @@ import shutil
 
 from setuptools import find_packages, setup
 from setuptools.command.build_py import build_py
+from setuptools.command.editable_wheel import editable_wheel
 
 FOLDERS = {
-    "mirrorcam": "mirrorcam",
+    "mirrorcam": "src/mirrorcam",
     "mirrorcam.optics": "optics",
     "mirrorcam.cad": "cad",
     "mirrorcam.render_scenes": "render_scenes",
@@ -25,6 +26,19 @@ class BuildAnew(build_py):
         super().run()
 
 
+class EditableFromSrc(editable_wheel):
+    """Puts `src` on the path, where `mirrorcam` finds its other packages by itself.
+
+    The import hook that setuptools would install for four folders is asked only after the whole path was searched: a
+    folder named `mirrorcam` in the working directory, such as a checkout, would hide the package.
+    """
+
+    def finalize_options(self) -> None:
+        self.distribution.package_dir = {"": "src"}
+        self.distribution.packages = find_packages("src")
+        super().finalize_options()
+
+
 setup(
     package_dir=FOLDERS,
     packages=[
@@ -32,5 +46,5 @@ setup(
         for root, folder in FOLDERS.items()
         for package in (root, *(f"{root}.{inside}" for inside in find_packages(folder)))
     ],
-    cmdclass={"build_py": BuildAnew},
+    cmdclass={"build_py": BuildAnew, "editable_wheel": EditableFromSrc},
 )

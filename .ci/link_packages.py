@@ -1,6 +1,6 @@
 """Make `build/types/mirrorcam`: the package as it is imported, for tools that read files, such as mypy.
 
-The four top-level folders are one import package only once they are installed; a tree of links shows them as that.
+The four folders are one import package only once they are installed; a tree of links shows them as that.
 Where the system allows no symbolic links, it is a copy, made anew at each call.
 """
 
@@ -24,7 +24,7 @@ def main() -> None:
     if TREE.exists():
         shutil.rmtree(TREE)
     TREE.mkdir(parents=True)
-    for source in (*sorted((ROOT / "mirrorcam").iterdir()), *(ROOT / name for name in INSIDE)):
+    for source in (*sorted((ROOT / "src" / "mirrorcam").iterdir()), *(ROOT / name for name in INSIDE)):
         if source.name != "__pycache__":
             link(TREE / source.name, source)
 

@@ -18,7 +18,7 @@ FOLDERS = {
     "mirrorcam.optics": ROOT / "optics",
     "mirrorcam.cad": ROOT / "cad",
     "mirrorcam.render_scenes": ROOT / "render_scenes",
-    "mirrorcam": ROOT / "mirrorcam",
+    "mirrorcam": ROOT / "src" / "mirrorcam",
 }
 OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and

@@ -65,7 +65,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("needs setuptools 77 or newer, of the extra dev")
     copy = tmp_path_factory.mktemp("checkout")
     for folder in FOLDERS.values():
-        shutil.copytree(folder, copy / folder.name, ignore=shutil.ignore_patterns(*NOT_SHIPPED))
+        shutil.copytree(folder, copy / folder.relative_to(ROOT), ignore=shutil.ignore_patterns(*NOT_SHIPPED))
     for name in ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy / name)
     return copy
@@ -183,9 +183,26 @@ def test_an_editable_installation_is_the_checkout(checkout: Path, tmp_path: Path
         f"print([name for name in {OUR_FOLDERS!r} if find_spec(name)])"
     )
     *places, bare = installation.run(code).splitlines()
-    inside = ("optics/base/values.py", "cad/plan/dimension.py", "mirrorcam/cli.py")
+    inside = ("optics/base/values.py", "cad/plan/dimension.py", "src/mirrorcam/cli.py")
     assert [Path(place) for place in places] == [checkout / name for name in inside]
     assert bare == "[]"
+
+
+@pytest.mark.parametrize("kind", ["wheel", "editable"])
+def test_a_checkout_in_the_working_directory_does_not_hide_the_installation(
+    kind: str, checkout: Path, wheel: Path, tmp_path: Path
+) -> None:
+    """Python searches the working directory first, and may be started in a checkout or in the folder that holds it."""
+    clone = tmp_path / "mirrorcam"
+    shutil.copytree(checkout, clone)
+    installation = Installation(tmp_path / "environment", wheel if kind == "wheel" else built(kind, clone, tmp_path))
+    expected = clone / "optics" if kind == "editable" else installation.packages / "mirrorcam" / "optics"
+    code = (
+        "import mirrorcam, mirrorcam.optics.base.values as m; print(m.__file__, mirrorcam.Layout.__name__, sep='\\n')"
+    )
+    for place in (clone.parent, clone):
+        found, name = python(installation.python, "-c", code, cwd=place).stdout.splitlines()
+        assert (Path(found), name) == (expected / "base" / "values.py", "Layout")
 
 
 def test_optics_and_the_public_names_need_nothing_of_the_extras(installed: Installation) -> None:

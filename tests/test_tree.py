@@ -1,4 +1,4 @@
-"""The tests mirror the four folders: a module X/y.py has its tests in tests/X/test_y.py."""
+"""The tests mirror the four folders: a module X/y.py, or src/X/y.py, has its tests in tests/X/test_y.py."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from tests.test_architecture import FOLDERS, ROOT
 
 
 def module_paths() -> list[str]:
-    """Path of every module below the root; packages and entry points hold no code of their own to test."""
-    paths = (path.relative_to(ROOT) for folder in FOLDERS.values() for path in sorted(folder.rglob("*.py")))
-    return [path.as_posix() for path in paths if path.stem not in ("__init__", "__main__")]
+    """Path of every module below the root or `src`; packages and entry points hold no code of their own to test."""
+    paths = (
+        Path(folder.name, path.relative_to(folder)) for folder in FOLDERS.values() for path in folder.rglob("*.py")
+    )
+    return [path.as_posix() for path in sorted(paths) if path.stem not in ("__init__", "__main__")]
 
 
 def untested(paths: list[str], root: Path) -> set[str]:

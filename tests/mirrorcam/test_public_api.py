@@ -72,7 +72,8 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 
 def test_type_checkers_and_the_interpreter_take_names_from_the_same_modules() -> None:
-    (branch,) = (node for node in ast.parse(Path(mirrorcam.__file__).read_text()).body if isinstance(node, ast.If))
+    branches = (node for node in ast.parse(Path(mirrorcam.__file__).read_text()).body if isinstance(node, ast.If))
+    (branch,) = (node for node in branches if ast.unparse(node.test) == "TYPE_CHECKING")
     imports = [node for node in branch.body if isinstance(node, ast.ImportFrom)]
     seen_by_checkers = {alias.name: node.module for node in imports for alias in node.names}
     (table,) = (node.value for node in branch.orelse if isinstance(node, ast.Assign))

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
+from tests.test_architecture import FOLDERS, ROOT
 
 
 def callbacks() -> Iterator[tuple[str, str, str]]:
     """Place, annotation and default of every parameter `progress` in the four packages."""
-    for folder in ("optics", "cad", "render_scenes", "mirrorcam"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
+    for folder in FOLDERS.values():
+        for path in sorted(folder.rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):
                     given = node.args
