@@ -7,10 +7,10 @@ import os
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -175,6 +175,13 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically."""
     with atomic(path) as temporary:
         temporary.write_bytes(content)
+
+
+def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays by name to a compressed .npz file, atomically; the same arrays give the same bytes."""
+    # By an open file: to a path that does not end in .npz, NumPy would append it and leave this one empty.
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **dict[str, Any](arrays))
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:

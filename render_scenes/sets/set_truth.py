@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from mirrorcam.optics.base.files import atomic, write_json
+from mirrorcam.optics.base.files import write_json, write_npz
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.poses import PosePlan
@@ -36,12 +34,11 @@ def write_truth(
         write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
         names.append("finish.json")
     write_json(truth / "seed.json", {"seed": seed})
-    with atomic(truth / "corners.npz") as temporary:
-        np.savez_compressed(
-            temporary,
-            frames_px=frames_px,
-            frames_visible=frames_visible,
-            base_px=base_px,
-            base_visible=base_visible,
-        )
+    corners = {
+        "frames_px": frames_px,
+        "frames_visible": frames_visible,
+        "base_px": base_px,
+        "base_visible": base_visible,
+    }
+    write_npz(truth / "corners.npz", corners)
     return tuple(f"truth/{name}" for name in names)

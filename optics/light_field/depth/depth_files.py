@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.files import read_bytes, write_npz
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
@@ -15,15 +15,14 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 def save_depth(path: Path, depth: DepthMap) -> None:
     """Write depth_mm, sigma_mm and confidence (v, u) of a view to an .npz file, atomically."""
-    with atomic(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            depth_mm=depth.depth_mm,
-            sigma_mm=depth.sigma_mm,
-            confidence=depth.confidence,
-            view=np.array(depth.view),
-            layout_identity=np.array(depth.views.layout_identity),
-        )
+    arrays = {
+        "depth_mm": depth.depth_mm,
+        "sigma_mm": depth.sigma_mm,
+        "confidence": depth.confidence,
+        "view": np.array(depth.view),
+        "layout_identity": np.array(depth.views.layout_identity),
+    }
+    write_npz(path, arrays)
 
 
 def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:

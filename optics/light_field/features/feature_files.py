@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.files import atomic, write_npz
 from mirrorcam.optics.light_field.features.light_field_features import Features
 
 COLUMNS = (
@@ -20,8 +20,7 @@ COLUMNS = (
 
 def save_npz(path: Path, features: Features) -> None:
     """Write the fields of features to an .npz file, atomically; the same features give the same bytes."""
-    with atomic(path) as temporary:
-        np.savez_compressed(temporary, **{field.name: getattr(features, field.name) for field in fields(features)})
+    write_npz(path, {field.name: getattr(features, field.name) for field in fields(features)})
 
 
 def save_csv(path: Path, features: Features) -> None:

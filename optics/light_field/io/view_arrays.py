@@ -27,8 +27,8 @@ def write_arrays(path: Path, light_field: LightField, largest: float) -> None:
 
 
 def _save(path: Path, array: np.ndarray) -> None:
-    with atomic(path) as temporary:
-        np.save(temporary, array, allow_pickle=False)
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        np.save(file, array, allow_pickle=False)
 
 
 def _load(path: Path, dimensions: int) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.figures.depth_figure import draw_depth
 from mirrorcam.figures.epi_figure import draw_epi
 from mirrorcam.figures.features_figure import draw_features
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import save_depth
@@ -142,14 +142,13 @@ def write_epipolar_images(
 
 
 def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:
-    with atomic(path) as temporary:
-        np.savez_compressed(
-            temporary,
-            samples=found.samples,
-            weights=found.weights,
-            positions_mm=found.positions_mm,
-            axis=np.array(found.axis),
-            line=np.array(found.line),
-            plane_depth_mm=np.array(found.plane_depth_mm),
-            layout_identity=np.array(layout_identity),
-        )
+    arrays = {
+        "samples": found.samples,
+        "weights": found.weights,
+        "positions_mm": found.positions_mm,
+        "axis": np.array(found.axis),
+        "line": np.array(found.line),
+        "plane_depth_mm": np.array(found.plane_depth_mm),
+        "layout_identity": np.array(layout_identity),
+    }
+    write_npz(path, arrays)

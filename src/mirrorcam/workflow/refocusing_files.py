@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import atomic, write_image
+from mirrorcam.optics.base.files import write_image, write_npz
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
@@ -146,7 +146,5 @@ def _focal_sweep(
 
 
 def _save_picture(path: Path, picture: RenderedPicture, layout_identity: str) -> None:
-    with atomic(path) as temporary:
-        np.savez_compressed(
-            temporary, image=picture.image, weights=picture.weights, layout_identity=np.array(layout_identity)
-        )
+    identity = np.array(layout_identity)
+    write_npz(path, {"image": picture.image, "weights": picture.weights, "layout_identity": identity})

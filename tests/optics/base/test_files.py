@@ -231,6 +231,21 @@ def test_what_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
     assert "not an image that can be decoded, expected PNG, JPEG or WebP" in refusal(files.read_image, path)
 
 
+@pytest.mark.parametrize("name", ["a.npz", "a", "a.light", "a.b.npz"])
+def test_arrays_are_written_under_the_name_given(tmp_path: Path, name: str) -> None:
+    files.write_npz(tmp_path / name, {"numbers": np.arange(3), "word": np.array("x")})
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    with np.load(tmp_path / name, allow_pickle=False) as archive:
+        assert archive["numbers"].tolist() == [0, 1, 2]
+        assert str(archive["word"]) == "x"
+
+
+def test_the_same_arrays_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.npz", "b.npz"):
+        files.write_npz(tmp_path / name, {"numbers": np.arange(3.0)})
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
 def test_an_image_of_an_unknown_suffix_is_not_written(tmp_path: Path) -> None:
     line = refusal(files.write_image, tmp_path / "a.xyz", picture())
     assert line == f"{tmp_path / 'a.xyz'}: no image format for this suffix, expected .png or .jpg"

@@ -92,7 +92,7 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
         OURS: ours,
     }
     with atomic(path) as temporary:
-        savemat(temporary, variables, do_compression=True, oned_as="column")
+        savemat(temporary, variables, appendmat=False, do_compression=True, oned_as="column")
         # MATLAB's header has the time of day in its first line; the same light field is to give the same bytes.
         with temporary.open("r+b") as file:
             file.write(b"MATLAB 5.0 MAT-file, light field of mirrorcam".ljust(116))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
@@ -17,10 +17,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 def save_npz(path: Path, light_field: LightField) -> None:
     """Write the fields of a light field to an .npz file, atomically; the same light field gives the same bytes."""
-    with atomic(path) as temporary:
-        np.savez_compressed(
-            temporary, **{field.name: getattr(light_field, field.name) for field in fields(light_field)}
-        )
+    write_npz(path, {field.name: getattr(light_field, field.name) for field in fields(light_field)})
 
 
 def load_npz(path: Path) -> LightField:

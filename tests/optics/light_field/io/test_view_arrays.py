@@ -38,11 +38,12 @@ def test_every_byte_comes_back_although_floats_are_rounded(tmp_path: Path) -> No
     np.testing.assert_array_equal(read_arrays(tmp_path / "a.npy", 1000.0, NOTHING).samples, samples)
 
 
-def test_floats_stay_floats(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a.npy", "a"])
+def test_floats_stay_floats(tmp_path: Path, name: str) -> None:
     views = grid_views(1, 2, width_px=5, height_px=4)
     samples = np.random.default_rng(6).random((1, 2, 4, 5, 3), dtype=np.float32)
-    write_arrays(tmp_path / "a.npy", LightField.of(views, samples, np.ones((1, 2, 4, 5), np.float32)), 1.0)
-    np.testing.assert_array_equal(read_arrays(tmp_path / "a.npy", 1.0, NOTHING).samples, samples)
+    write_arrays(tmp_path / name, LightField.of(views, samples, np.ones((1, 2, 4, 5), np.float32)), 1.0)
+    np.testing.assert_array_equal(read_arrays(tmp_path / name, 1.0, NOTHING).samples, samples)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

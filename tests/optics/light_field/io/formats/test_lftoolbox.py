@@ -56,6 +56,12 @@ def test_rays_of_h_meet_at_the_plane(written: tuple[Path, Any]) -> None:
     assert np.allclose(pixels[1, 1], [59.0, 39.0], atol=1e-9)
 
 
+def test_a_name_without_the_ending_is_kept(written: tuple[Path, Any], tmp_path: Path) -> None:
+    write_lftoolbox(tmp_path / "a", written[1])
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert np.array_equal(read_lftoolbox(tmp_path / "a").samples, written[1].samples)
+
+
 def test_h_alone_brings_an_even_grid_back(written: tuple[Path, Any], tmp_path: Path) -> None:
     path, light_field = written
     said = loadmat(path)

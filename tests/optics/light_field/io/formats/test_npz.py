@@ -33,9 +33,10 @@ def light_field() -> LightField:
     )
 
 
-def test_an_npz_gives_back_what_went_in(tmp_path: Path, light_field: LightField) -> None:
-    save_npz(tmp_path / "a.npz", light_field)
-    found = load_npz(tmp_path / "a.npz")
+@pytest.mark.parametrize("name", ["a.npz", "a"])
+def test_an_npz_gives_back_what_went_in(tmp_path: Path, light_field: LightField, name: str) -> None:
+    save_npz(tmp_path / name, light_field)
+    found = load_npz(tmp_path / name)
     for field in fields(LightField):
         before, after = getattr(light_field, field.name), getattr(found, field.name)
         assert type(before) is type(after)
