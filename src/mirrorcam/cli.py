@@ -141,6 +141,13 @@ def _refusal(error: SystemExit, box: str) -> str:
     return " ".join(until_rule).rstrip(".")
 
 
+def _help_command(arguments: Sequence[str]) -> str:
+    """The command line that prints the help of the command that was asked for, or of all where none was."""
+    names = {options.__module__.rpartition(".")[2] for options in RUNNERS}
+    first = next((argument for argument in arguments if not argument.startswith("-")), "")
+    return f"mirrorcam {first} --help" if first in names else "mirrorcam --help"
+
+
 def parse(arguments: Sequence[str]) -> Command:
     """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
     registry = ConstructorRegistry()
@@ -158,7 +165,7 @@ def parse(arguments: Sequence[str]) -> Command:
     except SystemExit as error:
         if not error.code:
             raise
-        raise InputError(f"{_refusal(error, printed.getvalue())} (see mirrorcam --help)") from error
+        raise InputError(f"{_refusal(error, printed.getvalue())} (see {_help_command(arguments)})") from error
 
 
 def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:

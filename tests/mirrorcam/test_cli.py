@@ -72,6 +72,38 @@ def test_a_bad_command_line_is_refused_in_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "page"),
+    [
+        ("render --frames x", "mirrorcam render --help"),
+        ("--debug board --pag a4", "mirrorcam board --help"),
+        ("render", "mirrorcam render --help"),
+        ("desing --rows 2", "mirrorcam --help"),
+        ("", "mirrorcam --help"),
+    ],
+)
+def test_a_bad_command_line_is_referred_to_the_help_of_its_command(arguments: str, page: str) -> None:
+    with pytest.raises(InputError) as caught:
+        cli.parse(arguments.split())
+    assert str(caught.value).endswith(f"(see {page})")
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("board", "[BOARD]"),
+        ("render", "[LAYOUT]"),
+        ("decode", "[FRAME|VIDEO...]"),
+        ("scene", "LAYOUT"),
+        ("render", "--no-maps leave out the maps"),
+    ],
+)
+def test_help_shows_what_may_be_left_out(command: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.parse([command, "--help"])
+    assert f" {words} " in " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
+
+
 def not_a_number(data: dict[str, Any]) -> None:
     data["mirrors"][1]["virtual_centre_in_rig_mm"][2] = float("nan")
 

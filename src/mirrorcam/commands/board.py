@@ -15,9 +15,11 @@ from mirrorcam.optics.base.values import Value
 class BoardOptions(Value):
     """Draw a calibration board at true scale for the printer, with a ruler to verify the print."""
 
-    board: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="BOARD", help_behavior_hint="")] = Field(
-        default=None,
-        description="board.toml; without it, the default board, whose numbers are written beside the print",
+    board: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[BOARD]", help_behavior_hint="")] = (
+        Field(
+            default=None,
+            description="board.toml; without it, the default board, whose numbers are written beside the print",
+        )
     )
     page: Annotated[str, tyro.conf.arg(metavar="NAME|WIDTHxHEIGHT", help_behavior_hint="(smallest A)")] = Field(
         default="", description="a4, a3, a2, a1, a0, letter, or a width and height in mm"

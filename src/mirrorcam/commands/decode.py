@@ -16,7 +16,7 @@ class DecodeOptions(Value):
     """Decode pictures, videos or a camera's stream into light fields, with a picture of all views."""
 
     frames: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FRAME|VIDEO...", help_behavior_hint="")
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[FRAME|VIDEO...]", help_behavior_hint="")
     ] = Field(default=(), description="PNG or JPEG frames of the camera; videos of it, such as MP4 or AVI")
     layout: Path = Field(description="layout.json, calibrated where there is one")
     out: Path = Field(

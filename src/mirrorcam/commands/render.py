@@ -33,7 +33,7 @@ def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFini
             spp=options.spp,
             sensor=sensor,
             finish=finish,
-            maps=options.maps,
+            maps=not options.no_maps,
             video=options.video,
         )
     except ValidationError as error:
@@ -43,7 +43,7 @@ def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFini
 class RenderOptions(Value):
     """Render what a layout, built with tolerances, photographs: frames of a board, and the truth in its own folder."""
 
-    layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = (
+    layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[LAYOUT]", help_behavior_hint="")] = (
         Field(default=None, description="layout.json, as designed")
     )
     frames: int = Field(default=20, ge=1, description="frames of the board through the mirrors")
@@ -78,8 +78,9 @@ class RenderOptions(Value):
     parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(
         default=None, description="what `mirrorcam cad` wrote of the layout: its parts hide and scatter light"
     )
-    maps: bool = Field(
-        default=True, description="write what every pixel truly shows: for each frame an EXR file, 18 MB at 1920 x 1080"
+    no_maps: bool = Field(
+        default=False,
+        description="leave out the maps of what each pixel shows: an EXR file per frame, 18 MB at 1920 x 1080",
     )
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
         default=None, ge=1, description="frames at a time on this machine"

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.commands.render import reach_text
+from mirrorcam.commands.render import RenderOptions, reach_text, settings_of
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.render_set import SetRequest
+from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
 from tests.mirrorcam.small_set import contents
 
 # Not by importing it: that would choose an LLVM.
@@ -47,6 +48,13 @@ def command(options: str, **settings: object) -> subprocess.Popen[str]:
         encoding="utf-8",
         **settings,  # type: ignore[call-overload]
     )
+
+
+def test_maps_are_rendered_unless_left_out() -> None:
+    for line, left_out in (("render layout.json", False), ("render layout.json --no-maps", True)):
+        options = cli.parse(line.split()).command
+        assert isinstance(options, RenderOptions)
+        assert settings_of(options, SensorModel(), SurfaceFinish()).maps is not left_out
 
 
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
