@@ -31,6 +31,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.solver import initial_estimates
@@ -90,7 +91,8 @@ def calibrate(
     Raises
     ------
     InputError
-        Where a picture cannot be read or has another size, or where the pictures do not determine camera and mirrors.
+        Where no pictures are given or the level is unknown, a picture cannot be read or has another size, or the
+        pictures do not determine camera and mirrors.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
     extremes = Extremes()
@@ -104,6 +106,8 @@ def calibrate(
         on_frame(len(found))
         on_seen(found)
 
+    if level is not None:
+        additions_of(level)  # refused before pictures are searched
     seen = detect(recorded(), mirrored=True, on_frame=report)
     base = detect(_grey(base_frames), mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
     return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
@@ -142,6 +146,8 @@ def calibrate_corners(
     InputError
         Where the corners do not determine camera and mirrors.
     """
+    if not seen:
+        raise InputError("no pictures given")
     notes = _notes(seen, base, layout)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)

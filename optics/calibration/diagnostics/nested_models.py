@@ -40,8 +40,17 @@ def fit_as(name: str, start: Estimate, observations: Observations, model: Model)
 
 
 def additions_of(level: str) -> tuple[str, ...]:
-    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else."""
+    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else.
+
+    "glass" is an addition for comparison alone: its fit changes mirrors from first- to second-surface, which a layout
+    states and a calibration does not change.
+    """
     first, *additions = level.split("+")
+    if "glass" in additions:
+        raise InputError(
+            f"level {level!r} serves only to detect second-surface mirrors that the layout has as first-surface: "
+            f"state their surface, thickness and index in the layout and use {level.replace('glass', 'sheet')}"
+        )
     known = first in {"paper", "joint"} and all(name in ADDITIONS for name in additions)
     if not known or (first == "paper" and additions) or len(set(additions)) < len(additions):
         raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(ADDITIONS)} (joint+bend)")

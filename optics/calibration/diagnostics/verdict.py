@@ -97,7 +97,8 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     best = max(wanted, key=lambda comparison: comparison.information_gain)
     if best.name.endswith("+glass"):
         return [
-            "State in the layout that the mirrors are second-surface, with thickness and index, and calibrate again."
+            'State in the layout that the mirrors are second-surface ("surface": "second", "thickness_mm", '
+            '"refractive_index"), and calibrate again.'
         ]
     return [f"Calibrate again as {best.name}, which the pictures support."]
 

@@ -70,8 +70,10 @@ def calibrate_with_direct_view(
     """
     if not isinstance(target, Checkerboard):
         raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
+    if not pictures:
+        raise InputError("no pictures given")
     sizes = {picture.shape for picture in pictures}
-    if len(sizes) != 1:
+    if len(sizes) > 1:
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
     found = _found(pictures, target, mirrors, progress)
     corners_mm = target.corners_in_board_mm

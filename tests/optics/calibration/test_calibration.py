@@ -258,6 +258,17 @@ def test_missing_base_frames_are_noted(small_set: Set, corners: tuple[list[Obser
     assert angles_deg(found.layout, small_set.truth).max() < 0.2
 
 
+@pytest.mark.parametrize("base", [0, 1])
+def test_no_pictures_are_refused_in_one_line(small_set: Set, base: int) -> None:
+    with pytest.raises(InputError, match="no pictures given"):
+        calibrate([], small_set.base[:base], small_set.nominal, BOARD)
+
+
+def test_an_unknown_level_is_refused_before_any_picture_is_searched(small_set: Set, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected paper, or joint with any of"):
+        calibrate([tmp_path / "nowhere.png"], [], small_set.nominal, BOARD, level="joint+free")
+
+
 def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
     blank = np.full_like(small_set.frames[0], 60)
     with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):

@@ -33,6 +33,11 @@ def test_a_level_that_is_none_is_refused(level: str) -> None:
         additions_of(level)
 
 
+def test_the_level_that_only_detects_plates_is_refused_with_what_to_do_instead() -> None:
+    with pytest.raises(InputError, match=r"surface, thickness and index in the layout and use joint\+sheet\+bend$"):
+        additions_of("joint+glass+bend")
+
+
 def test_a_level_names_its_additions() -> None:
     assert additions_of("paper") == additions_of("joint") == ()
     assert additions_of("joint+warp+sheet") == ("warp", "sheet")

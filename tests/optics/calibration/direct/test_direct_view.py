@@ -124,6 +124,8 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
     blank = np.full((300, 400), 90, dtype=np.uint8)
     with pytest.raises(InputError, match="no 8 x 7 checkerboard found in any of 2 pictures"):
         calibrate_with_direct_view([blank, blank], BOARD, mirrors=2, names=["a", "b"])
+    with pytest.raises(InputError, match="no pictures given"):
+        calibrate_with_direct_view([], BOARD, mirrors=2, names=[])
     with pytest.raises(InputError, match="pictures of 2 sizes"):
         calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
     with pytest.raises(InputError, match="plain checkerboard"):
