@@ -43,7 +43,7 @@ def build_parts(
     Returns
     -------
     dict of str to Metric
-        The checks, also written as `checks.json`. A check that fails is a metric past its limit.
+        All figures by name, as in `checks.json`. Those with a limit are the checks; one that fails is past its limit.
 
     Raises
     ------

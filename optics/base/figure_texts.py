@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -12,6 +13,12 @@ SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that stand at their value without a space."""
+SIGNS = {
+    "um": "\N{MICRO SIGN}m",
+    **{f"{length}2": f"{length}\N{SUPERSCRIPT TWO}" for length in ("mm", "cm")},
+    **{f"{length}3": f"{length}\N{SUPERSCRIPT THREE}" for length in ("mm", "cm")},
+}
+"""Units of files as they are printed for people."""
 WORDS = {
     **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
     **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
@@ -36,12 +43,17 @@ def figure_text(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
+def unit_text(unit: str) -> str:
+    """A unit as people write it: mm² for the mm2 of files."""
+    return SIGNS.get(unit, unit)
+
+
 def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
     """The value of a metric, or another in its unit, with the unit; a share as a percentage."""
     shown = metric.value if value is None else value
     if metric.unit.startswith("of the "):
         return f"{shown:.1%}"
-    return f"{figure_text(shown, digits)}{SYMBOLS.get(metric.unit, f' {metric.unit}')}".rstrip()
+    return f"{figure_text(shown, digits)}{SYMBOLS.get(metric.unit, f' {unit_text(metric.unit)}')}".rstrip()
 
 
 def limit_sign(metric: Metric) -> str:
@@ -56,13 +68,24 @@ def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
     return f"{limit_sign(metric)} {value_text(metric, metric.limit) if with_unit else figure_text(metric.limit)}"
 
 
-def label_text(name: str, labels: Mapping[str, str] | None = None) -> str:
-    """The name of a metric in words, without the unit, which stands at the value; `labels` gives some by hand."""
-    if labels and name in labels:
+def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
+    """What people call a metric, without the unit, which stands at the value.
+
+    The label of `labels`, or else the words of the name; what the metric is of stands before it ("mount: "), its depth
+    behind it.
+    """
+    if name in labels:
         return labels[name]
-    named = re.sub(r"_([0-9][0-9.e+-]*)mm(?=_|$)", r"_at \1 mm", name)
-    named = re.sub(r"\.(?=[a-z])", ":_", named)
-    words = named.split("_")
+    *objects, figure = re.split(r"\.(?=[a-z]|3mf)", name)
+    at_depth = re.search(r"_([0-9][0-9.e+-]*)mm$", figure)
+    stem = figure[: at_depth.start()] if at_depth else figure
+    what = labels.get(stem) or _words(stem)
+    return ": ".join([*map(_words, objects), f"{what} at {at_depth[1]} mm" if at_depth else what])
+
+
+def _words(name: str) -> str:
+    """A name in words, less the unit at its end."""
+    words = name.split("_")
     if len(words) > 1 and words[-1] in UNIT_ENDINGS:
         words = words[:-1]
     return " ".join(word for word in (WORDS.get(word, word) for word in words) if word)

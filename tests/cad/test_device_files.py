@@ -10,6 +10,7 @@ import ezdxf.filemanagement
 from mirrorcam.cad.device_files import write_sheets
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -28,6 +29,12 @@ def test_the_default_layout_gives_all_files_and_passes(built_default: Built) -> 
     assert {name: entry["value"] for name, entry in written.items()} == {n: c.value for n, c in checks.items()}
     assert written["mirrors.seat_offset_um"]["limit"] == 1.0
     assert {name.partition(".")[0] for name in checks} >= {*PARTS, "device", "mirrors"}
+
+
+def test_every_check_and_figure_has_a_label(built_default: Built) -> None:
+    figures = {name.partition(".")[2] for name in built_default[2]}
+    assert len(figures) > 60
+    assert figures - set(LABELS) == set()
 
 
 def test_second_surface_mirrors_pass_as_well(built_second_surface: Built) -> None:

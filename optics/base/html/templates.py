@@ -13,6 +13,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.figure_texts import label_text, limit_text, sentence_case, share_of_limit, value_text
 from mirrorcam.optics.base.values import Metric
 
@@ -73,8 +74,8 @@ class FigureTable:
     others: tuple[FigureRow, ...]
 
     @classmethod
-    def of(cls, metrics: Mapping[str, Metric], labels: Mapping[str, str] | None = None) -> FigureTable:
-        """The table of metrics by name; `labels` names some of them by hand."""
+    def of(cls, metrics: Mapping[str, Metric], labels: Mapping[str, str] = LABELS) -> FigureTable:
+        """The table of metrics by name; `labels` says what they are called."""
         with_limit = [(name, metric) for name, metric in metrics.items() if metric.limit is not None]
         with_limit.sort(key=lambda item: (item[1].passed, -share_of_limit(item[1])))
         others = [(name, metric) for name, metric in metrics.items() if metric.limit is None]
@@ -89,7 +90,7 @@ class FigureTable:
         return sum(not row.passed for row in self.limited)
 
 
-def figure_row(name: str, metric: Metric, labels: Mapping[str, str] | None = None) -> FigureRow:
+def figure_row(name: str, metric: Metric, labels: Mapping[str, str] = LABELS) -> FigureRow:
     """A metric with its name, value and limit as text."""
     share = 0.0 if metric.limit is None else min(share_of_limit(metric), 1.0)
     label = sentence_case(label_text(name, labels))

@@ -41,7 +41,7 @@ class CadOptions(Value):
 
 
 def run(options: CadOptions) -> int:
-    """Build the parts and print their checks."""
+    """Build the parts and print the figures of the device, and every check that fails."""
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.workflow.device_folder import read_hardware, write_device
 
@@ -55,5 +55,6 @@ def run(options: CadOptions) -> int:
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
     limited = sum(check.limit is not None for check in checks.values())
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
-    say("cad", f"{verdict}; open {options.out / 'index.html'}")
+    others = count_text(len(checks) - limited, "figure")
+    say("cad", f"{verdict}, {others} without a limit; open {options.out / 'index.html'}")
     return 1 if failed else 0

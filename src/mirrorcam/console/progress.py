@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.console import interruption
-from mirrorcam.optics.base.figure_texts import figure_text, label_text, limit_text
+from mirrorcam.optics.base.figure_texts import figure_text, label_text, limit_text, unit_text
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 
@@ -69,7 +69,7 @@ def _cell(metric: Metric | None, unit: str) -> str:
     """A value, with its unit only where that is not the row's."""
     if metric is None:
         return ""
-    return figure_text(metric.value) if metric.unit == unit else f"{figure_text(metric.value)} {metric.unit}"
+    return figure_text(metric.value) if metric.unit == unit else f"{figure_text(metric.value)} {unit_text(metric.unit)}"
 
 
 def print_metrics(
@@ -94,7 +94,8 @@ def print_metrics(
 
     def add(name: str, indent: str) -> None:
         unit = every[name].unit
-        row = [indent + label_text(name), *(_cell(metrics.get(name), unit) for metrics in columns.values()), unit]
+        cells = [_cell(metrics.get(name), unit) for metrics in columns.values()]
+        row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:
             row.append(limit_text(every[name], with_unit=False))
             row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")

@@ -12,15 +12,6 @@ from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 TEMPLATES = Path(__file__).parent
-LABELS = {
-    "normal_error_max_deg": "Worst mirror normal, against the ground truth",
-    "normal_error_between_mirrors_max_deg": "Worst mirror normal, without the rotation common to all mirrors",
-    "distance_error_max_mm": "Worst mirror distance, against the ground truth",
-    "held_out_rms_x_px": "Reprojection error of held-out frames, RMS in x",
-    "held_out_rms_y_px": "Reprojection error of held-out frames, RMS in y",
-    "held_out_spatial_rms_mm": "Distance of held-out corners from their viewing rays, RMS",
-    "decoded_corner_rms_px": "Corners in decoded views, against a pinhole at the true position, RMS",
-}
 HEADLINES = {
     "normal_error_max_deg": "is how far the worst mirror's calibrated direction is from the truth",
     "decoded_corner_rms_px": "is the RMS distance of decoded corners from where true positions predict them",
@@ -90,7 +81,7 @@ def verdict_text(report: Report) -> str:
     count = len(report.limited)
     if not report.failed:
         return f"All {count} checks pass"
-    names = ", ".join(sentence_case(label_text(name, LABELS)) for name in report.failed)
+    names = ", ".join(sentence_case(label_text(name)) for name in report.failed)
     return f"{len(report.failed)} of {count} checks failed: {names}"
 
 
@@ -109,5 +100,5 @@ def index_html(report: Report) -> str:
         highlights=highlights(report),
         design=design_table(report.parabola, report.layout),
         checks=FigureTable.of(report.checks),
-        truth=FigureTable.of(report.truth, LABELS),
+        truth=FigureTable.of(report.truth),
     )

@@ -39,10 +39,11 @@ def write_device(
     workers: int | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Metric]:
-    """Build and check every part of a layout's device in a folder; returns the checks by name.
+    """Build and check every part of a layout's device in a folder; returns all figures by name.
 
-    What an earlier call has written there and still holds is taken over, and its other files go. `workers` are
-    processes that share the work, one for each core without a number. It needs the extra `cad`.
+    Figures with a limit are the checks. What an earlier call has written there and still holds is taken over, and its
+    other files go. `workers` are processes that share the work, one for each core without a number. It needs the extra
+    `cad`.
     """
     from mirrorcam.cad.build import build_parts
 

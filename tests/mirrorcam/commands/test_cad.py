@@ -64,7 +64,10 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     )
 
 
-@pytest.mark.parametrize(("size_mm", "code", "words"), [(1.0, 0, "3 checks passed"), (0.5, 1, "1 of 3 checks failed")])
+@pytest.mark.parametrize(
+    ("size_mm", "code", "words"),
+    [(1.0, 0, "3 checks passed, 1 figure without a limit"), (0.5, 1, "1 of 3 checks failed, 1 figure without")],
+)
 def test_it_prints_what_fails_and_the_device_as_a_whole(
     size_mm: float,
     code: int,

@@ -85,3 +85,14 @@ def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
         "  pixel efficiency at 300 mm                           0.5  1",
         "other                                                    1  1",
     ]
+
+
+def test_units_and_labels_are_those_of_people_not_of_files(log: StringIO) -> None:
+    progress.print_metrics(
+        {
+            "then": {"overhang_mm2": Metric(value=2.0, unit="cm3")},
+            "now": {"overhang_mm2": Metric(value=1.0, unit="mm2")},
+        }
+    )
+    assert log.getvalue().splitlines()[1].split("  ")[0] == "overhangs that need support"
+    assert log.getvalue().splitlines()[1].split()[-4:] == ["2", "cm³", "1", "mm²"]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.validation import Validation, mirror_errors
+from mirrorcam.workflow.validation import LIMITS, Validation, mirror_errors
 from tests.optics.calibration.sound_calibration import sound_calibration
 
 
@@ -38,3 +39,7 @@ def test_one_figure_past_its_limit_fails_a_validation() -> None:
     good, bad = Metric(value=1.0, unit="mm", limit=1.0), Metric(value=1.1, unit="mm", limit=1.0)
     assert Validation(sound_calibration(), {"a": good, "b": Metric(value=9.0, unit="mm")}).passed
     assert not Validation(sound_calibration(), {"a": good, "b": bad}).passed
+
+
+def test_every_check_has_a_label() -> None:
+    assert set(LIMITS) - set(LABELS) == set()

@@ -36,6 +36,10 @@ def test_figures_are_short(value: float, text: str) -> None:
         (Metric(value=0.917, unit="of the view", limit=0.6, lower_is_better=False), "91.7%", "≥ 60.0%"),
         (Metric(value=41, unit="1"), "41", ""),
         (Metric(value=2.5, unit=""), "2.5", ""),
+        (Metric(value=0.03, unit="um", limit=1.0), "0.03 \N{MICRO SIGN}m", "≤ 1 \N{MICRO SIGN}m"),
+        (Metric(value=8.0, unit="mm3", limit=9.0), "8 mm³", "≤ 9 mm³"),
+        (Metric(value=8.0, unit="mm2"), "8 mm²", ""),
+        (Metric(value=8.0, unit="cm3"), "8 cm³", ""),
     ],
 )
 def test_values_and_limits_carry_their_unit(metric: Metric, value: str, limit: str) -> None:
@@ -52,12 +56,16 @@ def test_a_limit_beside_a_column_of_units_has_none() -> None:
     [
         ("grid_error", "grid error"),
         ("fov_x_deg", "field of view x"),
-        ("smallest_area_mm2", "smallest area"),
+        ("narrow_area_mm2", "narrow area"),
+        ("smallest_area_mm2", "area of the smallest mirror"),
         ("overlap_iou_1e+06mm", "overlap at 1e+06 mm"),
-        ("common_area_300.5mm", "common area at 300.5 mm"),
+        ("common_area_300.5mm", "area seen by all views at 300.5 mm"),
         ("pixel_efficiency_300mm", "pixel efficiency at 300 mm"),
         ("direct_rms_x_px", "direct RMS x"),
         ("device.stl_gap_mm", "device: STL gap"),
+        ("mirror_holder.lie_error_um", "mirror holder: print orientation error"),
+        ("mount.3mf_volume_error_mm3", "mount: volume error of the 3MF file"),
+        ("mirrors.files_not_in_mm", "mirrors: cut files not in millimetres"),
         ("mm", "mm"),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.html.templates import FigureTable, Tile, render
@@ -104,7 +105,7 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
     """Figures with limits, ours and the caller's, and the others."""
     figures = {check.label: check.metric for check in verdict.checks}
     others = {name: metric for name, metric in calibration.metrics.items() if not name.startswith("mirror_")}
-    return FigureTable.of({**figures, **others}, {label: label for label in figures})
+    return FigureTable.of({**figures, **others}, {**LABELS, **{label: label for label in figures}})
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:

@@ -1,0 +1,29 @@
+"""Labels of figures: one for each check that a layout, a device or a validation has, and plain words."""
+
+from __future__ import annotations
+
+import pytest
+
+from mirrorcam.optics.base import figure_labels
+from mirrorcam.optics.base.figure_labels import LABELS
+from mirrorcam.optics.base.figure_texts import UNIT_ENDINGS, label_text
+from mirrorcam.optics.geometry.layout import Layout
+
+
+def test_every_check_of_a_design_has_a_label(default_layout: Layout) -> None:
+    names = {name.rpartition("_")[0] if name.startswith("common_area_") else name for name in default_layout.verdict}
+    assert len(names) > 5
+    assert names - set(LABELS) == set()
+
+
+def test_no_name_is_in_two_parts_of_the_table() -> None:
+    parts = [value for name, value in vars(figure_labels).items() if name.isupper() and value is not LABELS]
+    assert sum(map(len, parts)) == len(LABELS)
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_labels_are_words_without_the_unit_and_differ(name: str) -> None:
+    assert "_" not in LABELS[name]
+    assert LABELS[name].split()[-1] not in UNIT_ENDINGS
+    assert [other for other, label in LABELS.items() if label == LABELS[name]] == [name]
+    assert label_text(f"mount.{name}") == f"mount: {LABELS[name]}"
