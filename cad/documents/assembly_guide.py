@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,10 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.mirrors.stock_sheets import mirror_names
+from mirrorcam.cad.parts.coupon import MIRROR_MM
+from mirrorcam.cad.plan.hardware import CameraBody
 from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.optics.base.files import write_text
 
 WEB = Path(__file__).parents[1] / "web"
@@ -25,6 +29,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
     )
     environment.filters["number"] = lambda value: f"{value:.2f}".rstrip("0").rstrip(".")
     environment.filters["counted"] = counted
+    environment.filters["toml"] = camera_toml
     hardware = device.hardware
     text = environment.get_template("guide.md").render(
         layout=device.layout,
@@ -35,12 +40,29 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         parts=parts,
         coupon=next((part for part in parts if part.name == COUPON), None),
         stages=Stages(pieces),
-        sheets=sorted({f"{mirror.surface}-surface, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}),
+        sheets=sorted(
+            {f"{mirror.surface}-surface acrylic mirror, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}
+        ),
         sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
         mirrors=_mirror_rows(device),
+        surfaces=sorted({mirror.surface for mirror in device.layout.mirrors}),
+        settings=PRINT_SETTINGS,
+        coupon_mirror_mm=MIRROR_MM,
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
+
+
+def camera_toml(camera: CameraBody) -> str:
+    """A camera's body as the text of its TOML file, which `read_camera` reads."""
+    body = camera.model_dump(mode="json")
+    held_by = body.pop("held_by")
+    return "\n".join([*_toml_lines(body), "", "[held_by]", *_toml_lines(held_by)])
+
+
+def _toml_lines(values: Mapping[str, object]) -> list[str]:
+    """Numbers, texts and lists as TOML, which writes them as JSON does."""
+    return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items()]
 
 
 def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:

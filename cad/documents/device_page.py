@@ -57,7 +57,7 @@ def write_page(
         title=f"A light field camera with {layout.rows} by {layout.cols} views",
         lead=(
             f"{len(layout.mirrors)} flat mirrors turn a {device.hardware.camera.name} into "
-            f"{layout.rows} by {layout.cols} cameras. Here is everything to print, cut and assemble one."
+            f"{layout.rows} by {layout.cols} cameras. This page has everything needed to print, cut and assemble them."
         ),
         identity=layout.identity,
         parts=parts,

@@ -90,7 +90,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
     return (
         DevicePicture("assembled", "The device, assembled", front, whole),
         DevicePicture("exploded", "Exploded view", front, apart),
-        DevicePicture("light", "The light: from the lens by every mirror to the scene", front, bare, rays),
+        DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
         DevicePicture("behind", "The device from behind", behind, bare),
         DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
         DevicePicture("inserts", "Where the inserts go", behind, _threads(stages)),

@@ -159,7 +159,9 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     )
     if any(item.kind == "insert" for item in items):
         lines.append(
-            BoughtLine(title="Tool: soldering iron with a tip for M3 inserts", count=None, note="at about 220 C in PLA")
+            BoughtLine(
+                title="Tool: soldering iron with a tip for M3 inserts", count=None, note="at about 220 °C in PLA"
+            )
         )
     return tuple(lines)
 

@@ -1,8 +1,8 @@
 """Printing time and plastic of a part, and whether it needs support, by PrusaSlicer, where that is installed.
 
-The profile is `OPTIONS` and for the rest the slicer's own default: 0.2 mm layers of a 0.4 mm nozzle, three perimeters,
-20 % infill, speeds of a common hobby printer, and support wherever the slicer thinks that some is needed, other than
-under bridges. With no support generated, time and grams are those of a print without.
+The profile is `OPTIONS` and for the rest the slicer's own default: layers, nozzle, perimeters and infill of
+`PRINT_SETTINGS`, speeds of a common hobby printer, and support wherever the slicer thinks that some is needed, other
+than under bridges. With no support generated, time and grams are those of a print without.
 
 One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
 on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
@@ -21,16 +21,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.optics.base.values import Metric
 
 PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {
-    "layer-height": "0.2",
-    "first-layer-height": "0.2",
-    "nozzle-diameter": "0.4",
+    "layer-height": f"{PRINT_SETTINGS.layer_mm:g}",
+    "first-layer-height": f"{PRINT_SETTINGS.layer_mm:g}",
+    "nozzle-diameter": f"{PRINT_SETTINGS.nozzle_mm:g}",
     "filament-diameter": "1.75",
-    "fill-density": "20%",
-    "perimeters": "3",
+    "fill-density": f"{PRINT_SETTINGS.infill_percent}%",
+    "perimeters": f"{PRINT_SETTINGS.perimeters}",
     # Half the time of the newer generator, and as good for walls of several lines.
     "perimeter-generator": "classic",
     "perimeter-speed": "45",

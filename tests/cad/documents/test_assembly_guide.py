@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
-from mirrorcam.cad.documents.assembly_guide import write_guide
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
+from mirrorcam.cad.plan.hardware import Hardware, read_camera
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.write.slicer import OPTIONS
 from tests.cad.documents.conftest import Made
 
 
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert [int(n) for n in re.findall(r"^## Step (\d+)", text, re.MULTILINE)] == list(range(1, 11))
-    for word in ("heat-set", "lips", "row 0 is the", made.device.layout.identity, "Ø63"):
+    for word in ("heat-set", "rests against the lips", "row 0 is the", made.device.layout.identity, "Ø63"):
         assert word in text
     for name in (picture.name for picture in made.pictures[4:]):
         assert f"(pictures/{name}.png)" in text
@@ -31,6 +34,38 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "Slide each nut" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
+
+
+def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> None:
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    layer, nozzle = OPTIONS["layer-height"], OPTIONS["nozzle-diameter"]
+    infill = OPTIONS["fill-density"].removesuffix("%")
+    asked = f"nozzle {nozzle} mm, layers of {layer} mm, {OPTIONS['perimeters']} perimeters (walls), {infill} % infill"
+    assert asked in text
+
+
+def test_stock_is_laid_down_as_its_surface_demands(made: Made, tmp_path: Path) -> None:
+    assert "without the coating" in (made.folder / "guide.md").read_text(encoding="utf-8")
+    assert "painted" not in (made.folder / "guide.md").read_text(encoding="utf-8")
+    behind = tuple(mirror.replaced(surface="second") for mirror in made.device.layout.mirrors)
+    second = replace(made.device, layout=made.device.layout.replaced(mirrors=behind))
+    write_guide(tmp_path, second, made.parts, made.pieces)
+    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    assert "the painted side: the clear side lies on the table" in text
+    assert "without the coating" not in text
+
+
+def test_the_bare_camera_is_photographed_before_it_meets_the_mirrors(made: Made) -> None:
+    steps = (made.folder / "guide.md").read_text(encoding="utf-8").split("## Step ")
+    bare = next(number for number, step in enumerate(steps) if "pictures of the bare camera now" in step)
+    assert bare < next(number for number, step in enumerate(steps) if "clip on the rib of the mount" in step)
+
+
+@pytest.mark.parametrize("name", ["c920", "board_38"])
+def test_the_camera_in_the_guide_is_a_file_that_can_be_read_back(name: str, tmp_path: Path) -> None:
+    camera = read_camera(name)
+    (tmp_path / "mine.toml").write_text(camera_toml(camera), encoding="utf-8")
+    assert read_camera(str(tmp_path / "mine.toml")) == camera
 
 
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:

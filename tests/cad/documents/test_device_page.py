@@ -113,7 +113,7 @@ def test_a_failed_check_is_said_at_the_top_and_in_its_row(made: Made, tmp_path: 
     write_documents(Made(broken, made.device, made.parts, made.pieces, made.pictures), thin)
     page = (broken / "index.html").read_text(encoding="utf-8")
     assert "1 of 3 checks failed" in page
-    row = next(line for line in page.splitlines() if "0.4 mm" in line)
+    row = next(line for line in page.splitlines() if ">0.4 mm<" in line)
     assert 'class="bad"' in row
     assert "≥ 1.2 mm" in row
     assert "FAIL" in row
