@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import manifold3d
 import numpy as np
@@ -41,6 +44,49 @@ DROP_OF_THICKNESS = 4.0
 ROUNDING_MM = 1e-3
 
 
+@dataclass(frozen=True)
+class DeviceAsMade:
+    """A device as read back from the folder of a build: parts as printed, mirrors as cut, all else as assembled.
+
+    `laid` are the mirrors' outlines in the files `sheets`, by row and column; `assembly` are the meshes of the assembly
+    and `solids` those of all pieces, both by name, in rig, mm.
+    """
+
+    device: Device
+    printed: Sequence[BuiltPart]
+    sheets: Sequence[Path]
+    laid: Mapping[str, OutlineFit]
+    assembly: Mapping[str, trimesh.Trimesh]
+    solids: Mapping[str, manifold3d.Manifold]
+
+    @classmethod
+    def read(cls, device: Device, parts: Sequence[BuiltPart], folder: Path) -> Self:
+        """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
+        printed = [part for part in parts if part.name != COUPON]
+        sheets = sorted((folder / "mirrors").glob("*.dxf"))
+        laid = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
+        assembly = read_glb(folder / ASSEMBLY)
+        solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
+        solids |= {f"mirror_{name}": solid for name, solid in mirrors_as_cut(laid, device.layout).items()}
+        solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
+        return cls(device, printed, sheets, laid, assembly, solids)
+
+    @cached_property
+    def sound(self) -> dict[str, manifold3d.Manifold]:
+        """The solids that are valid."""
+        return {name: solid for name, solid in self.solids.items() if is_manifold(solid)}
+
+    @cached_property
+    def sound_parts(self) -> dict[str, manifold3d.Manifold]:
+        """The printed parts whose solids are valid."""
+        return {part.name: self.sound[part.name] for part in self.printed if part.name in self.sound}
+
+    @cached_property
+    def mirrors(self) -> list[manifold3d.Manifold | None]:
+        """The mirrors in the layout's order, None where one is missing."""
+        return [self.sound.get(f"mirror_{name}") for name in mirror_names(self.device.layout)]
+
+
 def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
     """Check the device in the folder of a build.
 
@@ -59,50 +105,57 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         Checks and figures by name: `device.NAME`, `mirrors.NAME`, or that of a piece. Parts are taken as printed,
         mirrors as cut, camera and fasteners as in the assembly, the robot's wrist as the hardware table has it.
     """
-    layout, hardware = device.layout, device.hardware
-    printed = [part for part in parts if part.name != COUPON]
-    sheets = sorted((folder / "mirrors").glob("*.dxf"))
-    laid = mirror_fits(read_cuts(sheets)[0], layout, hardware.cutting)
-    assembly = read_glb(folder / ASSEMBLY)
-    solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}
-    solids |= {f"mirror_{name}": solid for name, solid in mirrors_as_cut(laid, layout).items()}
-    solids |= {name: solid_of(mesh) for name, mesh in assembly.items() if name not in solids}
-    sound = {name: solid for name, solid in solids.items() if is_manifold(solid)}
-    sound_parts = {part.name: sound[part.name] for part in printed if part.name in sound}
+    made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
     wrist = {WRIST: wrist_shell(device)}
-    mirrors_in_place = [sound.get(f"mirror_{name}") for name in mirror_names(layout)]
-    of_mirrors = {
-        **check_cuts(sheets, layout, hardware.cutting),
-        **check_seats(
-            flat_faces(import_step(part.step) for part in printed if part.name.startswith(HOLDER)),
-            layout,
-            hardware,
-            device.holder.planned_cover,
-        ),
-        **check_drop(laid, layout, list(sound_parts.values()), hardware.fit.free_mm),
-    }
     return {
-        "device.pieces_amiss": Metric(value=len(_names_expected(device, printed) ^ set(assembly)), unit="", limit=0),
-        # As many as there are where a slicer is installed, whose own checks are each part's.
-        "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
-        "device.meshes_broken": Metric(value=len(solids) - len(sound), unit="", limit=0),
-        **check_mass(hardware, assembly),
-        # By closed form, from the plan: how far gravity turns and moves the mirrors, at worst, by bending the mount.
-        "mount.tilt_deg": Metric(value=round(device.mount.tilt_deg, 4), unit="deg", limit=hardware.mount.tilt_deg),
-        "mount.shift_um": Metric(value=round(device.mount.shift_um, 1), unit="um"),
-        **{f"mirrors.{name}": check for name, check in of_mirrors.items()},
-        **check_light(layout, hardware, sound_parts | wrist, mirrors_in_place, sound.get(CAMERA)),
-        "device.stray_light": Metric(
-            value=stray_light(
-                layout,
-                manifold3d.Manifold.compose(list(sound_parts.values())),
-                [solid for solid in mirrors_in_place if solid is not None],
-            ),
-            unit="of the pixels",
-            limit=STRAY_LIGHT,
-        ),
-        **check_clashes(sound | wrist, hardware.fit.press_mm),
+        **_check_pieces(made, parts),
+        **check_mass(hardware, made.assembly),
+        **_check_stiffness(device),
+        **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
+        **check_light(device.layout, hardware, made.sound_parts | wrist, made.mirrors, made.sound.get(CAMERA)),
+        **_check_stray_light(made),
+        **check_clashes(made.sound | wrist, hardware.fit.press_mm),
     }
+
+
+def _check_pieces(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
+    """Check that the assembly holds all pieces and no others, as valid meshes.
+
+    As many parts are sliced as there are where a slicer is installed, whose own checks are each part's.
+    """
+    expected = _names_expected(made.device, made.printed)
+    return {
+        "device.pieces_amiss": Metric(value=len(expected ^ set(made.assembly)), unit="", limit=0),
+        "device.parts_sliced": Metric(value=sum("slices" in part.checks for part in parts), unit=f"of {len(parts)}"),
+        "device.meshes_broken": Metric(value=len(made.solids) - len(made.sound), unit="", limit=0),
+    }
+
+
+def _check_stiffness(device: Device) -> dict[str, Metric]:
+    """How far gravity turns and moves the mirrors, at worst, by bending the mount: by closed form, from the plan."""
+    mount, limit = device.mount, device.hardware.mount.tilt_deg
+    return {
+        "mount.tilt_deg": Metric(value=round(mount.tilt_deg, 4), unit="deg", limit=limit),
+        "mount.shift_um": Metric(value=round(mount.shift_um, 1), unit="um"),
+    }
+
+
+def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
+    """Check the mirrors as cut, their seats, and their way into these."""
+    layout, hardware = made.device.layout, made.device.hardware
+    holders = (part for part in made.printed if part.name.startswith(HOLDER))
+    faces = flat_faces(import_step(part.step) for part in holders)
+    return {
+        **check_cuts(made.sheets, layout, hardware.cutting),
+        **check_seats(faces, layout, hardware, made.device.holder.planned_cover),
+        **check_drop(made.laid, layout, list(made.sound_parts.values()), hardware.fit.free_mm),
+    }
+
+
+def _check_stray_light(made: DeviceAsMade) -> dict[str, Metric]:
+    parts = manifold3d.Manifold.compose(list(made.sound_parts.values()))
+    past = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
+    return {"device.stray_light": Metric(value=past, unit="of the pixels", limit=STRAY_LIGHT)}
 
 
 def wrist_shell(device: Device) -> manifold3d.Manifold:

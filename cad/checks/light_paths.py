@@ -137,30 +137,46 @@ def check_light(
         their meshes), and the light that mirrors hide from each other (limited as in a layout as built).
     """
     lights = [light_of(layout, index, hardware) for index in range(len(layout.mirrors))]
-    rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
     together = manifold3d.Manifold.compose(list(parts.values()))
-    blocked = hits(together, rays)
+    cast, blocked = _cast(lights, together, camera)
+    least = 2 * RAYS_OF_MIRROR * len(lights)
+    return {
+        "device.rays_cast": Metric(value=cast, unit="", limit=least, lower_is_better=False),
+        "device.rays_blocked": Metric(value=blocked, unit="", limit=0),
+        "device.mirrors_without_light": Metric(value=sum(light.inner == 0 for light in lights), unit="", limit=0),
+        "device.rim_light_stopped": Metric(value=_rim_light_stopped(layout, together, hardware), unit=""),
+        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=SLIVER),
+        **_light_gaps(lights, parts, hardware),
+    }
+
+
+def _cast(
+    lights: Sequence[MirrorLight], parts: manifold3d.Manifold, camera: manifold3d.Manifold | None
+) -> tuple[int, int]:
+    """Numbers of rays that are cast against the parts, and that those, or the camera on the way out, block."""
+    rays = np.concatenate([light.rays.reshape(-1, 2, 3) for light in lights])
+    blocked = hits(parts, rays)
     if camera is not None:
         blocked += hits(camera, np.concatenate([light.rays[1] for light in lights]))
+    return len(rays), blocked
+
+
+def _rim_light_stopped(layout: Layout, parts: manifold3d.Manifold, hardware: Hardware) -> float:
+    """Rays of the worst mirror through the rim of the pupil that the parts block, per ray of one leg."""
+    rims = [light_of_rim(layout, index, hardware) for index in range(len(layout.mirrors))]
+    return max((hits(parts, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0)
+
+
+def _light_gaps(
+    lights: Sequence[MirrorLight], parts: Mapping[str, manifold3d.Manifold], hardware: Hardware
+) -> dict[str, Metric]:
+    """Gap between each part and the light: as wide as parts are cut, less the tolerance of their meshes."""
     hulls = [hull for light in lights if len(light.rays[0]) for hull in light.hulls]
     gaps = {name: min((part.min_gap(hull, NEAR_MM) for hull in hulls), default=0.0) for name, part in parts.items()}
     least = hardware.fit.light_mm - STL_TOLERANCE_MM
-    rims = [light_of_rim(layout, index, hardware) for index in range(len(layout.mirrors))]
     return {
-        "device.rays_cast": Metric(
-            value=len(rays), unit="", limit=2 * RAYS_OF_MIRROR * len(lights), lower_is_better=False
-        ),
-        "device.rays_blocked": Metric(value=blocked, unit="", limit=0),
-        "device.mirrors_without_light": Metric(value=sum(light.inner == 0 for light in lights), unit="", limit=0),
-        "device.rim_light_stopped": Metric(
-            value=max((hits(together, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0),
-            unit="",
-        ),
-        "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=SLIVER),
-        **{
-            f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
-            for name, gap in gaps.items()
-        },
+        f"{name}.light_gap_mm": Metric(value=round(gap, 4), unit="mm", limit=least, lower_is_better=False)
+        for name, gap in gaps.items()
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from manifold3d import Manifold, OpType
@@ -104,32 +105,40 @@ def plan_baffle(
     hardware : Hardware
         Dimensions of the baffle, and fits.
     """
-    dimensions = hardware.holder
-    corners = get_coordinates(orient(border))[:-1]
-    inner = _moved_in(corners, dimensions.shade_mm)
-    counts = np.ceil(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1) / dimensions.shade_step_mm)
-    outside, inside = _in_pieces(corners, counts.astype(int)), _in_pieces(inner, counts.astype(int))
+    outside, inside = _sides(border, hardware)
     mount_from_rig = np.linalg.inv(rig_from_mount)[:3]
     hulls = [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in light]
     lit = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
     view = (_field_of_view(layout.camera) - _behind_mirrors(layout, hardware)).transform(mount_from_rig)
-    last = -1
+    crest = _crest_mm(outside, inside, lit, view, hardware)
+    inside_slab = foot_mm - 1.0
+    crest = np.where(crest > foot_mm + hardware.holder.shade_mm, crest, inside_slab - 0.5)
+    foot = np.full(len(outside), 0.5 * inside_slab)
+    placed = (_placed(rig_from_mount, *at) for at in product((foot, crest), (outside, inside)))
+    return Baffle(*placed)
+
+
+def _placed(rig_from_mount: FloatArray, heights: FloatArray, flat: FloatArray) -> FloatArray:
+    """Points (n, 3) in rig from those (n, 2) of the back and their heights (n,) over it."""
+    return np.asarray(np.column_stack([flat, -heights]) @ rig_from_mount[:3, :3].T + rig_from_mount[:3, 3])
+
+
+def _sides(border: Polygon, hardware: Hardware) -> tuple[FloatArray, FloatArray]:
+    """Corners (n, 2) of the outer and inner side of the baffle, in straight pieces of about `shade_step_mm`."""
+    corners = get_coordinates(orient(border))[:-1]
+    inner = _moved_in(corners, hardware.holder.shade_mm)
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    counts = np.ceil(lengths / hardware.holder.shade_step_mm).astype(int)
+    return _in_pieces(corners, counts), _in_pieces(inner, counts)
+
+
+def _crest_mm(outside: FloatArray, inside: FloatArray, lit: Manifold, view: Manifold, hardware: Hardware) -> FloatArray:
+    """Heights (n,) over the back of the corners: each as high as the lower of the two pieces that meet there."""
     levels = []
     for i in range(len(outside)):
-        piece = np.array([outside[last], outside[i], inside[i], inside[last]])
+        piece = np.array([outside[i - 1], outside[i], inside[i], inside[i - 1]])
         levels.append(_free_height_mm(piece, lit, view, hardware))
-        last = i
-    # A corner is as high as the lower of the two pieces that meet there.
-    crest = np.minimum(levels, np.roll(levels, -1))
-    inside_slab = foot_mm - 1.0
-    crest = np.where(crest > foot_mm + dimensions.shade_mm, crest, inside_slab - 0.5)
-    turn, origin = rig_from_mount[:3, :3], rig_from_mount[:3, 3]
-
-    def placed(flat: FloatArray, heights: FloatArray) -> FloatArray:
-        return np.column_stack([flat, -heights]) @ turn.T + origin
-
-    foot = np.full(len(outside), 0.5 * inside_slab)
-    return Baffle(placed(outside, foot), placed(inside, foot), placed(outside, crest), placed(inside, crest))
+    return np.minimum(levels, np.roll(levels, -1))
 
 
 def _moved_in(corners: FloatArray, by_mm: float) -> FloatArray:

@@ -6,6 +6,7 @@ plane along y; they print with the clamp's face on the bed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,59 +85,96 @@ class AdapterPlan:
 
 def plan_adapter(clip: ClipPlan, hardware: Hardware) -> AdapterPlan:
     """Lay out the clamp below the foot of the mount; the same for all layouts."""
-    wrist, screw, skin = hardware.wrist, hardware.screw, hardware.mount.skin_mm
-    foot_z = foot_z_mm(clip, hardware)
-    radius = wrist.diameter_mm / 2.0
-    axis_z = foot_z - wrist.riser_mm - radius
-    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    wrist, skin = hardware.wrist, hardware.mount.skin_mm
     foot, clamp = stack(skin, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
-    back, front = clip.slide_y_mm - FOOT_DEPTH_MM, clip.slide_y_mm + wrist.band_mm
-    band = np.array([clip.slide_y_mm, front])
-    half = FOOT_X_MM + around + 1.0
-    under = axis_z + radius + wrist.joint_mm
-    if (thick := foot_z - under) < skin + screw.head_height_mm + hardware.printer.wall_mm:
-        raise InputError(
-            f"adapter's plate is {thick:.1f} mm thick, expected "
-            f"{skin + screw.head_height_mm + hardware.printer.wall_mm:.1f} mm for its screws: raise riser_mm"
-        )
-    face = wrist.gap_mm / 2.0
-    ear_x = radius + wrist.ring_mm + around
-    ear_end = ear_x + max(around, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
-    ears = [(-ear_end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, ear_end)]
-    saddle_ears = [
-        box((low, band[0], axis_z + face), (high, band[1], axis_z + face + clamp.wall_mm)) for low, high in ears
-    ]
-    cap_ears = [box((low, band[0], axis_z - face - CAP_EAR_MM), (high, band[1], axis_z - face)) for low, high in ears]
-    # The holes' roofs are higher than the holes: a little off the middle, both sides have their wall.
-    ear_y = float(band.mean()) + EAR_OFF_MM
-    ear_at = np.array([(-ear_x, ear_y, axis_z + face), (ear_x, ear_y, axis_z + face)])
-    clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
+    place = _place(clip, hardware)
+    spans, ear_at = _ears(place, hardware)
     heads = foot_screws(clip, hardware) - skin * ABOVE
-    driver = screw.head_mm / 2.0 + hardware.fit.free_mm
-    clearance = screw.clearance_hole_mm / 2.0
-    saddle_cuts: list[Frustum | Bore | Hexagon] = []
-    for head in heads:
-        saddle_cuts.append(Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, skin + 1.0, UP))
-        saddle_cuts.append(Bore(head, -ABOVE, driver, 99.0, UP))
-    for ear in ear_at:
-        hole, *pocket = thread(ear, ABOVE, UP, clamp, clamp.wall_mm, screw)
-        saddle_cuts.append(hole)
-        if pocket:
-            # The ear is too narrow for a pocket all round: a channel through it holds the nut by two sides.
-            flat, top = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0, axis_z + face + clamp.wall_mm
-            low = (ear[0] - flat, band[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
-            saddle_cuts.append(box(low, (ear[0] + flat, band[1] + 1.0, top + 1.0)))
+    clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
+    (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.around_mm + 1.0
+    saddle_z, cap_z = place.axis_z_mm + face, place.axis_z_mm - face
+    saddle_pieces = (
+        box((-half, back, place.axis_z_mm + 0.6 * place.radius_mm), (half, front, place.foot_z_mm)),
+        box((-half, clip.slide_y_mm - FOOT_DEPTH_MM, place.under_mm), (half, front, place.foot_z_mm)),
+        *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
+    )
+    cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
+    clearance = hardware.screw.clearance_hole_mm / 2.0
     cap_cuts = tuple(Bore(head - ABOVE, ABOVE, clearance, CAP_EAR_MM + 2.0, UP) for head in clamp_heads)
-    block = [
-        box((-half, band[0], axis_z + 0.6 * radius), (half, band[1], foot_z)),
-        box((-half, back, under), (half, band[1], foot_z)),
-    ]
-    common = (radius, wrist.ring_mm, axis_z, wrist.gap_mm, band)
+    saddle_cuts = (*_foot_cuts(heads, hardware), *_ear_cuts(ear_at, place.band_mm, clamp, hardware))
+    common = (place.radius_mm, wrist.ring_mm, place.axis_z_mm, wrist.gap_mm, place.band_mm)
     return AdapterPlan(
-        saddle=RingPlan("adapter_saddle", True, *common, (*block, *saddle_ears), tuple(saddle_cuts), ear_at),
-        cap=RingPlan("adapter_cap", False, *common, tuple(cap_ears), cap_cuts, ear_at - wrist.gap_mm * ABOVE),
+        saddle=RingPlan("adapter_saddle", True, *common, saddle_pieces, saddle_cuts, ear_at),
+        cap=RingPlan("adapter_cap", False, *common, cap_pieces, cap_cuts, ear_at - wrist.gap_mm * ABOVE),
         clamp=clamp,
         foot=foot,
         foot_heads=heads,
         clamp_heads=clamp_heads,
     )
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the clamp is in rig, mm: the wrist's radius and axis, the clamp's band (2,) along y.
+
+    Its plate reaches from `under_mm` to the mount's foot; `around_mm` is from a screw's axis to the end of its wall.
+    """
+
+    radius_mm: float
+    axis_z_mm: float
+    band_mm: FloatArray
+    under_mm: float
+    foot_z_mm: float
+    around_mm: float
+
+
+def _place(clip: ClipPlan, hardware: Hardware) -> _Place:
+    """Place the clamp; raises InputError where its plate is too thin for its screws."""
+    wrist, screw = hardware.wrist, hardware.screw
+    foot_z = foot_z_mm(clip, hardware)
+    radius = wrist.diameter_mm / 2.0
+    axis_z = foot_z - wrist.riser_mm - radius
+    under = axis_z + radius + wrist.joint_mm
+    needed = hardware.mount.skin_mm + screw.head_height_mm + hardware.printer.wall_mm
+    if (thick := foot_z - under) < needed:
+        raise InputError(
+            f"adapter's plate is {thick:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
+        )
+    band = np.array([clip.slide_y_mm, clip.slide_y_mm + wrist.band_mm])
+    return _Place(radius, axis_z, band, under, foot_z, screw.insert_hole_mm / 2.0 + screw.insert_wall_mm)
+
+
+def _ears(place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]], FloatArray]:
+    """The reach of the left and the right ear along x, and where their screws (2, 3) go through the saddle's face."""
+    wrist, screw, radius = hardware.wrist, hardware.screw, place.radius_mm
+    x = radius + wrist.ring_mm + place.around_mm
+    end = x + max(place.around_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
+    spans = [(-end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, end)]
+    # The holes' roofs are higher than the holes: a little off the middle, both sides have their wall.
+    y, z = float(place.band_mm.mean()) + EAR_OFF_MM, place.axis_z_mm + wrist.gap_mm / 2.0
+    return spans, np.array([(-x, y, z), (x, y, z)])
+
+
+def _foot_cuts(heads: FloatArray, hardware: Hardware) -> Iterator[Bore]:
+    """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the driver."""
+    screw, skin = hardware.screw, hardware.mount.skin_mm
+    driver = screw.head_mm / 2.0 + hardware.fit.free_mm
+    for head in heads:
+        yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, screw.clearance_hole_mm / 2.0, skin + 1.0, UP)
+        yield Bore(head, -ABOVE, driver, 99.0, UP)
+
+
+def _ear_cuts(ears: FloatArray, band_mm: FloatArray, clamp: Stack, hardware: Hardware) -> Iterator[Frustum | Bore]:
+    """The threads of the clamp's screws in the saddle's ears.
+
+    An ear is too narrow for a nut's pocket all round: a channel through it holds the nut by two sides.
+    """
+    screw = hardware.screw
+    flat = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0
+    for ear in ears:
+        hole, *pocket = thread(ear, ABOVE, UP, clamp, clamp.wall_mm, screw)
+        yield hole
+        if pocket:
+            top = ear[2] + clamp.wall_mm
+            low = (ear[0] - flat, band_mm[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
+            yield box(low, (ear[0] + flat, band_mm[1] + 1.0, top + 1.0))

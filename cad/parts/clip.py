@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
-from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody, Hardware, Lips
+from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody, Fastening, Hardware, Lips
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.prisms import along_y, box
 from mirrorcam.cad.plan.seats import Frustum
@@ -124,60 +125,107 @@ Held = tuple[list[Frustum], list[Frustum | Bore | Hexagon], float, float, FloatA
 
 def _by_lips(camera: CameraBody, lips: Lips, body: BodyBox, from_x: float, to_x: float, hardware: Hardware) -> Held:
     """A channel that the body is slid into from +x; set screws in its floor press the body against the lips."""
-    clip, screw = hardware.clip, hardware.screw
-    low_y, high_y = float(body.low[1]), float(body.high[1])
-    back, front = float(body.low[2]), float(body.high[2])
+    screw = hardware.screw
+    # An insert in the floor is pressed in from the body's side: the set screw pushes it against a shoulder.
+    holds = screw.insert_mm + 0.3 if screw.kind == "insert" else screw.nut_height_mm + 0.2
+    channel = _channel(camera, lips, body, to_x, holds, hardware)
+    low_y, high_y, cable = float(body.low[1]), float(body.high[1]), channel.cable_mm
+    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    if (width := -cable - low_y) < 2.0 * around:
+        raise InputError(f"camera clip's floor beside the cable is {width:.1f} mm wide, expected {2.0 * around:g} mm")
+    third = camera.width_mm / 3.0
+    middle_x = float(body.low[0] + body.high[0]) / 2.0
+    below, above = (low_y - cable) / 2.0, (high_y + cable) / 2.0
+    spots = np.array([(middle_x - third, below), (middle_x + third, below), (middle_x - third, above)])
+    set_screws = np.column_stack([spots, np.full(3, float(body.low[2]))])
+    pieces = _channel_walls(camera, lips, body, from_x, to_x, channel)
+    cuts = list(_set_screw_cuts(spots, channel.floor_mm, holds, screw))
+    return pieces, cuts, channel.bottom_mm, channel.top_mm, set_screws, np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """Numbers of a channel in rig, mm.
+
+    Along z: the bottom and the top of its floor, the body's front, the top of its lips. Along y: the inner and the
+    outer side of its wall towards the scene, and half the width of the cable's slot. At the hinge, from `hinge_from_mm`
+    along x on, that wall begins at `hinge_top_mm`.
+    """
+
+    bottom_mm: float
+    floor_mm: float
+    front_mm: float
+    top_mm: float
+    inner_mm: float
+    outer_mm: float
+    cable_mm: float
+    hinge_from_mm: float
+    hinge_top_mm: float
+
+
+def _channel(
+    camera: CameraBody, lips: Lips, body: BodyBox, to_x: float, holds_mm: float, hardware: Hardware
+) -> _Channel:
+    """Lay out a channel whose floor holds inserts or nuts `holds_mm` deep; raises InputError where the body forbids."""
+    clip, fit = hardware.clip, hardware.fit
     if (clear := camera.height_mm / 2.0 - abs(camera.lens_y_mm) - lips.lip_mm - camera.lens_ring_mm / 2.0) < 0.0:
         raise InputError(
             f"camera clip's lips reach {-clear:.1f} mm over the lens ring ({camera.lens_ring_mm:g} mm across), "
             f"expected them beside it: lip_mm at most {lips.lip_mm + clear:.1f}"
         )
-    inner_y = high_y + 2.0 * hardware.fit.slide_mm
-    outer_y = inner_y + clip.wall_mm
-    floor_top = back - clip.behind_mm
-    # An insert in the floor is pressed in from the body's side: the set screw pushes it against a shoulder.
-    holds = screw.insert_mm + 0.3 if screw.kind == "insert" else screw.nut_height_mm + 0.2
-    bottom = floor_top - holds - hardware.printer.wall_mm * 1.5
-    top = front + clip.wall_mm
-    cable = camera.cable_mm / 2.0 + hardware.fit.free_mm
-    # Off the end wall all material is in reach of the bed: the hinge and the cable slide in from the open end.
-    hinge_from = -camera.hinge_mm / 2.0 - hardware.fit.free_mm if camera.hinge_mm else to_x
-    cable_from = camera.cable_x_mm - cable
-    patch = hinge_from - float(body.low[0])
-    if camera.hinge_mm and patch < 10.0:
-        raise InputError(f"camera clip holds {patch:.1f} mm of the body beside its hinge, expected at least 10 mm")
-    hinge_top = back + camera.hinge_from_back_mm + hardware.fit.free_mm if camera.hinge_mm else bottom
-    if camera.hinge_mm and front - hinge_top < 2.0 * clip.wall_mm:
-        raise InputError(
-            f"camera clip's wall over the hinge is {front - hinge_top:.1f} mm, expected {2.0 * clip.wall_mm:g} mm"
-        )
+    back, front = float(body.low[2]), float(body.high[2])
+    floor = back - clip.behind_mm
+    bottom = floor - holds_mm - hardware.printer.wall_mm * 1.5
+    hinge_from, hinge_top = to_x, bottom
+    if camera.hinge_mm:
+        # Off the end wall all material is in reach of the bed: the hinge and the cable slide in from the open end.
+        hinge_from = -camera.hinge_mm / 2.0 - fit.free_mm
+        hinge_top = back + camera.hinge_from_back_mm + fit.free_mm
+        if (patch := hinge_from - float(body.low[0])) < 10.0:
+            raise InputError(f"camera clip holds {patch:.1f} mm of the body beside its hinge, expected at least 10 mm")
+        if front - hinge_top < 2.0 * clip.wall_mm:
+            raise InputError(
+                f"camera clip's wall over the hinge is {front - hinge_top:.1f} mm, expected {2.0 * clip.wall_mm:g} mm"
+            )
+    inner = float(body.high[1]) + 2.0 * fit.slide_mm
+    cable = camera.cable_mm / 2.0 + fit.free_mm
+    top, outer = front + clip.wall_mm, inner + clip.wall_mm
+    return _Channel(bottom, floor, front, top, inner, outer, cable, hinge_from, hinge_top)
+
+
+def _channel_walls(
+    camera: CameraBody, lips: Lips, body: BodyBox, from_x: float, to_x: float, channel: _Channel
+) -> list[Frustum]:
+    """The end wall, both lips, the wall towards the scene, and the floor on both sides of the cable."""
+    low_x, low_y, high_y = float(body.low[0]), float(body.low[1]), float(body.high[1])
+    bottom, floor, front, top = channel.bottom_mm, channel.floor_mm, channel.front_mm, channel.top_mm
+    inner, outer, hinge_from = channel.inner_mm, channel.outer_mm, channel.hinge_from_mm
+    cable_from = camera.cable_x_mm - channel.cable_mm
     pieces = [
-        box((from_x, low_y, bottom), (float(body.low[0]), outer_y, top)),
+        box((from_x, low_y, bottom), (low_x, outer, top)),
         box((from_x, low_y, front), (to_x, low_y + lips.lip_mm, top)),
-        box((from_x, high_y - lips.lip_mm, front), (to_x, outer_y, top)),
-        box((from_x, inner_y, bottom), (hinge_from, outer_y, top)),
-        box((from_x, low_y, bottom), (cable_from, outer_y if hinge_from >= cable_from else inner_y, floor_top)),
-        box((from_x, low_y, bottom), (to_x, -cable, floor_top)),
+        box((from_x, high_y - lips.lip_mm, front), (to_x, outer, top)),
+        box((from_x, inner, bottom), (hinge_from, outer, top)),
+        box((from_x, low_y, bottom), (cable_from, outer if hinge_from >= cable_from else inner, floor)),
+        box((from_x, low_y, bottom), (to_x, -channel.cable_mm, floor)),
     ]
     if hinge_from < to_x:
-        pieces.append(box((from_x, inner_y, hinge_top), (to_x, outer_y, top)))
-    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    third = camera.width_mm / 3.0
-    middle_x = float(body.low[0] + body.high[0]) / 2.0
-    below, above = (low_y - cable) / 2.0, (high_y + cable) / 2.0
-    if (width := -cable - low_y) < 2.0 * around:
-        raise InputError(f"camera clip's floor beside the cable is {width:.1f} mm wide, expected {2.0 * around:g} mm")
-    spots = np.array([(middle_x - third, below), (middle_x + third, below), (middle_x - third, above)])
-    set_screws = np.column_stack([spots, np.full(3, back)])
-    cuts: list[Frustum | Bore | Hexagon] = []
+        pieces.append(box((from_x, inner, channel.hinge_top_mm), (to_x, outer, top)))
+    return pieces
+
+
+def _set_screw_cuts(
+    spots: FloatArray, floor_mm: float, holds_mm: float, screw: Fastening
+) -> Iterator[Frustum | Bore | Hexagon]:
+    """Holes through the floor at spots (n, 2), and room for their inserts or nuts."""
+    deep = holds_mm + OUTSIDE_MM
     for spot in spots:
-        inside = np.array([*spot, floor_top])
-        cuts.append(Bore(inside + OUTSIDE_MM * ABOVE, -ABOVE, screw.clearance_hole_mm / 2.0, 99.0, UP))
+        mouth = np.array([*spot, floor_mm]) + OUTSIDE_MM * ABOVE
+        yield Bore(mouth, -ABOVE, screw.clearance_hole_mm / 2.0, 99.0, UP)
         if screw.kind == "insert":
-            cuts.append(Bore(inside + OUTSIDE_MM * ABOVE, -ABOVE, screw.insert_hole_mm / 2.0, holds + OUTSIDE_MM, UP))
+            yield Bore(mouth, -ABOVE, screw.insert_hole_mm / 2.0, deep, UP)
         else:
-            cuts.append(Hexagon(inside + OUTSIDE_MM * ABOVE, -ABOVE, UP, screw.nut_flats_mm + 0.2, holds + OUTSIDE_MM))
-    return pieces, cuts, bottom, top, set_screws, np.zeros((0, 3))
+            yield Hexagon(mouth, -ABOVE, UP, screw.nut_flats_mm + 0.2, deep)
 
 
 def _by_board(
