@@ -29,7 +29,7 @@ def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
 
 
 def seat_table(plan: HolderPlan) -> DrawingTable:
-    """Table of seat planes from the flat back: a point amid the seat, tilt and direction of tilt of its normal."""
+    """Table of seat planes from the flat back: the middle of the seat, tilt and direction of tilt of its normal."""
     bed_from_mount = np.diag([1.0, -1.0, -1.0])
     rotation = bed_from_mount @ plan.rig_from_mount[:3, :3].T
     rows = []

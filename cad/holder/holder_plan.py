@@ -46,10 +46,10 @@ class HolderPlan:
     the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the `hollows`
     and, for nuts, the `slots` that they are put in by.
 
-    `rig_from_mount` (4, 4) is the frame of the flat back: origin amid the mount holes, x along the rig's x, z out of
-    the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to) deep, and a
-    screw may reach `hole_depth_mm`. `size_mm` is the part's along x, y and z of that frame; `cuts_mm` are the
-    positions along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every
+    `rig_from_mount` (4, 4) is the frame of the flat back: origin in the middle of the mount holes, x along the rig's x,
+    z out of the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to)
+    deep, and a screw may reach `hole_depth_mm`. `size_mm` is the part's along x, y and z of that frame; `cuts_mm` are
+    the positions along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every
     mirror's back that its seat bears.
     """
 

@@ -164,7 +164,9 @@ def _foot_cuts(heads: FloatArray, hardware: Hardware) -> Iterator[Bore]:
         yield Bore(head, -ABOVE, driver, 99.0, UP)
 
 
-def _ear_cuts(ears: FloatArray, band_mm: FloatArray, clamp: Stack, hardware: Hardware) -> Iterator[Frustum | Bore]:
+def _ear_cuts(
+    ears: FloatArray, band_mm: FloatArray, clamp: Stack, hardware: Hardware
+) -> Iterator[Frustum | Bore | Hexagon]:
     """The threads of the clamp's screws in the saddle's ears.
 
     An ear is too narrow for a nut's pocket all round: a channel through it holds the nut by two sides.

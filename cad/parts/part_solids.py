@@ -116,7 +116,7 @@ def make_ring(plan: RingPlan) -> Part:
     outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
-        # As far as amid the ring, which comes after, so that no two round faces coincide.
+        # As far as the middle of the ring, which comes after, so that no two round faces coincide.
         with BuildSketch(plane.offset(-reach)):
             Circle(plan.radius_mm + plan.ring_mm / 2.0)
         extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)

@@ -1,7 +1,8 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The link's frame lies on the axis of the wrist, amid the clamp: x forward to the scene, y left, z up (REP 103). Frames
-of camera and views are optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
+The link's frame lies on the axis of the wrist, in the middle of the clamp: x forward to the scene, y left, z up (REP
+103). Frames of camera and views are optical ones: x right, y down, z forward; the camera's is the rig. All in metres
+and kilograms.
 """
 
 from __future__ import annotations

@@ -198,7 +198,7 @@ class BentImages:
         by_u, by_v = _solved(np.swapaxes(tangent.implicit_matrix(meets), 0, 1), *by_uv)
 
         def total(held: FloatArray, moved: FloatArray) -> FloatArray:
-            """Derivatives with (u, v) held and those by way of (u, v), whose derivatives are `moved` (2, ..., n)."""
+            """Derivatives with (u, v) held and those via (u, v), whose derivatives are `moved` (2, ..., n)."""
             u, v = (by_u, by_v) if moved.ndim == 2 else (by_u[:, None], by_v[:, None])
             return np.asarray(held + u * moved[0] + v * moved[1])
 

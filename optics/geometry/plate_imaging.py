@@ -39,7 +39,7 @@ class _Partials:
 
 @dataclass(frozen=True)
 class PlatePath:
-    """Light from the pupil to points by way of plane reflecting surfaces behind plates.
+    """Light from the pupil to points via plane reflecting surfaces behind plates.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class PlatePath:
 
     @classmethod
     def through(cls, point_mm: FloatArray, plane: tuple[FloatArray, FloatArray], mirrors: MirrorArrays) -> PlatePath:
-        """The paths by way of planes (normal, distance) behind the plates of mirrors."""
+        """The paths via planes (normal, distance) behind the plates of mirrors."""
         t, n, (normal, distance) = mirrors.thickness_mm, mirrors.refractive_index, plane
         height = dot(point_mm, normal)
         across = point_mm - height * normal

@@ -1,4 +1,4 @@
-"""Analytic renderer of a board seen by way of mirrors, for large sets.
+"""Analytic renderer of a board seen via mirrors, for large sets.
 
 The virtual origin of the light of every subpixel is computed once per device (`fast.pixel_footprints`). A frame needs,
 for each mirror, a projective map to the print, made in float64, and for each subpixel the mean of the print over its
@@ -87,7 +87,7 @@ def build_mipmap(radiance: FloatArray) -> Mipmap:
 
 
 class FastScene:
-    """A movable board, seen by a camera by way of flat mirrors or, without any, directly.
+    """A movable board, seen by a camera via flat mirrors or, without any, directly.
 
     Moving the board costs no compilation. Where neither a GPU nor an LLVM compiles, NumPy computes the same.
 

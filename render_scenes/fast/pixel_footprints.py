@@ -1,6 +1,6 @@
 """Footprints of subpixels: the mirror that each shows and the virtual origin of its light, shared by all frames.
 
-Light that reaches the pupil by way of a plane mirror appears to come from its virtual centre. Through a second-surface
+Light that reaches the pupil via a plane mirror appears to come from its virtual centre. Through a second-surface
 mirror, light of one direction appears to come from a point on the line through the pupil along the mirror's normal:
 after k passes to the coating and back it leaves the front 2 k t tan a' beside its point of entry (a' inside the plate),
 as if the virtual centre of the *front* were shifted by 2 k t tan a' / tan a towards the back. k = 0 is the ghost

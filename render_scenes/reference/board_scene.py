@@ -28,7 +28,7 @@ from mirrorcam.render_scenes.variant import use_variant
 
 
 class BoardScene:
-    """A movable board, seen by a camera by way of mirrors or, without any, directly.
+    """A movable board, seen by a camera via mirrors or, without any, directly.
 
     Moving the board costs no compilation.
 

@@ -1,7 +1,7 @@
 """Path tracing along mirrors: an integrator without the bias of Mitsuba's ray offset, and the loop over pixels.
 
 `SurfaceInteraction.spawn_ray` moves the origin of a reflected ray along the *normal* to leave the surface. The ray is
-then parallel to the true one, and corners seen by way of a mirror move by hundredths of a pixel (by tenths where the
+then parallel to the true one, and corners seen via a mirror move by hundredths of a pixel (by tenths where the
 unit is metres). Moving the origin along the *reflected direction* leaves the surface too and does not change the ray.
 
 Where the front of a plate splits light, no branch is chosen at random: a path is traced once for each branch, and their

@@ -58,7 +58,7 @@ class Dataset(FolderManifest):
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of the frames by way of the mirrors, in order."""
+        """Names of the frames via the mirrors, in order."""
         return tuple(f"frames/{index:04d}{self.settings.suffix}" for index in range(self.frames))
 
     @property

@@ -122,7 +122,7 @@ class _SetRenderer:
 
 @lru_cache(maxsize=2)
 def _set_renderer(setup_json: str) -> _SetRenderer:
-    # One setup for the frames by way of the mirrors and one for those of the bare camera.
+    # One setup for the frames via the mirrors and one for those of the bare camera.
     return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 

@@ -162,7 +162,7 @@ def _tasks(
     base_plan: PosePlan,
     variant: str,
 ) -> list[FrameTask]:
-    """Tasks of all frames, by way of the mirrors and of the bare camera."""
+    """Tasks of all frames, via the mirrors and of the bare camera."""
     through_mirrors, bare = (
         CaptureSetup(
             built=built,

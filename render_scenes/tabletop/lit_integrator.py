@@ -5,7 +5,7 @@ area light; the path goes on by cosine-weighted sampling, so that a uniform envi
 without noise. The position in the pixel and the random numbers of the first such surface come from one low-discrepancy
 sequence in all these dimensions; later bounces take independent numbers.
 
-Left out: light of an area light by way of mirror or glass onto a diffuse surface (caustics, whose noise would need
+Left out: light of an area light via mirror or glass onto a diffuse surface (caustics, whose noise would need
 thousands of samples), so that glass casts a shadow; and light scattered by more than `MATTE_BOUNCES` diffuse surfaces.
 """
 

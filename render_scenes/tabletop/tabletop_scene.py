@@ -1,4 +1,4 @@
-"""A tabletop scene with its light and the mirrors in Mitsuba, seen by way of the mirrors or by pinholes. In rig, mm."""
+"""A tabletop scene with its light and the mirrors in Mitsuba, seen via the mirrors or by pinholes. In rig, mm."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class TabletopScene:
         self._owners = [(shape, int(name.split("_")[1])) for name, shape in shapes.items()]
 
     def photograph(self, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
-        """Render radiance (h * subpixels, w * subpixels, 3) of the sensor by way of the mirrors; all else is black."""
+        """Render radiance (h * subpixels, w * subpixels, 3) of the sensor via the mirrors; all else is black."""
         camera = self.layout.camera
         size = camera.width_px, camera.height_px
         return self._render(sensor(camera).ray_through, size, spp=spp, subpixels=subpixels, seed=seed, by_mirrors=True)

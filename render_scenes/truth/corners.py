@@ -78,7 +78,7 @@ def sub_image(layout: Layout, index: int) -> shapely.Polygon:
 
 
 class Oracle:
-    """Projection of a board by way of every mirror of a layout, with the visibility of its corners.
+    """Projection of a board via every mirror of a layout, with the visibility of its corners.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Oracle:
         shapely.prepare(self._windows)
 
     def by_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Project the corners of a board by way of each mirror.
+        """Project the corners of a board via each mirror.
 
         A corner is visible if it lies inside the sub-image and the sensor by `VISIBLE_MARGIN_PX`, before the mirror, if
         its light passes the whole plate of a second-surface mirror, if the printed side faces the virtual camera, and
@@ -151,7 +151,7 @@ class Oracle:
         return px, visible
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3) in rig by way of a mirror; NaN without an image."""
+        """Pixels (n, 2) of points (n, 3) in rig via a mirror; NaN without an image."""
         return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:

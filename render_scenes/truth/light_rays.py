@@ -1,4 +1,4 @@
-"""Ray tracing in float64 from the pupil by way of a mirror, surface by surface, flat or bent.
+"""Ray tracing in float64 from the pupil via a mirror, surface by surface, flat or bent.
 
 Nothing but the shape of a mirror is shared with the renderers.
 """
@@ -33,7 +33,7 @@ class _Ray:
 
 
 def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None) -> Reflected:
-    """Trace rays from the pupil by way of a mirror.
+    """Trace rays from the pupil via a mirror.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
 def image_px(
     camera: Camera, mirror: Mirror, points_in_rig: FloatArray, finish: MirrorFinish | None = None
 ) -> FloatArray:
-    """Project points (n, 3) in rig, mm, by way of a mirror to pixels (n, 2); NaN without an image.
+    """Project points (n, 3) in rig, mm, via a mirror to pixels (n, 2); NaN without an image.
 
     Newton's method on the pixel whose traced ray passes through the point, started at the image by the plane.
     """

@@ -64,7 +64,7 @@ def pixel_rays(
     layout
         The device as built.
     mirrors
-        Whether rays go by way of the mirrors, or those of the bare camera are meant.
+        Whether rays go via the mirrors, or those of the bare camera are meant.
     step
         Every `step`-th row and column.
     finishes

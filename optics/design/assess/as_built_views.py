@@ -65,7 +65,7 @@ class BuiltViews:
     sub_images: Polygons
 
     def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) by way of mirrors (...) of devices (...); NaN where not seen."""
+        """Pixels (..., 2) of points (..., 3) via mirrors (...) of devices (...); NaN where not seen."""
         normals, offsets = self.normals[device, mirror], points - self.pupils_mm[device]
         # The pupil's virtual centre is as far from the point as the pupil from the reflected point.
         distances = self._distances(device, mirror)
@@ -83,7 +83,7 @@ class BuiltViews:
         return np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1)[device, mirror] / 2.0
 
     def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
-        """Points (..., 2) of the plane at a depth that rays (..., 2) by way of mirrors (...) of devices (...) meet."""
+        """Points (..., 2) of the plane at a depth that rays (..., 2) via mirrors (...) of devices (...) meet."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
         turned = (self.view_from_camera[device] @ rays[..., None])[..., 0]
         normals, centres = self.normals[device, mirror], self.centres_mm[device, mirror]

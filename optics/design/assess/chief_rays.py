@@ -1,4 +1,4 @@
-"""Rays from the pupil by way of mirrors to the scene, refracted by second-surface mirrors, and what blocks them."""
+"""Rays from the pupil via mirrors to the scene, refracted by second-surface mirrors, and what blocks them."""
 
 from __future__ import annotations
 

@@ -126,11 +126,11 @@ class Planes:
     def _block(self, matrices: Sequence[FloatArray]) -> tuple[_Block, list[tuple[float, float]]]:
         """The block of planes with these matrices, and where each has the middle of the picture."""
         middle = np.array([(length - 1) / 2.0 for length in self.size])
-        amid = matrices[len(matrices) // 2]
-        places = np.array([(m[:, :2] @ middle + m[:, 2] - amid[:, 2]) / amid[0, 0] for m in matrices])
+        central = matrices[len(matrices) // 2]
+        places = np.array([(m[:, :2] @ middle + m[:, 2] - central[:, 2]) / central[0, 0] for m in matrices])
         margin = np.ceil(np.abs(places - middle).max(axis=0)) + 2.0
-        padded = amid.copy()
-        padded[:, 2] -= amid[0, 0] * margin
+        padded = central.copy()
+        padded[:, 2] -= central[0, 0] * margin
         size = (self.size[0] + 2 * int(margin[0]), self.size[1] + 2 * int(margin[1]))
         return _Block(padded, size), [(float(x), float(y)) for x, y in places + margin]
 

@@ -49,7 +49,8 @@ OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
 class ImagePyramid:
     """The views (t, s, v, u) in grey, side by side; pixel x of level l is pixel x * 2**l of the views.
 
-    Views are framed by what is at their border, so that a patch amid a view's outermost pixels is of that view alone.
+    Views are framed by what is at their border, so that a patch around a pixel at the edge of a
+    view is of that view alone.
 
     Raises InputError for views that side by side are larger than OpenCV's tables address.
     """

@@ -84,7 +84,7 @@ class Features:
     two_slope_sigma
         Difference (n,) of the two principal slopes in standard deviations; NaN where unknown.
     refracted
-        Whether (n,) that difference exceeds the test's limit: the feature is seen by way of a curved or through a
+        Whether (n,) that difference exceeds the test's limit: the feature is seen via a curved mirror or through a
         refracting surface, and its depth is not that of anything at this pixel.
     descriptors
         Descriptors (n, d) in the reference view: bits as uint64 words, those of SIFT as float32 (RootSIFT).

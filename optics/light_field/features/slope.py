@@ -5,7 +5,7 @@ the pinhole of a view at p_i = (x_i, y_i), z_i is
 
     b_i = f_i a + w A_i,    b_i = u_i - c_i,    A_i = z_i b_i - f_i p_i,
 
-in units of (1 - z_i w) pixels: the paper's (u, v) = (D / P_z) (P_x - s, P_y - t) where z_i = 0. A point seen by way of
+in units of (1 - z_i w) pixels: the paper's (u, v) = (D / P_z) (P_x - s, P_y - t) where z_i = 0. A point seen via
 a curved surface or through one has two slopes, along directions at right angles (rays stay perpendicular to wavefronts,
 so the matrix below is symmetric):
 

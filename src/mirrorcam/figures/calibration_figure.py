@@ -54,7 +54,7 @@ def _arrows(axes: Axes, calibration: Calibration) -> None:
             zorder=1 if view == DIRECT else 2,
         )
     axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5), aspect="equal")
-    title = f"Mean residual in cells of {cell_px:.0f} px, {gain:.0f} times enlarged (rms {rms:.3f} px)"
+    title = f"Mean residual in cells of {cell_px:.0f} px, scale {gain:.0f}:1 (rms {rms:.3f} px)"
     axes.set(xlabel="x px", ylabel="y px", title=title)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=5, frameon=False, fontsize=8)
 

@@ -104,11 +104,11 @@ def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_
     mesh = trimesh.load_mesh(holder)
     mesh.apply_translation((0.0, 0.0, -1000.0))
     mesh.export(holder)
-    amid = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
+    middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
     shell = wrist_shell(device)
     centre = np.array(shell.bounding_box()).reshape(2, 3).mean(axis=0)
     monkeypatch.setattr(
-        "mirrorcam.cad.checks.device_checks.wrist_shell", lambda _: shell.translate(tuple(amid - centre))
+        "mirrorcam.cad.checks.device_checks.wrist_shell", lambda _: shell.translate(tuple(middle - centre))
     )
     checks = checked(device, copied)
     expected = {"device.rays_blocked", "wrist.light_gap_mm", "device.clash_mm3", "wrist.clash_mm3"}

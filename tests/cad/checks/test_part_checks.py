@@ -94,7 +94,7 @@ def test_a_part_larger_than_the_bed_or_beside_it_is_found(block: PartPlan, tmp_p
     folder = written(tmp_path, block, block.make(block.plan))
     small = PRINTER.replaced(bed_mm=(50.0, 220.0, 20.0))
     checks = check_part(block, folder, small)
-    # Beside: the file has it amid the bed of 220 mm.
+    # Beside: the file has it in the middle of the bed of 220 mm.
     assert failed(checks) == {"print_height_mm", "off_bed_um"}
     tiny = check_part(block, folder, PRINTER.replaced(bed_mm=(50.0, 50.0, 250.0)))
     assert failed(tiny) == {"print_length_mm", "off_bed_um"}

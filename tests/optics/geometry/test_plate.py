@@ -85,7 +85,7 @@ def test_the_chief_ray_leaves_where_the_apparent_mirror_reflects_it(
 
 
 def test_the_traced_path_is_the_quickest() -> None:
-    # Fermat: of all ways from the pupil to the coating to a point outside, by way of two points of the front, the one
+    # Fermat: of all ways from the pupil to the coating to a point outside, via two points of the front, the one
     # that light takes is stationary in optical length. Shares nothing with Snell's law as the trace applies it.
     stored = appearing(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
     normalized = np.array([[0.07, -0.05]])

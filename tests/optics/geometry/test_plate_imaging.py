@@ -28,7 +28,7 @@ def test_light_seen_at_the_image_in_a_plate_comes_from_the_point(thickness_mm: f
 
 
 def paths(thickness_mm: float) -> tuple[FloatArray, PlatePath]:
-    """Points (3, n) and the light to them by way of the mirror with a plate of a thickness."""
+    """Points (3, n) and the light to them via the mirror with a plate of a thickness."""
     of, points = mirror(), scene_points(9).T
     one = np.ones(1)
     arrays = MirrorArrays(

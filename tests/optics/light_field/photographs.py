@@ -63,7 +63,7 @@ def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatA
 def photographed(layout: Layout, depth_mm: float, texture: Texture) -> NDArray[np.float32]:
     """The frame (h, w, 3) that the base camera takes of a texture on the plane at a depth, black between mirrors.
 
-    Each sensor pixel's ray is followed by way of its mirror, through the plate of a second-surface one, to the scene.
+    Each sensor pixel's ray is followed via its mirror, through the plate of a second-surface one, to the scene.
     """
     frame = np.zeros((layout.camera.height_px, layout.camera.width_px))
     for hit, start, turned in reflected_rays(layout):

@@ -41,7 +41,7 @@ def ids_of(picture: NDArray[np.uint8], target: Charuco) -> set[int]:
 
 @pytest.fixture(scope="module")
 def by_mirrors(default_layout: Layout) -> NDArray[np.float32]:
-    """A board of 24 mm squares by way of the nine mirrors, radiance (1080, 1920)."""
+    """A board of 24 mm squares via the nine mirrors, radiance (1080, 1920)."""
     target = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)
     scene = BoardScene(default_layout.camera, default_layout.mirrors, target, SETTINGS)
     scene.place_board(facing(default_layout, target))

@@ -60,7 +60,7 @@ def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, defa
     for half in (front, aside):
         rim = np.concatenate([half[:4].reshape(-1, 3), half[-4:].reshape(-1, 3), half[:, :4].reshape(-1, 3)])
         assert np.percentile(rim.min(axis=1), 5) > 100  # paper all around
-        assert (half[..., 2] > 1.4 * half[..., 0]).mean() > 0.1  # the blue device amid
+        assert (half[..., 2] > 1.4 * half[..., 0]).mean() > 0.1  # the blue device in the middle
     # From the front, what is dark above the camera are its lenses in the mirrors.
     dark = cv2.morphologyEx((front[:150].max(axis=2) < 90).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3)))
     _, _, stats, _ = cv2.connectedComponentsWithStats(dark)

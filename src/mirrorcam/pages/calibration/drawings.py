@@ -91,9 +91,7 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
     y = window.height + 22
     parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
     parts.append(
-        text(
-            10 + step * gain, y, f"{step:g} px, {gain / window.scale:.0f} times enlarged", anchor="start", style="tick"
-        )
+        text(10 + step * gain, y, f"{step:g} px, scale {gain / window.scale:.0f}:1", anchor="start", style="tick")
     )
     return drawing(width, window.height + 30, "".join(parts), "Mean residuals over the sensor")
 

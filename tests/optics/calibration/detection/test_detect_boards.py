@@ -47,7 +47,7 @@ TILTED = tilted(2.0)
 def frame(
     target: Target, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
 ) -> tuple[Grey, FloatArray]:
-    """A picture by way of mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
+    """A picture via mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
     pose = posed(target, np.array(middle), np.array(turn_deg), direct=False)
     points = transform(pose, target.corners_in_board_mm)
     truth = np.array([TILTED.project(points, index) for index in range(len(TILTED.mirrors))])
