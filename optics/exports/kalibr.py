@@ -11,6 +11,7 @@ import numpy as np
 from mirrorcam.optics.base.number_text import numbers
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.transforms import inverse
 
 GAUSS_NEWTON_STEPS = 10
 SAMPLES = 40  # across and down a sub-image, where a lens with k3 is met by one without
@@ -49,7 +50,7 @@ def camchain_yaml(views: tuple[VirtualCamera, ...]) -> str:
         others = ", ".join(str(other) for other in range(len(views)) if other != place)
         text += f"cam{place}:\n"
         if place > 0:
-            turn = view.camera_from_rig @ np.linalg.inv(views[place - 1].camera_from_rig)
+            turn = view.camera_from_rig @ inverse(views[place - 1].camera_from_rig)
             turn[:3, 3] /= 1000.0
             text += "  T_cn_cnm1:\n" + "".join(f"  - [{numbers(row)}]\n" for row in turn)
         text += (

@@ -9,7 +9,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.nerfstudio_frames import WORLD_FROM_VIEW, frame
-from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 
 def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray) -> str:
@@ -24,7 +24,7 @@ def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray)
                 (camera.width_px, camera.height_px),
                 (camera.fx_px, camera.fy_px),
                 (camera.cx_px, camera.cy_px),
-                world_from_rig @ np.linalg.inv(view.camera_from_rig),
+                world_from_rig @ inverse(view.camera_from_rig),
                 dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion.tolist(), strict=True)),
             )
         )

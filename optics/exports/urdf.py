@@ -14,6 +14,7 @@ from mirrorcam.optics.base.number_text import numbers
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.exports.ros import frame_id
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
+from mirrorcam.optics.geometry.transforms import inverse
 
 ROOT = "mirrorcam_camera_link"
 CAMERA = "mirrorcam_camera_optical_frame"
@@ -27,7 +28,7 @@ def urdf(views: tuple[VirtualCamera, ...]) -> str:
     SubElement(robot, "link", name=ROOT)
     _frame(robot, CAMERA, ROOT, LINK_FROM_OPTICAL)
     for view in views:
-        _frame(robot, frame_id(view), CAMERA, np.asarray(np.linalg.inv(view.camera_from_rig)))
+        _frame(robot, frame_id(view), CAMERA, inverse(view.camera_from_rig))
     indent(robot)
     return f'<?xml version="1.0"?>\n{tostring(robot, encoding="unicode")}\n'
 

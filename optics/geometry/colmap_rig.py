@@ -9,11 +9,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.number_text import numbers
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import inverse
 
 HALF_PIXEL = 0.5
 """What COLMAP's principal points are more than ours."""
@@ -53,7 +53,7 @@ def _pose(camera_from: FloatArray) -> list[float]:
 
 def rig_config(cameras: Sequence[RigCamera], reference: int) -> str:
     """`rig_config.json` for `colmap rig_configurator`: pictures by their camera's folder; `reference` comes first."""
-    world_from_reference = np.linalg.inv(cameras[reference].camera_from_world)
+    world_from_reference = inverse(cameras[reference].camera_from_world)
     entries: list[dict[str, object]] = []
     for camera in (cameras[reference], *cameras[:reference], *cameras[reference + 1 :]):
         values = _pose(camera.camera_from_world @ world_from_reference)
@@ -73,7 +73,7 @@ def sparse_model(cameras: Sequence[RigCamera], reference: int, picture: str) -> 
     cameras, which `rig_configurator` puts in their place, come next. `point_triangulator` asks for these very numbers.
     """
     joint = len(cameras) + 1
-    world_from_reference = np.linalg.inv(cameras[reference].camera_from_world)
+    world_from_reference = inverse(cameras[reference].camera_from_world)
     lenses, images, sensors = [], [], [f"{joint} {len(cameras)} CAMERA {reference + 1}"]
     for camera_id, camera in enumerate(cameras, start=1):
         pose = numbers(_pose(camera.camera_from_world), " ")
