@@ -1,8 +1,11 @@
 """Decode a video of a mirror camera into light fields, frame by frame.
 
-    python examples/decode_video.py [OUT]
+    python examples/decode_video.py [OUT [VIDEO LAYOUT]]
 
-Needs the extra `render` for the video; with your own, give `decode_files` its path and the calibrated layout.
+Decodes VIDEO with LAYOUT, the `layout.json` that `mirrorcam calibrate` wrote for your camera. Without them it renders a
+short video first (this needs the extra `render`) and decodes it with the nominal layout, as designed. The rendered
+camera deviates from its design, as every real one does, so that the views are then shifted by some pixels against each
+other: depth and refocusing need the calibrated layout.
 """
 
 import sys
@@ -13,7 +16,7 @@ from mirrorcam.workflow.decoding import DecodeRequest, decode_files
 
 
 def rendered_video(out: Path) -> tuple[Path, Path]:
-    """A short video of a moving board, and the layout of the camera that took it."""
+    """A short video of a moving board, and the nominal layout of the camera that took it."""
     camera = mirrorcam.Camera(
         name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5
     )
@@ -24,18 +27,18 @@ def rendered_video(out: Path) -> tuple[Path, Path]:
     return out / "video.mp4", out / "layout.json"
 
 
-def main(out: Path) -> None:
-    video, layout = rendered_video(out / "set")
+def main(out: Path, *given: Path) -> None:
+    video, layout = given or rendered_video(out / "set")
 
-    # Every frame becomes a light field in one Zarr group; a run that was cut off is gone on with.
+    # Every frame becomes a light field in one Zarr group; an interrupted run is continued.
     decode_files(DecodeRequest(layout=layout, frames=(video,)), out)
 
-    # Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
+    # The first four. Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
     for number in range(4):
-        light_field = mirrorcam.open_light_field(out / "video.zarr", frame=number)
+        light_field = mirrorcam.open_light_field(out / f"{video.stem}.zarr", frame=number)
         print(f"frame {number}: samples {light_field.samples.shape}, {light_field.valid.mean():.0%} valid")
     print(f"the views are {light_field.step_mm('s'):.1f} mm apart")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "output/examples/video"))
+    main(*map(Path, sys.argv[1:] or ["output/examples/video"]))
