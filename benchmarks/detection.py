@@ -29,7 +29,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"

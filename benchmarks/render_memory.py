@@ -17,7 +17,8 @@ from tempfile import TemporaryDirectory
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.workflow.pipeline import scaled
 from mirrorcam.workflow.rendering import in_workers

@@ -10,74 +10,26 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
-from pydantic import Field
-
 from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
-from mirrorcam.optics.geometry.targets import Target, default_board, save_board
-from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.boards.motion import smooth_motion
+from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around, parts_of
 from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
-from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, plan_frames, plan_of, reaches
+from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, reaches
+from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
 from mirrorcam.render_scenes.sets.set_truth import write_truth
 from mirrorcam.render_scenes.sets.set_video import check_video, write_video
-from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.variant import use_variant
 
-# Streams of random numbers; each is independent of how much the others draw.
-_AS_BUILT, _POSES, _BASE_POSES, _FRAMES, _BASE, _FINISH = range(6)
-
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
-
-
-class SetRequest(Value):
-    """All inputs that determine the files of a rendered set.
-
-    Parameters
-    ----------
-    layout
-        Nominal layout; the set is rendered with an as-built copy of it, drawn with `tolerances`.
-    target
-        Board in the pictures.
-    frames, base_frames
-        Number of pictures through the mirrors, and by the bare camera.
-    seed
-        Seed of the as-built copy, the poses and the noise.
-    tolerances
-        How far the as-built copy may be from the nominal layout.
-    settings
-        Renderer, light, sensor, and whether pixel maps and a video are written.
-    poses
-        Poses (n, 4, 4) of the board, rig_from_board in mm, instead of planned ones.
-    poses_hz
-        Number of poses that a motion passes per second.
-    rate_hz
-        Frame rate of a motion: the pictures are then moments of one smooth path through the poses.
-    parts
-        Folder with the parts of the device (`build_parts`) that stand around the mirrors.
-    """
-
-    layout: Layout
-    target: Target = Field(default_factory=default_board)
-    frames: int = Field(default=20, ge=1)
-    base_frames: int = Field(default=10, ge=0)
-    seed: int = Field(default=0, ge=0)
-    tolerances: Tolerances = Tolerances()
-    settings: RenderSettings = RenderSettings()
-    poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
-    poses_hz: float = Field(default=1.0, gt=0)
-    rate_hz: float | None = Field(default=None, ge=0.01, le=500)
-    parts: Path | None = None
 
 
 def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progress: Progress = no_progress) -> Dataset:
@@ -111,15 +63,15 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
         raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
     variant = use_variant()
     layout, settings = request.layout, request.settings
-    built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    built = draw_as_built(layout, request.tolerances, request.random(Stream.AS_BUILT))
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
-    plan, moments = _frames(request)
-    base_plan = plan_base_frames(layout, request.target, request.base_frames, _random(request.seed, _BASE_POSES))
+    plan, moments = planned_frames(request)
+    base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
     dataset = dataset.continued(out)
     dataset = _write_known(out, dataset, layout)
-    finishes = draw_finishes(settings, len(built.mirrors), _random(request.seed, _FINISH))
+    finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     names = write_truth(out, oracle, finishes, moments, base_plan, request.seed)
@@ -184,8 +136,8 @@ def _tasks(
             key=(request.seed, stream, index),
         )
         for stream, setup, names, moments_of in (
-            (_FRAMES, through_mirrors, dataset.frame_names, moments),
-            (_BASE, bare, dataset.base_names, base_plan.poses[:, None]),
+            (Stream.FRAMES, through_mirrors, dataset.frame_names, moments),
+            (Stream.BASE, bare, dataset.base_names, base_plan.poses[:, None]),
         )
         for index, (name, poses) in enumerate(zip(names, moments_of, strict=True))
     ]
@@ -214,32 +166,6 @@ def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
     """Frames of their tasks, one after the other, with all cores at work on each."""
     yield from enumerate(map(render_frame, tasks))
-
-
-def _random(*key: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(key))
-
-
-def _frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
-    """Plan of the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
-    layout, target, random = request.layout, request.target, _random(request.seed, _POSES)
-    keys = np.array(request.poses)
-    if request.rate_hz is not None and (len(keys) or request.frames) == 1:
-        raise InputError("rate_hz: one pose is no motion, expected two frames or more")
-    if request.rate_hz is None:
-        plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
-        return plan, plan.poses[:, None]
-    if len(keys):
-        count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
-    else:
-        count = request.frames
-        seconds = (count - 1) / request.rate_hz
-        keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
-    half_s = request.settings.sensor.readout_ms / 2000.0
-    around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
-    times = np.arange(count)[:, None] / request.rate_hz + around
-    moments = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
-    return plan_of(layout, target, moments[:, len(around) // 2]), moments
 
 
 def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:

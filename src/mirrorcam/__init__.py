@@ -50,7 +50,8 @@ if TYPE_CHECKING:
     from mirrorcam.optics.light_field.depth.estimate import estimate_depth
     from mirrorcam.optics.light_field.io.formats.registry import open_light_field, write_light_field
     from mirrorcam.optics.light_field.light_field import LightField
-    from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+    from mirrorcam.render_scenes.sets.render_set import render_set
+    from mirrorcam.render_scenes.sets.set_request import SetRequest
     from mirrorcam.render_scenes.settings import RenderSettings
     from mirrorcam.workflow.validation import validate
 else:
@@ -65,7 +66,7 @@ else:
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
         "RenderSettings": "render_scenes.settings",
-        "SetRequest": "render_scenes.sets.render_set",
+        "SetRequest": "render_scenes.sets.set_request",
         "build_parts": "cad.build",
         "calibrate": "optics.calibration.calibration",
         "design": "optics.design.optimise",

@@ -14,7 +14,8 @@ from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_c
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.workflow.pipeline import SETTINGS
 from mirrorcam.workflow.validation import LIMITS, Validation, calibrate_set, mirror_errors, validate
 from tests.shared import built_once

@@ -17,7 +17,8 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from tests.mirrorcam.small_set import small_set_request
 from tests.shared import built_once
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
-from mirrorcam.render_scenes.sets.render_set import SetRequest
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 
 BOARD = Charuco(cols=8, rows=6, square_mm=30.0, marker_mm=22.5)

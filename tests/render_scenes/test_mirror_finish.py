@@ -20,7 +20,8 @@ from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes, r
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 from mirrorcam.render_scenes.sets.poses import plan_frames
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.light_rays import reflected

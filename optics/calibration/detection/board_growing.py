@@ -13,13 +13,8 @@ from scipy.spatial import cKDTree
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places, typical_cell_px
-from mirrorcam.optics.calibration.detection.corner_refinement import (
-    Appearance,
-    ExpectedCorners,
-    GhostImages,
-    RefinedCorners,
-    refine,
-)
+from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
+from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Target
 

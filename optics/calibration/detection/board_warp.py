@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.corner_refinement import ExpectedCorners
+from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorners
 from mirrorcam.optics.geometry.targets import Target
 
 MIN_POINTS = 4

@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import refine_board, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
-from mirrorcam.optics.calibration.detection.corner_refinement import HALF_CELLS, MAX_HALF_PX, GhostImages
+from mirrorcam.optics.calibration.detection.corner_patches import HALF_CELLS, MAX_HALF_PX, GhostImages
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.camera import Camera

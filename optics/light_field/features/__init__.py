@@ -1,6 +1,7 @@
 """Features of light fields: keypoints with slope and place that all views agree on."""
 
+from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.keypoints import DetectorName
-from mirrorcam.optics.light_field.features.light_field_features import FeatureFinder, Features
+from mirrorcam.optics.light_field.features.light_field_features import FeatureFinder
 
 __all__ = ["DetectorName", "FeatureFinder", "Features"]

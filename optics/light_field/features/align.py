@@ -14,13 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, Floats, ImagePyramid
 
-RADIUS_PX = 4
 SIDE = 2 * RADIUS_PX + 1
 SAMPLES = SIDE**2
 # Rounds that move patches only, then rounds that also slant them, then the last one, which again moves only.
@@ -36,54 +35,10 @@ LEAST_CONTRAST_GREY = 1.5
 LEAST_ALIKE_FOR_SLANT = 0.7
 # Standard deviation of tan(slant) of surfaces before anything is seen of them: 60 degrees.
 USUAL_TAN_SLANT = 1.7
-LEVELS = 5
 KEYPOINTS_AT_ONCE = 128
-FRAME_PX = RADIUS_PX + 3
-
-Floats = NDArray[np.float32]
 
 _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
-
-
-class ImagePyramid:
-    """The views (t, s, v, u) in grey, side by side; pixel x of level l is pixel x * 2**l of the views.
-
-    Views are framed by what is at their border, so that a patch around a pixel at the edge of a
-    view is of that view alone.
-
-    Raises InputError for views that side by side are larger than OpenCV's tables address.
-    """
-
-    def __init__(self, images: NDArray[np.uint8]) -> None:
-        rows, cols, *size = images.shape
-        if max(rows * (size[0] + 2 * FRAME_PX), cols * (size[1] + 2 * FRAME_PX)) >= 2**15 - 1:
-            raise InputError(f"{rows}x{cols} views of {size[1]}x{size[0]} px, expected less than 32767 px side by side")
-        self.mosaics: list[Floats] = []
-        self.origins: list[Floats] = []
-        views: list[Any] = [np.float32(image) for image in images.reshape(-1, *size)]
-        while len(self.mosaics) < LEVELS and (not self.mosaics or min(views[0].shape) > 8 * RADIUS_PX):
-            views = [cv2.pyrDown(view) for view in views] if self.mosaics else views
-            high, wide = views[0].shape[0] + 2 * FRAME_PX, views[0].shape[1] + 2 * FRAME_PX
-            mosaic = np.empty((rows * high, cols * wide), np.float32)
-            places = mosaic.reshape(rows, high, cols, wide).transpose(0, 2, 1, 3)
-            for place, view in zip(np.ndindex(rows, cols), views, strict=True):
-                places[place] = cv2.copyMakeBorder(view, FRAME_PX, FRAME_PX, FRAME_PX, FRAME_PX, cv2.BORDER_REPLICATE)
-            t, s = np.divmod(np.arange(rows * cols), cols)
-            self.mosaics.append(mosaic)
-            self.origins.append((np.stack([s * wide, t * high], axis=1) + FRAME_PX).astype(np.float32))
-
-    def level_of(self, scale_px: FloatArray) -> NDArray[np.int64]:
-        """The level (n,) on which a pixel is nearest to a scale (n,)."""
-        return np.clip(np.rint(np.log2(scale_px)), 0, len(self.mosaics) - 1).astype(np.int64)
-
-    def samples(self, level: int, across: Floats, down: Floats) -> Floats:
-        """Samples (n, k) of a mosaic at its pixels (n, k)."""
-        parts = [
-            cv2.remap(self.mosaics[level], across[start:end], down[start:end], cv2.INTER_LINEAR)
-            for start, end in itertools.pairwise([*range(0, len(across), 2**14), len(across)])
-        ]
-        return np.concatenate(parts) if parts else np.zeros(across.shape, np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.optics.base.files import atomic, write_npz
-from mirrorcam.optics.light_field.features.light_field_features import Features
+from mirrorcam.optics.light_field.features.feature_set import Features
 
 COLUMNS = (
     *("u_px", "v_px", "scale_px", "depth_mm", "depth_sigma_mm", "x_rig_mm", "y_rig_mm", "z_rig_mm"),

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.features.align import ImagePyramid, align, templates
+from mirrorcam.optics.light_field.features.align import align, templates
+from mirrorcam.optics.light_field.features.feature_set import Features
+from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
     Keypoints,
@@ -47,79 +47,6 @@ PRIOR_FREEDOM = 4.0
 # farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
 # residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered tabletop scenes.
 COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Features:
-    """Features of one light field (n of them), in the order of their keypoints; arrays are read-only.
-
-    Attributes
-    ----------
-    detector
-        Name of the detector.
-    pixels
-        Pixels (n, 2) of the consolidated fit in the reference view, as (u, v).
-    scale_px
-        Scale (n,) they were found at, 1 the finest.
-    disparity_px
-        Consolidated slope (n,), px per mean step along s (of one column of views: along t), positive nearer than the
-        reference plane: -du/ds.
-    disparity_sigma_px
-        Standard deviation (n,) of the disparity.
-    points_in_rig_mm
-        Points (n, 3) in rig.
-    depth_mm
-        Depth (n,) from the pupil along view z.
-    depth_sigma_mm
-        Standard deviation (n,) of the depth.
-    residual_px
-        Root mean square distance (n,) between the pixels where views see them and those that the fit predicts.
-    seen
-        Views (n, t, s) in which they were found, the reference view included.
-    seen_px
-        Pixels (n, t, s, 2) where they were found; NaN where they were not.
-    apart_disparity_px
-        Slopes (n, 2) along s and along t estimated apart, each as `disparity_px` (both in px per mean step of the same
-        axis, so that they are equal for a point); NaN where the views lie in one line or are too few.
-    two_slope_sigma
-        Difference (n,) of the two principal slopes in standard deviations; NaN where unknown.
-    refracted
-        Whether (n,) that difference exceeds the test's limit: the feature is seen via a curved mirror or through a
-        refracting surface, and its depth is not that of anything at this pixel.
-    descriptors
-        Descriptors (n, d) in the reference view: bits as uint64 words, those of SIFT as float32 (RootSIFT).
-    layout_identity
-        Identity of the layout of the light field.
-    """
-
-    detector: DetectorName
-    pixels: FloatArray
-    scale_px: FloatArray
-    disparity_px: FloatArray
-    disparity_sigma_px: FloatArray
-    points_in_rig_mm: FloatArray
-    depth_mm: FloatArray
-    depth_sigma_mm: FloatArray
-    residual_px: FloatArray
-    seen: NDArray[np.bool_]
-    seen_px: FloatArray
-    apart_disparity_px: FloatArray
-    two_slope_sigma: FloatArray
-    refracted: NDArray[np.bool_]
-    descriptors: NDArray[Any]
-    layout_identity: str
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                if len(value) != len(self.pixels):
-                    raise ValueError(f"{name} has shape {value.shape}, expected {len(self.pixels)} features")
-                read_only = value.view()
-                read_only.flags.writeable = False
-                object.__setattr__(self, name, read_only)
-
-    def __len__(self) -> int:
-        return len(self.pixels)
 
 
 class FeatureFinder:

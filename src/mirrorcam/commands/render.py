@@ -123,7 +123,8 @@ def run(options: RenderOptions) -> int:
     require("render")
     from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.render_scenes.sets.dataset import MANIFEST
-    from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+    from mirrorcam.render_scenes.sets.render_set import render_set
+    from mirrorcam.render_scenes.sets.set_request import SetRequest
     from mirrorcam.workflow.rendering import in_workers, on_cluster
 
     request = SetRequest(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.figures.depth_figure import draw_depth
 from mirrorcam.figures.epi_figure import draw_epi
@@ -142,7 +144,7 @@ def write_epipolar_images(
 
 
 def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "samples": found.samples,
         "weights": found.weights,
         "positions_mm": found.positions_mm,

@@ -88,7 +88,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         build_parts(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
-        from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+        from mirrorcam.render_scenes.sets.render_set import render_set
+        from mirrorcam.render_scenes.sets.set_request import SetRequest
 
         request = SetRequest(
             layout=Layout.load(nominal),

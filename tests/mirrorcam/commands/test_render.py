@@ -19,7 +19,7 @@ from mirrorcam.commands.render import RenderOptions, reach_text, settings_of
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
-from mirrorcam.render_scenes.sets.render_set import SetRequest
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
 from tests.mirrorcam.small_set import contents
 

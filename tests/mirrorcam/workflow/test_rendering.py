@@ -18,7 +18,8 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import run_local
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest
 from mirrorcam.workflow import rendering

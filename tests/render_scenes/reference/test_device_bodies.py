@@ -27,7 +27,8 @@ from mirrorcam.render_scenes.reference.device_bodies import (
     read_bodies,
 )
 from mirrorcam.render_scenes.sets.poses import plan_frames
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.variant import SCALAR
 from mirrorcam.workflow.rendering import in_workers

@@ -17,7 +17,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 from mirrorcam.render_scenes.truth.corners import Oracle
 

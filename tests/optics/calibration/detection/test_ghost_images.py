@@ -19,7 +19,8 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.render_set import SetRequest, render_set
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from tests.optics.layouts import faceted_parabola
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.optics.light_field.features.feature_files import COLUMNS, save_csv, save_npz
-from mirrorcam.optics.light_field.features.light_field_features import Features
+from mirrorcam.optics.light_field.features.feature_set import Features
 
 
 def some_features(count: int) -> Features:

@@ -269,14 +269,6 @@ def test_one_view_has_no_features() -> None:
         FeatureFinder(uneven_views(1, 1), "ORB")
 
 
-def test_features_are_read_only_and_of_one_length(found: Features) -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        found.depth_mm[0] = 1.0
-    given: dict[str, Any] = {field.name: getattr(found, field.name) for field in fields(Features)}
-    with pytest.raises(ValueError, match="depth_mm has shape"):
-        Features(**(given | {"depth_mm": found.depth_mm[1:]}))
-
-
 def test_keypoints_at_one_place_are_one_feature_or_none() -> None:
     pixels = np.array([[5.0, 5.0], [7.0, 5.0], [5.0, 5.0], [7.0, 5.0], [9.0, 9.0]])
     chosen = _one_of_each(pixels, np.array([6, 9, 8, 6, 6]), np.array([10.0, 20.0, 10.4, 25.0, 3.0]), 1.0)

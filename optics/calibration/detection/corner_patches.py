@@ -1,0 +1,141 @@
+"""Linear model of the picture around a corner: the print as the lens blurs it, and what light, ink and lens add."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, BlurredPrint, blurred_print, sample
+from mirrorcam.optics.geometry.targets import Target
+
+HALF_CELLS = 0.5  # half the side of the compared patch, in cells
+MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
+SAMPLES = 17  # along each side of the patch
+PRINT_MODULATION = 0.7  # (white - black) / (white + black) of a print in a picture: stray light adds to black
+NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
+# Columns of the linear model of a patch: level, two slopes, contrast, edges that have crept, blur, shift, ghost images.
+CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(8, None)
+
+
+@dataclass(frozen=True)
+class ExpectedCorners:
+    """Corners (n) where a picture is expected to show them, with the local map from the print to the picture.
+
+    Attributes
+    ----------
+    places
+        On the print (n, 2), in squares from its top left.
+    pixels
+        In the picture (n, 2), wrong by a few px at most.
+    cells
+        Derivatives (n, 2, 2) of pixels by squares; columns: right, down.
+    bends
+        Half the second derivatives (n, 2, 3): xx, xy + yx, yy.
+    """
+
+    places: FloatArray
+    pixels: FloatArray
+    cells: FloatArray
+    bends: FloatArray
+
+    def where(self, mask: NDArray[np.bool_]) -> ExpectedCorners:
+        """The corners of a boolean mask (n,)."""
+        return ExpectedCorners(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class GhostImages:
+    """Faint images (k) of the print beside each corner (n): offset by (n, k, 2) px, of relative strength (n, k)."""
+
+    offsets_px: FloatArray
+    strengths: FloatArray
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Model of a print's appearance in a picture.
+
+    Attributes
+    ----------
+    target
+        The print.
+    blur_cells
+        Sigma of the blur that is expected, in cells.
+    ghosts
+        Ghost images beside every corner, if there are any.
+    fit_strengths
+        Whether the strength of each ghost image is estimated at each corner, instead of taken as given.
+    """
+
+    target: Target
+    blur_cells: float
+    ghosts: GhostImages | None = None
+    fit_strengths: bool = False
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Samples (m) around each corner (n): at `u`, `v` (m,) from -1 to 1 and `on_print` (n, m, 2) squares from it.
+
+    `offsets_px` (n, m, 2) are the same in the picture, `side_px` (n,) the size of a cell there, `near` (m,) the weight
+    by distance: the position must not depend on what the cells look like further out.
+    """
+
+    u: FloatArray
+    v: FloatArray
+    near: FloatArray
+    on_print: FloatArray
+    offsets_px: FloatArray
+    side_px: FloatArray
+
+    @classmethod
+    def around(cls, expected: ExpectedCorners) -> Patches:
+        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, SAMPLES)] * 2))
+        side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
+        half = np.minimum(HALF_CELLS, MAX_HALF_PX / np.maximum(side_px, 1e-6))
+        on_print = half[:, None, None] * np.stack([u, v], axis=1)
+        x, y = on_print[..., 0], on_print[..., 1]
+        offsets = on_print @ expected.cells.transpose(0, 2, 1)
+        offsets = offsets + np.stack([x * x, x * y, y * y], axis=2) @ expected.bends.transpose(0, 2, 1)
+        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px)
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Columns (n, m, c) whose linear combination models the grey values, each divided by its `scale` (n, c)."""
+
+    columns: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance) -> LinearModel:
+        blurred = blurred_print(appearance.target, appearance.blur_cells)
+        at = (expected.places[:, None] + patches.on_print + 1.0) * PX_PER_SQUARE - 0.5
+        value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
+        by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
+        squares_per_px = np.linalg.inv(np.where(patches.side_px[:, None, None] > 1e-6, expected.cells, np.eye(2)))
+        ghosts = [] if appearance.ghosts is None else _ghosts(blurred, at, squares_per_px, appearance.ghosts)
+        if not appearance.fit_strengths:
+            value, ghosts = sum(ghosts, value), []
+        by_px = by_square @ squares_per_px
+        steep = np.linalg.norm(by_px, axis=2)
+        # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
+        # fading of a lens towards the rim would pull all corners inwards.
+        level = 1.0 + PRINT_MODULATION * value
+        look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, laplacian]
+        columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *ghosts], axis=2)
+        scale = np.maximum(np.sqrt((columns**2).mean(axis=1)), 1e-9)
+        columns /= scale[:, None]
+        return cls(columns, scale)
+
+
+def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:
+    """The ghost images (n, m) of a print at samples (n, m, 2) of it."""
+    shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
+    return [
+        strength[:, None] * sample(blurred.value, at - shift[:, None])
+        for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T, strict=True)
+    ]

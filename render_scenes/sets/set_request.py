@@ -1,0 +1,94 @@
+"""The request for a synthetic calibration set, its streams of random numbers, and the board's poses in its frames."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Target, default_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.boards.motion import smooth_motion
+from mirrorcam.render_scenes.sets.poses import PosePlan, plan_frames, plan_of
+from mirrorcam.render_scenes.settings import RenderSettings
+
+
+class Stream(IntEnum):
+    """Streams of random numbers; each is independent of how much the others draw."""
+
+    AS_BUILT = 0
+    POSES = 1
+    BASE_POSES = 2
+    FRAMES = 3
+    BASE = 4
+    FINISH = 5
+
+
+class SetRequest(Value):
+    """All inputs that determine the files of a rendered set.
+
+    Parameters
+    ----------
+    layout
+        Nominal layout; the set is rendered with an as-built copy of it, drawn with `tolerances`.
+    target
+        Board in the pictures.
+    frames, base_frames
+        Number of pictures through the mirrors, and by the bare camera.
+    seed
+        Seed of the as-built copy, the poses and the noise.
+    tolerances
+        How far the as-built copy may be from the nominal layout.
+    settings
+        Renderer, light, sensor, and whether pixel maps and a video are written.
+    poses
+        Poses (n, 4, 4) of the board, rig_from_board in mm, instead of planned ones.
+    poses_hz
+        Number of poses that a motion passes per second.
+    rate_hz
+        Frame rate of a motion: the pictures are then moments of one smooth path through the poses.
+    parts
+        Folder with the parts of the device (`build_parts`) that stand around the mirrors.
+    """
+
+    layout: Layout
+    target: Target = Field(default_factory=default_board)
+    frames: int = Field(default=20, ge=1)
+    base_frames: int = Field(default=10, ge=0)
+    seed: int = Field(default=0, ge=0)
+    tolerances: Tolerances = Tolerances()
+    settings: RenderSettings = RenderSettings()
+    poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    poses_hz: float = Field(default=1.0, gt=0)
+    rate_hz: float | None = Field(default=None, ge=0.01, le=500)
+    parts: Path | None = None
+
+    def random(self, stream: Stream) -> np.random.Generator:
+        """The random numbers of a stream."""
+        return np.random.default_rng(np.random.SeedSequence((self.seed, stream)))
+
+
+def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
+    """Plan of the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) while the frame is read out."""
+    layout, target, random = request.layout, request.target, request.random(Stream.POSES)
+    keys = np.array(request.poses)
+    if request.rate_hz is not None and (len(keys) or request.frames) == 1:
+        raise InputError("rate_hz: one pose is no motion, expected two frames or more")
+    if request.rate_hz is None:
+        plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
+        return plan, plan.poses[:, None]
+    if len(keys):
+        count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
+    else:
+        count = request.frames
+        seconds = (count - 1) / request.rate_hz
+        keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
+    half_s = request.settings.sensor.readout_ms / 2000.0
+    around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
+    times = np.arange(count)[:, None] / request.rate_hz + around
+    moments = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
+    return plan_of(layout, target, moments[:, len(around) // 2]), moments

@@ -1,0 +1,40 @@
+"""The image pyramid: levels of scales, and samples of one view alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, ImagePyramid
+
+
+def test_scales_are_on_the_nearest_level_that_there_is() -> None:
+    pyramid = ImagePyramid(np.zeros((3, 3, 180, 260), np.uint8))
+    assert pyramid.level_of(np.array([1.0, 1.4, 1.5, 2.0, 4.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_ramp_is_sampled_at_its_pixels_on_every_level(level: int) -> None:
+    """Pixel x of level l is pixel x * 2**l of the view, and the smoothing of a level leaves a ramp as it is."""
+    across, down = np.meshgrid(np.arange(60), np.arange(40))
+    pyramid = ImagePyramid(np.stack([across + 2 * down, 200 - across]).astype(np.uint8)[None])
+    at = np.array([[11.5, 7.0], [12.0, 8.25]], np.float32)
+    in_view = at * 2**level
+    for view, expected in enumerate((in_view @ [1.0, 2.0], 200.0 - in_view[:, 0])):
+        place = at + pyramid.origins[level][view]
+        np.testing.assert_allclose(pyramid.samples(level, place[:, :1], place[:, 1:])[:, 0], expected, atol=0.05)
+
+
+def test_a_patch_at_the_rim_of_a_view_shows_nothing_of_its_neighbour() -> None:
+    images = np.zeros((1, 2, 40, 60), np.uint8)
+    images[0, 1] = 255
+    pyramid = ImagePyramid(images)
+    u = pyramid.origins[0][0, 0] + 59 + np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)[None]
+    v = np.full_like(u, pyramid.origins[0][0, 1] + 20)
+    assert (pyramid.samples(0, u, v) == 0).all()
+
+
+def test_views_too_large_for_tables_are_refused() -> None:
+    with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
+        ImagePyramid(np.zeros((100, 1, 400, 40), np.uint8))
