@@ -17,7 +17,7 @@ WORKMANSHIP = ("tilt_deg", "offset_mm", "sheet_thickness_mm", "camera_offset_mm"
 
 
 class Tolerances(Value):
-    """Standard deviations of built cameras from their design, and of the lens distortion that a data sheet omits."""
+    """Standard deviations of built devices from their design, and of the lens distortion that a data sheet omits."""
 
     # The defaults are a hand-assembled mirror camera with a good webcam, in the frame of that webcam: its pictures do
     # not depend on where the holder carries it, so that the camera's place has no tolerance unless one is given.
@@ -30,10 +30,14 @@ class Tolerances(Value):
         default=0.0, ge=0, description="shift of the camera's pupil in the holder, along each axis"
     )
     camera_turn_deg: float = Field(default=0.0, ge=0, description="turn of the camera in the holder, about each axis")
-    focal_percent: float = Field(default=1.0, ge=0, description="focal length")
+    focal_percent: float = Field(default=1.0, ge=0, description="focal length, in percent")
     centre_px: float = Field(default=8.0, ge=0, description="principal point, along each axis")
-    distortion_mean: Lens = Field(default=(0.05, -0.1, 0.0, 0.0, 0.0), description="k1 k2 p1 p2 k3 of the usual lens")
-    distortion_sigma: Lens = Field(default=(0.02, 0.03, 5e-4, 5e-4, 0.0), description="spread of k1 k2 p1 p2 k3")
+    distortion_mean: Lens = Field(
+        default=(0.05, -0.1, 0.0, 0.0, 0.0), description="mean of the distortion k1 k2 p1 p2 k3"
+    )
+    distortion_sigma: Lens = Field(
+        default=(0.02, 0.03, 5e-4, 5e-4, 0.0), description="standard deviation of the distortion k1 k2 p1 p2 k3"
+    )
 
     @classmethod
     def none(cls) -> Self:

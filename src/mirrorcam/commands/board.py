@@ -18,13 +18,15 @@ class BoardOptions(Value):
     board: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[BOARD]", help_behavior_hint="")] = (
         Field(
             default=None,
-            description="board.toml; without it, the default board, whose numbers are written beside the print",
+            description=(
+                "board.toml to draw; without it the default board is drawn, and its board.toml written next to the file"
+            ),
         )
     )
-    page: Annotated[str, tyro.conf.arg(metavar="NAME|WIDTHxHEIGHT", help_behavior_hint="(smallest A)")] = Field(
-        default="", description="a4, a3, a2, a1, a0, letter, or a width and height in mm"
-    )
-    out: Path = Field(default=Path("output/board.pdf"), description=".pdf or .svg file")
+    page: Annotated[
+        str, tyro.conf.arg(metavar="NAME|WIDTHxHEIGHT", help_behavior_hint="(the smallest A size that fits)")
+    ] = Field(default="", description="page: a4, a3, a2, a1, a0, letter, or width x height in mm")
+    out: Path = Field(default=Path("output/board.pdf"), description="file to write, .pdf or .svg")
 
 
 def run(options: BoardOptions) -> int:

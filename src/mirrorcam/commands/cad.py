@@ -18,25 +18,25 @@ SHOWN = ("device.", "mirrors.")
 
 
 class CadOptions(Value):
-    """Build and check every part of a layout's device: files to print, cut, assemble and look at.
+    """Generate and check every part of the device of a layout: files to print, cut, assemble and view.
 
-    Open index.html in the folder. What has not changed since an earlier run into the same folder is taken over.
+    Open index.html in the output folder. Parts that have not changed since an earlier run are re-used.
     """
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
-    out: Path = Field(default=Path("output/cad"), description="folder for everything that is written")
-    hardware: Path | None = Field(
-        default=None, description="TOML file that replaces any of the table of dimensions (docs/cad.md)"
+    out: Path = Field(default=Path("output/cad"), description="output folder")
+    hardware: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="TOML file with values that replace those of the table of dimensions (docs/cad.md)"
     )
-    camera: str | None = Field(
-        default=None,
-        description="body of the camera: c920, board_38 or a TOML file (default: c920, or as in --hardware)",
-    )
-    fasteners: Literal["insert", "nut"] | None = Field(
-        default=None, description="what M3 screws are driven into (default: insert, or as in --hardware)"
-    )
+    camera: Annotated[
+        str | None, tyro.conf.arg(metavar="NAME|PATH", help_behavior_hint="(as in --hardware, else c920)")
+    ] = Field(default=None, description="body of the camera: c920, board_38 or a TOML file")
+    fasteners: Annotated[
+        Literal["insert", "nut"] | None,
+        tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
+    ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="processes that share the work"
+        default=None, ge=1, description="number of worker processes"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
 from pydantic import Field, model_validator
@@ -16,28 +16,35 @@ if TYPE_CHECKING:
 
 
 class CalibrateOptions(Value):
-    """Calibrate a mirror camera from pictures of a board: its intrinsics and 3 numbers per mirror, with sigmas."""
+    """Calibrate a mirror camera from pictures of a board: intrinsics and mirror planes, with uncertainties."""
 
-    images: tyro.conf.Positional[tuple[Path, ...]] = Field(min_length=1, description="pictures, or folders of them")
-    board: Path = Field(description="board.toml")
-    layout: Path | None = Field(default=None, description="nominal layout.json: where to look and where to start")
-    base: tuple[Path, ...] = Field(default=(), description="pictures without mirrors, or folders of them")
+    images: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="(required)")
+    ] = Field(min_length=1, description="pictures of the board through the mirrors, or folders of them")
+    board: Path = Field(description="board.toml of the target")
+    layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
+        default=None, description="nominal layout.json, from which the calibration starts"
+    )
+    base: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
+        default=(), description="pictures of the board without mirrors, or folders of them"
+    )
     direct_view: bool = Field(
-        default=False, description="the camera sees a checkerboard directly, too, so that no layout is needed"
+        default=False, description="the camera also sees the board, a checkerboard, directly: no layout is needed"
     )
-    mirrors: int | None = Field(default=None, ge=1, le=4, description="how many mirrors, with --direct-view")
-    level: str | None = Field(
-        default=None,
-        description="model: paper, or joint with any of +sheet, +bend, +warp; without it, what the pictures support",
+    mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Field(
+        default=None, ge=1, le=4, description="number of mirrors, with --direct-view"
     )
+    level: Annotated[
+        str | None, tyro.conf.arg(metavar="LEVEL", help_behavior_hint="(the largest that the pictures support)")
+    ] = Field(default=None, description="model to fit: paper, or joint with any of +sheet, +bend, +warp")
     live_hint: bool = Field(
-        default=False, description="say after each picture which mirror, depth and tilt the next one should show"
+        default=False, description="recommend after each picture which mirror, depth and tilt the next one should show"
     )
     out: Path = Field(
         default=Path("output/calibrated"),
         description=(
-            "folder for layout.json (calibrated), metrics.json, report.html and residuals.png; what was found in a "
-            "picture is kept in detections/, so that none is searched twice"
+            "folder for layout.json (calibrated), metrics.json, report.html and residuals.png; detected corners are "
+            "cached in detections/"
         ),
     )
 

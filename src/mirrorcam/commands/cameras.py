@@ -13,14 +13,11 @@ from mirrorcam.optics.base.values import Value
 
 
 class CamerasOptions(Value):
-    """Write a layout, and pictures of its camera, for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF readers."""
+    """Export every mirror as a camera for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF, with pictures."""
 
-    layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
-        description="layout.json, calibrated where there is one"
-    )
-    pictures: tuple[Path, ...] = Field(
-        default=(),
-        description="frames of the camera, or folders of them: COLMAP gets them flipped and masked",
+    layout: tyro.conf.Positional[Path] = Field(description="layout.json, calibrated if possible")
+    pictures: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
+        default=(), description="frames of the camera, or folders of them, to write flipped and masked for COLMAP"
     )
     out: Path = Field(default=Path("output/cameras"), description="folder for the files; its README.md explains them")
 

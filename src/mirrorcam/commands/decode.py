@@ -17,48 +17,54 @@ class DecodeOptions(Value):
 
     frames: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[FRAME|VIDEO...]", help_behavior_hint="")
-    ] = Field(default=(), description="PNG or JPEG frames of the camera; videos of it, such as MP4 or AVI")
+    ] = Field(default=(), description="frames of the camera (PNG, JPEG or WebP), or videos (such as MP4 or AVI)")
     layout: Path = Field(description="layout.json, calibrated where there is one")
     out: Path = Field(
         default=Path("output/decoded"),
         description=(
-            "folder: of each frame NAME.npz (NumPy: samples (t, s, v, u, c), weights (t, s, v, u), positions_mm "
-            "(t, s, 3) and the other fields of LightField), of each video NAME.zarr, of either NAME_views.png"
+            "folder for NAME.npz of each frame (NumPy: samples (t, s, v, u, c), weights (t, s, v, u), positions_mm "
+            "(t, s, 3) and the other fields of LightField), NAME.zarr of each video, and NAME_views.png of both"
         ),
     )
     device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = Field(
-        default=None, ge=0, description="a camera of this machine instead of files, until Ctrl-C: deviceNUMBER.zarr"
+        default=None,
+        ge=0,
+        description="number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",
     )
     limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="how many frames of a video or a camera to decode at most"
+        default=None, ge=1, description="maximum number of frames to decode of a video or a camera"
     )
     to: Literal["zarr", "hci", "stanford"] = Field(
         default="zarr",
         description=(
-            "what to write of a video: one Zarr group, or a folder NAME with, per frame, a scene in HCI format or a "
-            "folder as of the Stanford gantry"
+            "format for a video: one Zarr group, or a folder NAME with a scene per frame in the format of HCI or of "
+            "the Stanford gantry"
         ),
     )
     field: Literal["common", "union"] = Field(
-        default="common", description="show what all views see at the reference depth, or what any view sees"
+        default="common",
+        description="extent of the views: what all mirrors see at the reference depth, or what any of them sees",
     )
     width_px: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(as sharp as the frame)")] = Field(
         default=None, ge=2, description="width of every view; its height follows"
     )
     reference_depth_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(midway between the design's)")
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(midway between the depths of the design)")
     ] = Field(default=None, gt=0, allow_inf_nan=False, description="depth of zero disparity, from the pupil")
     regular_grid_at_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="move views to an even grid, exactly for what lies at this depth; else they stay in place",
+        description=(
+            "warp the views to an even grid, exactly for objects at this depth; without it they keep their true "
+            "positions"
+        ),
     )
     equalise: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...", help_behavior_hint="")] = Field(
         default=(),
         description=(
-            "make all views equally bright, as measured in these pictures or videos of any scene or a plain sheet; "
-            "or an equalisation.json that this wrote before"
+            "make all views equally bright: pictures or videos (of any scene, or of a uniform white target) to "
+            "measure it in, or an equalisation.json of an earlier run"
         ),
     )
 

@@ -13,14 +13,16 @@ from mirrorcam.console.progress import long_work, say
 
 
 class DepthOptions(LightFieldsOptions):
-    """Measure depth in light fields: a picture with a scale in mm, and arrays."""
+    """Estimate depth maps of light fields: a figure with a scale in mm, and arrays."""
 
     near_mm: Annotated[
-        float | None, tyro.conf.arg(help_behavior_hint="(0.6 reference depths, or what a scene states)")
-    ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
+        float | None,
+        tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth, or as a scene states)"),
+    ] = Field(default=None, description="nearest depth that is searched, from the pupil")
     far_mm: Annotated[
-        float | None, tyro.conf.arg(help_behavior_hint="(2 reference depths, or what a scene states)")
-    ] = Field(default=None, description="farthest depth that is looked for")
+        float | None,
+        tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth, or as a scene states)"),
+    ] = Field(default=None, description="farthest depth that is searched")
     out: Path = Field(
         default=Path("output/depth"),
         description=(

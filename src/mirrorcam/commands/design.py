@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from mirrorcam.optics.design.assess.monte_carlo import Study
 
 GROUPS = {
-    "what the views share": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
-    "what tells depth": ("baseline", "disparity", "depth_resolution"),
+    "overlap of the views": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
+    "depth": ("baseline", "disparity", "depth_resolution"),
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
 """Titles of the groups of the table, each with the prefixes of the names of its figures."""
@@ -30,8 +30,8 @@ class DesignOptions(Value):
     spec: Annotated[DesignSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=DesignSpec)
     tolerance: bool = Field(
         default=False,
-        description="draw devices as built with the tolerances below, too: tolerance.json and tolerance.png in the "
-        "folder say what to expect of them",
+        description="also simulate devices built with the tolerances below, and write the figures to expect of them: "
+        "tolerance.json and tolerance.png",
     )
     tolerances: Annotated[Tolerances, tyro.conf.OmitArgPrefixes] = Field(default_factory=Tolerances.hobby)
     out: Path = Field(

@@ -13,14 +13,14 @@ from mirrorcam.console.progress import long_work, say
 
 
 class EpiOptions(LightFieldsOptions):
-    """Cut epipolar-plane images out of light fields: a picture with depths as slopes, and arrays."""
+    """Extract epipolar-plane images of light fields: a figure, in which depth shows as slope, and arrays."""
 
-    axis: Literal["s", "t"] = Field(default="s", description="views beside each other (s), or above each other (t)")
+    axis: Literal["s", "t"] = Field(default="s", description="views along one row (s) or one column (t)")
     line: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(the middle)")] = Field(
-        default=None, ge=0, description="row of the central view for s, column for t"
+        default=None, ge=0, description="pixel row of the central view for s, pixel column for t"
     )
     depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the reference plane's)")] = (
-        Field(default=None, gt=0, description="depth from the pupil that stands upright")
+        Field(default=None, gt=0, description="depth from the pupil at which points form vertical lines")
     )
     out: Path = Field(
         default=Path("output/epi"),

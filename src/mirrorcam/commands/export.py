@@ -19,29 +19,29 @@ else:
 
 
 class ExportOptions(GeometryOptions):
-    """Write a light field from any known format to any other; what it is in is seen from its name and contents."""
+    """Convert a light field between formats; the format it is in is detected from its name and contents."""
 
-    light_field: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LIGHTFIELD", help_behavior_hint="")] = (
-        Field(
-            description=(
-                ".npz or .zarr of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a folder "
-                "as of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio"
-            ),
-        )
+    light_field: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LIGHTFIELD")] = Field(
+        description=(
+            ".npz or .zarr of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a folder "
+            "in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio"
+        ),
     )
     to: FormatName = Field(
         description=(
-            "lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, tiles: one .png; plenpy, "
-            "plenopticam: .npy; colmap: rig and masks; nerfstudio: transforms.json; ply: points in mm, in rig"
+            "format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, tiles: "
+            "one .png; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: transforms.json; ply: points in "
+            "mm, in rig"
         )
     )
-    out: Path = Field(
-        default=Path("output/exported"), description="folder for NAME, with what the format's names end in"
-    )
-    frame: int = Field(default=0, ge=0, description="which frame of a recording in Zarr, counted from 0")
+    out: Path = Field(default=Path("output/exported"), description="folder for NAME with the ending of the format")
+    frame: int = Field(default=0, ge=0, description="frame of a recording in Zarr, counted from 0")
     depth: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(of HCI its own, for ply measured)")
-    ] = Field(default=None, description="NAME_depth.npz of mirrorcam depth: depth for ply, truth for hci")
+        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(that of an HCI scene; else measured for ply)")
+    ] = Field(
+        default=None,
+        description="NAME_depth.npz of mirrorcam depth, to use as depth for ply and as ground truth for hci",
+    )
 
 
 def run(options: ExportOptions) -> int:

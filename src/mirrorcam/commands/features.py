@@ -13,33 +13,35 @@ from mirrorcam.console.progress import long_work, say
 
 
 class FeaturesOptions(LightFieldsOptions):
-    """Find features in light fields: a picture of them, coloured by depth, and arrays."""
+    """Find features that all views of a light field agree on: a figure, coloured by depth, a table and arrays."""
 
     detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
-        default="SIFT", description="of the keypoints; AKAZE needs the contributed modules of OpenCV"
+        default="SIFT", description="keypoint detector; AKAZE needs the contributed modules of OpenCV"
     )
-    keypoints: int = Field(default=600, ge=1, description="how many of a view's keypoints to start from, at most")
+    keypoints: int = Field(default=600, ge=1, description="maximum number of keypoints per view to start from")
     max_distance_px: float = Field(
-        default=0.5, gt=0, description="how far from where its slope expects it a view may see a feature"
+        default=0.5, gt=0, description="maximum distance of a feature in a view from where its slope predicts it"
     )
-    min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most)")] = Field(
-        default=None, ge=1, description="in how many views beside the central one a feature must be found"
+    min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most of them)")] = Field(
+        default=None, ge=1, description="number of views, besides the central one, in which a feature must be found"
     )
     near_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or halfway to the reference plane)")
-    ] = Field(default=None, description="nearest depth that is looked for, from the pupil")
+    ] = Field(default=None, description="nearest depth that is searched, from the pupil")
     far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or infinity)")] = (
-        Field(default=None, description="farthest depth that is looked for")
+        Field(default=None, description="farthest depth that is searched")
     )
     two_slope_sigma: float = Field(
         default=4.0,
         gt=0,
-        description="features whose slopes along two directions are more standard deviations apart are refracted",
+        description=(
+            "standard deviations between the slopes along two directions beyond which a feature counts as refracted"
+        ),
     )
     out: Path = Field(
         default=Path("output/features"),
         description=(
-            "folder for NAME_features.png, NAME_features.csv (a line each: pixel, depth, sigma, point in rig, ...) and "
+            "folder for NAME_features.png, NAME_features.csv (pixel, depth, sigma, point in rig, ... per line) and "
             "NAME_features.npz (NumPy: the fields of Features, with descriptors and where each view sees them)"
         ),
     )

@@ -24,22 +24,28 @@ class GeometryOptions(Value):
     """Geometry of light fields whose files do not state it."""
 
     rows: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="views down, of pictures without views.json or the like"
+        default=None, ge=1, description="rows of views, where the file does not state them"
     )
     cols: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="views across, likewise"
+        default=None, ge=1, description="columns of views, where the file does not state them"
     )
     step_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="distance of neighbouring views where a file has none"
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="distance between neighbouring views, where the file does not state it",
     )
     focal_px: Annotated[float | None, tyro.conf.arg(metavar="PX", help_behavior_hint="")] = Field(
-        default=None, gt=0, allow_inf_nan=False, description="focal length of the views where a file has none"
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="focal length of the views, where the file does not state it",
     )
     reference_depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
         default=None,
         gt=0,
         allow_inf_nan=True,
-        description="distance of zero disparity where a file has none; inf is one",
+        description="distance of zero disparity, where the file does not state it; inf is allowed",
     )
 
     @property
@@ -64,12 +70,12 @@ class LightFieldsOptions(GeometryOptions):
     ] = Field(
         min_length=1,
         description=(
-            "what mirrorcam decode wrote (.npz or .zarr), a file or folder of a tool that mirrorcam export names, or, "
-            "with --layout, PNG, JPEG or WebP frames of the camera"
+            "light fields: .npz or .zarr of mirrorcam decode, a file or folder in a format of mirrorcam export, or, "
+            "with --layout, frames of the camera (PNG, JPEG or WebP)"
         ),
     )
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="layout.json of frames, calibrated where there is one"
+        default=None, description="layout.json to decode frames with, calibrated if possible"
     )
 
     def inputs(self) -> LightFieldInputs:

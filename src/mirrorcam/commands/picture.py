@@ -13,14 +13,14 @@ from mirrorcam.workflow.extras import require
 
 
 class PictureOptions(Value):
-    """Render the device that `mirrorcam cad` made of a layout, from the front and from the side, in 1920 x 1080 pixels.
+    """Render the device of a layout, with its printed parts, from the front and from the side (1920 x 1080 pixels).
 
-    From the front, the lens is seen in every mirror.
+    From the front, every mirror shows the lens.
     """
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
-    parts: Path = Field(default=Path("output/cad"), description="folder that `mirrorcam cad` wrote of this layout")
-    spp: int = Field(default=64, ge=1, description="samples per pixel: more are slower and less grainy")
+    parts: Path = Field(default=Path("output/cad"), description="folder that `mirrorcam cad` wrote for this layout")
+    spp: int = Field(default=64, ge=1, description="samples per pixel: more take longer and give less noise")
     out: Path = Field(default=Path("output/product.jpg"), description="picture to write, .jpg or .png")
 
 

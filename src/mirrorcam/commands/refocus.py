@@ -13,44 +13,57 @@ from mirrorcam.console.progress import long_work, say
 
 
 class RefocusOptions(LightFieldsOptions):
-    """Focus light fields after the shot: on any plane, on everything, from between the views, past what is near."""
+    """Refocus light fields: on any plane, all in focus, from new viewpoints, or behind occluders."""
 
     depth_mm: Annotated[
         tuple[Annotated[float, Field(allow_inf_nan=True)], ...],
         tyro.conf.arg(metavar="MM...", help_behavior_hint="(the reference plane's)"),
-    ] = Field(default=(), description="depths from the pupil to focus on, a picture each; inf is one")
+    ] = Field(default=(), description="depths from the pupil to focus on, one picture each; inf is allowed")
     tilt_deg: Annotated[tuple[float, float], tyro.conf.arg(metavar="RIGHT DOWN")] = Field(
-        default=(0.0, 0.0), description="turn the plane about the middle: its right, its lower side moves away"
+        default=(0.0, 0.0),
+        description="tilt of the focal plane about its middle: the right side and the lower side move away",
     )
     combine: Literal["mean", "median", "weighted"] = Field(
         default="mean",
-        description="of the views: median leaves out what few show; weighted counts those far from the central less",
+        description=(
+            "how views are combined: median suppresses what few of them show, weighted favours the central ones"
+        ),
     )
-    scale: int = Field(default=1, ge=1, le=8, description="super-sample: pixels of the picture along one of a view")
-    all_in_focus: bool = Field(default=False, description="also a picture with everything sharp, by depth")
+    scale: int = Field(
+        default=1, ge=1, le=8, description="super-sampling: picture pixels per view pixel, along each side"
+    )
+    all_in_focus: bool = Field(
+        default=False, description="also write a picture with everything in focus, from measured depth"
+    )
     from_mm: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="RIGHT DOWN", help_behavior_hint="")] = Field(
-        default=None, description="also a sharp picture as seen from so far beside the central view"
+        default=None,
+        description=(
+            "also write an all-in-focus picture from a viewpoint this many mm right of and below the central view"
+        ),
     )
     behind_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, description="leave out of all pictures what lies nearer than this"
+        default=None, gt=0, description="remove what is nearer than this depth from all pictures"
     )
-    orbit: Annotated[Literal["gif", "mp4"] | None, tyro.conf.arg(help_behavior_hint="")] = Field(
-        default=None, description="also a loop around the views"
+    orbit: Annotated[Literal["gif", "mp4"] | None, tyro.conf.arg(metavar="gif|mp4", help_behavior_hint="")] = Field(
+        default=None, description="also write an animation in which the viewpoint circles"
     )
-    sweep: Annotated[Literal["gif", "mp4"] | None, tyro.conf.arg(help_behavior_hint="")] = Field(
-        default=None, description="also a loop of the focus from --near-mm to --far-mm and back"
+    sweep: Annotated[Literal["gif", "mp4"] | None, tyro.conf.arg(metavar="gif|mp4", help_behavior_hint="")] = Field(
+        default=None, description="also write an animation in which the focus moves from --near-mm to --far-mm and back"
     )
-    near_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(what depth looks for)")] = Field(
-        default=None, gt=0, description="nearest depth that is looked for, and swept from"
+    near_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as for mirrorcam depth)")] = (
+        Field(default=None, gt=0, description="nearest depth that is searched, and start of the focus sweep")
     )
-    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(what depth looks for)")] = Field(
-        default=None, gt=0, allow_inf_nan=True, description="farthest depth that is looked for, and swept to"
+    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as for mirrorcam depth)")] = Field(
+        default=None,
+        gt=0,
+        allow_inf_nan=True,
+        description="farthest depth that is searched, and end of the focus sweep",
     )
     out: Path = Field(
         default=Path("output/refocus"),
         description=(
-            "folder for NAME_focus_MMmm.png and .npz (NumPy: image (h, w, c) 0 to 1, weights (h, w)), and alike "
-            "NAME_all_in_focus, NAME_from; NAME_orbit.gif or .mp4, NAME_sweep"
+            "folder for NAME_focus_MMmm.png and .npz (NumPy: image (h, w, c) 0 to 1, weights (h, w)), likewise "
+            "NAME_all_in_focus and NAME_from, and NAME_orbit and NAME_sweep (.gif or .mp4)"
         ),
     )
 

@@ -41,57 +41,68 @@ def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFini
 
 
 class RenderOptions(Value):
-    """Render what a layout, built with tolerances, photographs: frames of a board, and the truth in its own folder."""
+    """Render frames of a calibration board as a device built with tolerances sees it, with ground truth."""
 
     layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[LAYOUT]", help_behavior_hint="")] = (
-        Field(default=None, description="layout.json, as designed")
+        Field(default=None, description="nominal layout.json")
     )
     frames: int = Field(default=20, ge=1, description="frames of the board through the mirrors")
-    base_frames: int = Field(default=10, ge=0, description="frames of the board by the bare camera, without mirrors")
-    seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise; the same seed, the same bytes")
+    base_frames: int = Field(default=10, ge=0, description="frames of the board by the camera without mirrors")
+    seed: int = Field(
+        default=0, ge=0, description="seed of poses, tolerances and noise; the same seed gives the same bytes"
+    )
     renderer: RendererName = Field(
-        default="mitsuba", description="mitsuba: the reference, along light paths; fast: by formula, for large sets"
+        default="mitsuba", description="mitsuba: reference, by path tracing; fast: analytic, for large sets"
     )
-    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference")
+    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference renderer")
     sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
+        default="c920", description="lens and sensor model: ideal, c920, poor, or a .toml file"
     )
-    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(built by hand)")] = Field(
+    as_built: Annotated[
+        str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hand-assembled camera)")
+    ] = Field(
         default="",
-        description="deviation of the camera from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+        description=(
+            "tolerances of the rendered camera as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none"
+        ),
     )
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="board.toml; without it, the default board"
+        default=None, description="board.toml of the target; without it, the default board"
     )
     poses: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="JSON file of poses, rig_from_board in mm, in place of planned ones"
+        default=None, description="JSON file of poses, rig_from_board in mm, to use instead of planned ones"
     )
     rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
-        default=None, ge=0.01, le=500, description="frames in a second of one smooth motion through the poses"
+        default=None,
+        ge=0.01,
+        le=500,
+        description="frame rate of one smooth motion through the poses, instead of separate poses",
     )
     video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
-        default=None, description="the motion as a video, too: mp4, of H.264; or avi, of the JPEG files as they are"
+        default=None, description="also write the motion as a video: mp4 (H.264), or avi (the JPEG files, as MJPEG)"
     )
     finish: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="TOML file of the mirrors' finish: tint, spread, roughness, sag, ripple"
+        default=None,
+        description="TOML file with the surface finish of the mirrors: tint, reflectance, roughness, sag, ripple",
     )
     parts: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = Field(
-        default=None, description="what `mirrorcam cad` wrote of the layout: its parts hide and scatter light"
+        default=None,
+        description="folder that `mirrorcam cad` wrote for the layout: show its parts, which block and scatter light",
     )
     no_maps: bool = Field(
         default=False,
         description="leave out the maps of what each pixel shows: an EXR file per frame, 18 MB at 1920 x 1080",
     )
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="frames at a time on this machine"
+        default=None, ge=1, description="number of frames rendered at the same time on this machine"
     )
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
-        default=None, description="Dask scheduler to work on instead, like tcp://host:8786"
+        default=None, description="Dask scheduler whose workers render them instead, such as tcp://host:8786"
     )
     verify: Annotated[Path | None, tyro.conf.arg(metavar="SET", help_behavior_hint="")] = Field(
-        default=None, description="render nothing, compare the files of a set with their checksums"
+        default=None, description="render nothing; compare the files of a set with their checksums"
     )
-    out: Path = Field(default=Path("output/set"), description="folder for the set; an interrupted one is continued")
+    out: Path = Field(default=Path("output/set"), description="folder for the set; an interrupted one is resumed")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -100,7 +111,7 @@ class RenderOptions(Value):
         if self.workers is not None and self.scheduler is not None:
             raise ValueError("--workers and --scheduler: expected one of the two")
         if self.video is not None and self.rate_hz is None:
-            raise ValueError(f"--video {self.video}: its frames are moments of a motion, expected --rate-hz with it")
+            raise ValueError(f"--video {self.video}: a video shows a motion, expected --rate-hz with it")
         return self
 
 

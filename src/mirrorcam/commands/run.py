@@ -14,12 +14,14 @@ from mirrorcam.optics.base.values import Value
 
 
 class RunOptions(Value):
-    """Go the whole way once: design, part, synthetic frames, blind calibration, light field, and a page of it all."""
+    """Run the whole pipeline: design, parts, synthetic frames, blind calibration, light field and a page of results."""
 
     out: Annotated[
         Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(output/default or output/quick)")
-    ] = Field(default=None, description="folder for everything; what is in it already and still holds is re-used")
-    quick: bool = Field(default=False, description="a first look in under a minute: 2 x 2 mirrors, half the resolution")
+    ] = Field(
+        default=None, description="folder for all results; those of an earlier run that are still valid are re-used"
+    )
+    quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
     seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise")
 
 

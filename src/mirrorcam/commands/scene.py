@@ -18,33 +18,40 @@ if TYPE_CHECKING:
 
 
 class SceneOptions(Value):
-    """Photograph a tabletop scene through a layout built with tolerances, with its true views and depths."""
+    """Render a tabletop scene as a device built with tolerances sees it, with the true views and depths."""
 
     layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
-        description="layout.json, as designed"
+        description="nominal layout.json"
     )
     depths_mm: Annotated[tuple[float, ...], tyro.conf.arg(metavar="MM...", help_behavior_hint="(the layout's)")] = (
-        Field(default=(), description="depths at which things stand, nearest first")
+        Field(default=(), description="depths of the objects, nearest first")
     )
     mesh: Annotated[
         tyro.conf.UseAppendAction[tuple[str, ...]],
         tyro.conf.arg(metavar="FILE[:x,y,z]", help_behavior_hint=""),
     ] = Field(
         default=(),
-        description="a mesh to stand on the table, STL, PLY or OBJ in mm, z up, and where in view axes its base is",
+        description=(
+            "mesh to put on the table (STL, PLY or OBJ, in mm, z up), and the middle of its base in view axes; may be "
+            "repeated"
+        ),
     )
     seed: int = Field(
-        default=0, ge=0, description="seed of things, tolerances and noise; the same seed, the same bytes"
+        default=0, ge=0, description="seed of objects, tolerances and noise; the same seed gives the same bytes"
     )
     spp: int = Field(default=64, ge=4, description="samples per pixel")
     sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default="c920", description="what lens and chip do: ideal, c920, poor, or a .toml file"
+        default="c920", description="lens and sensor model: ideal, c920, poor, or a .toml file"
     )
-    as_built: Annotated[str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hobbyist)")] = Field(
+    as_built: Annotated[
+        str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hand-assembled camera)")
+    ] = Field(
         default="",
-        description="deviation of the camera from its design, like tilt_deg=0.3,offset_mm=0.3; or none",
+        description=(
+            "tolerances of the rendered camera as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none"
+        ),
     )
-    out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is continued")
+    out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is resumed")
 
 
 def mesh_from_text(text: str) -> NamedMesh:

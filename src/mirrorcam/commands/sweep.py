@@ -51,7 +51,7 @@ class CommonSpec(DesignSpec):
 
 
 class SweepOptions(Value):
-    """Optimise layouts for all combinations of counts, depths, scales and tradeoffs; show what they trade."""
+    """Optimise layouts for all combinations of counts, depths, scales and trade-offs, and show the Pareto fronts."""
 
     counts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[ROWSxCOLS ...]")] = Field(
         default=("2x2", "3x3", "3x5"), description="rows x columns of mirrors"
@@ -63,25 +63,26 @@ class SweepOptions(Value):
         default=(0.1, 0.3, 0.5), description="from 0 (pixel efficiency alone) to 1 (a perfect grid of views alone)"
     )
     depth_sets_mm: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[MM,MM... ...]")] = Field(
-        default=("300,500",), description="scene depths where views overlap, those of one design with commas"
+        default=("300,500",),
+        description="scene depths at which views overlap; commas separate the depths of one design",
     )
     common: Annotated[CommonSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=CommonSpec)
     table: Literal["csv", "parquet", "json"] = Field(default="csv", description="format of the table")
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="designs at a time on this machine"
+        default=None, ge=1, description="number of designs solved at the same time on this machine"
     )
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
-        default=None, description="Dask scheduler to work on instead, like tcp://host:8786"
+        default=None, description="Dask scheduler whose workers solve them instead, such as tcp://host:8786"
     )
     out: Path = Field(
         default=Path("output/sweep"),
-        description="folder for the table, pareto.png, results/ and layouts/; an interrupted sweep is continued",
+        description="folder for the table, pareto.png, results/ and layouts/; an interrupted sweep is resumed",
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.workers is not None and self.scheduler is not None:
-            raise ValueError("--workers is for this machine, expected it without --scheduler")
+            raise ValueError("--workers and --scheduler: expected one of the two")
         self.specs()
         return self
 

@@ -12,9 +12,9 @@ from mirrorcam.optics.base.values import Value
 
 
 class ValidateOptions(Value):
-    """Calibrate and decode a rendered set blind, then open its truth; exits 1 when a figure is past its limit."""
+    """Calibrate and decode a rendered set blind, then compare with its ground truth; exit 1 past any limit."""
 
-    set: tyro.conf.Positional[Path] = Field(description="folder of a set made by `mirrorcam render`")
+    set: tyro.conf.Positional[Path] = Field(description="folder of a set that `mirrorcam render` wrote")
     out: Path = Field(
         default=Path("output/validated"),
         description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",

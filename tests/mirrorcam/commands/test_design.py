@@ -35,7 +35,7 @@ def test_all_figures_stand_beside_those_of_the_parabola(
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     titles = [line.strip() for line in printed.splitlines() if line[:1].isalpha() and len(line.split("  ")) > 1]
-    for title in ("what the views share", "what tells depth", "mirrors", "verdict"):
+    for title in ("overlap of the views", "depth", "mirrors", "verdict"):
         assert title in titles
     rows = [line.split() for line in printed.splitlines() if line.startswith("  ")]
     assert len([row for row in rows if row[-1] == "pass"]) == len(solved.verdict)

@@ -196,7 +196,7 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--poses unseen.json", "none of 2 poses shows a corner of the board to a mirror"),
         ("--rate-hz 30 --frames 1", "rate_hz: one pose is no motion"),
         ("--rate-hz 0", "--rate-hz 0.0: Input should be greater than or equal to 0.01"),
-        ("--video mp4", "--video mp4: its frames are moments of a motion, expected --rate-hz with it"),
+        ("--video mp4", "--video mp4: a video shows a motion, expected --rate-hz with it"),
         ("--video avi --rate-hz 9 --sensor ideal", "video avi: holds the JPEG files of a sensor"),
         ("--video gif --rate-hz 9", "invalid choice"),
         ("--spp 100000", "--spp 100000: Input should be less than or equal to 65536"),

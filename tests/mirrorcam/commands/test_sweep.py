@@ -72,7 +72,7 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
         ("--rows 3", "Unrecognized or misplaced options: --rows"),
         ("--table xls", "invalid choice 'xls' for argument '--table'"),
         ("--workers 0", "--workers 0: Input should be greater than or equal to 1"),
-        ("--workers 2 --scheduler tcp://host:1", "--workers is for this machine, expected it without --scheduler"),
+        ("--workers 2 --scheduler tcp://host:1", "--workers and --scheduler: expected one of the two"),
         ("--camera folding.json", "folds inside the sensor"),
         ("--out folding.json", "folding.json"),
     ],
