@@ -14,7 +14,6 @@ from build123d import Part
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
@@ -83,7 +82,7 @@ def _printed(part: BuiltPart) -> Piece:
 def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
     """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
     pieces = []
-    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         mesh = mesh_of(mirror_prism(mirror))
         nearest = holder_under(mirror, printed)
         pieces.append(

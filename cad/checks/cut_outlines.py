@@ -18,7 +18,6 @@ from ezdxf.units import MM
 from shapely import LineString, Polygon, STRtree, box
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -109,7 +108,7 @@ def read_cuts(paths: Sequence[Path]) -> tuple[dict[str, MirrorCut], dict[str, in
 def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting) -> dict[str, OutlineFit]:
     """The finished outlines in the files, each fitted onto its mirror in the layout, both seen from the back."""
     laid = {}
-    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in cuts:
             continue
         found = fits(cuts[name].finished(cutting.kerf_mm), _from_back(mirror))
@@ -135,8 +134,8 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     stock = box(0.0, 0.0, *cutting.sheet_mm)
     arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in laid.items()]
     return {
-        "outlines_missing": Metric(value=len(set(mirror_names(layout)) - set(laid)), unit="", limit=0),
-        "outlines_too_many": Metric(value=len(set(cuts) - set(mirror_names(layout))), unit="", limit=0),
+        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(laid)), unit="", limit=0),
+        "outlines_too_many": Metric(value=len(set(cuts) - set(layout.mirror_names)), unit="", limit=0),
         **{name: Metric(value=count, unit="", limit=0) for name, count in wrong.items()},
         "outline_error_um": Metric(
             value=max((fit.error_mm for fit in laid.values()), default=0.0) * 1000.0, unit="um", limit=1.0
@@ -164,7 +163,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
 def mirrors_as_cut(laid: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:
     """The finished mirrors in their places in rig: right prisms between back and front, by row and column."""
     solids = {}
-    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name in laid:
             back = mirror.back_mm
             solids[name] = prism(mirror, laid[name].corners, back, back + mirror.thickness_mm)

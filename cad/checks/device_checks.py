@@ -24,7 +24,6 @@ from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.holder.stray_light import stray_light
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.values import Metric
@@ -84,7 +83,7 @@ class DeviceAsMade:
     @cached_property
     def mirrors(self) -> list[manifold3d.Manifold | None]:
         """The mirrors in the layout's order, None where one is missing."""
-        return [self.sound.get(f"mirror_{name}") for name in mirror_names(self.device.layout)]
+        return [self.sound.get(f"mirror_{name}") for name in self.device.layout.mirror_names]
 
 
 def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> dict[str, Metric]:
@@ -170,7 +169,7 @@ def wrist_shell(device: Device) -> manifold3d.Manifold:
 def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     """The names that the pieces of the assembly must have."""
     counted: Counter[str] = Counter()
-    names = {*(part.name for part in printed), *(f"mirror_{name}" for name in mirror_names(device.layout)), CAMERA}
+    names = {*(part.name for part in printed), *(f"mirror_{name}" for name in device.layout.mirror_names), CAMERA}
     for item in bought_items(device):
         counted[item.kind] += 1
         kind = FORMING if item.size.endswith(" thread-forming") else item.kind
@@ -225,7 +224,7 @@ def check_drop(
     """
     together = manifold3d.Manifold.compose(list(parts))
     in_path = in_clearance = 0.0
-    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in laid:
             continue
         corners, thickness = laid[name].corners, mirror.thickness_mm

@@ -12,7 +12,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.parts.coupon import MIRROR_MM
 from mirrorcam.cad.plan.hardware import CameraBody
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -68,7 +67,7 @@ def _toml_lines(values: Mapping[str, object]) -> list[str]:
 def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
     """Name, width and height (mm, across and along its arrow) and number of corners of every mirror."""
     rows = []
-    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
         rows.append((name, f"{width:.1f}", f"{height:.1f}", len(mirror.outline_in_plane_mm)))
     return rows

@@ -38,9 +38,8 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
             continue
         gap = solid_of(solids[i]).distance_to(solid_of(solids[j]))
         if gap < needed:
-            raise InputError(
-                f"mirrors {i} and {j} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm"
-            )
+            names = f"mirrors {layout.mirror_names[i]} and {layout.mirror_names[j]}"
+            raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm")
 
 
 @recipe("cad.holder.solid.make_holder")

@@ -77,11 +77,6 @@ def outline_from_back(mirror: Mirror) -> FloatArray:
     return mirror.outline_in_plane_mm * (1.0, -1.0)
 
 
-def mirror_names(layout: Layout) -> tuple[str, ...]:
-    """Row and column of every mirror, "0-2"."""
-    return tuple(f"{t}-{s}" for t in range(layout.rows) for s in range(layout.cols))
-
-
 def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
     """A convex outline (n, 2) moved outwards with mitred corners: as many corners (n, 2), counter-clockwise.
 
@@ -96,7 +91,7 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
     """Raise InputError for a mirror that is larger than a sheet or narrower than it is thick."""
-    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         outline = outline_from_back(mirror)
         across = _width_mm(outline)
         if across < mirror.thickness_mm:
@@ -121,7 +116,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     for surface, thickness_mm in kinds:
         chosen = [
             (name, outline_from_back(mirror))
-            for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True)
+            for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
             if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
         ]
         planned += [(surface, thickness_mm, cuts) for cuts in _nested(chosen, cutting)]

@@ -111,8 +111,5 @@ def require_dark(name: str, solids: Iterable[Frustum], layout: Layout, light: li
                 if volume.comes_near(middle, radius):
                     worst = max(worst, (overlap_mm(solid, volume), index))
     if worst[0] > 1e-6:
-        row, col = divmod(worst[1], layout.cols)
-        raise InputError(
-            f"light of mirror {worst[1]} (row {row + 1}, column {col + 1}) enters the {name} by {worst[0]:.1f} mm, "
-            "expected it to pass"
-        )
+        mirror = layout.mirror_names[worst[1]]
+        raise InputError(f"light of mirror {mirror} enters the {name} by {worst[0]:.1f} mm, expected it to pass")

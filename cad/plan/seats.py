@@ -151,7 +151,8 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
     reach = np.divide(depth - centre @ forward, along, out=np.full(len(along), -1.0), where=along > 0)
     if (reach <= 1.0).any():
         raise InputError(
-            f"mirror {index} does not reflect to the plane {depth:g} mm ahead, expected every ray to reach it"
+            f"mirror {layout.mirror_names[index]} does not reflect to the plane {depth:g} mm ahead, expected every ray "
+            "to reach it"
         )
     near = centre + rays * (1.0 + light_starts_mm(mirror) / mirror.distance_mm)
     return Frustum(near, centre + rays * reach[:, None])

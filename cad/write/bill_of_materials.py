@@ -114,8 +114,8 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
     for sheet in sheets:
         kinds.setdefault(sheet.kind, []).append(sheet)
     areas = {
-        f"{index // device.layout.cols}-{index % device.layout.cols}": Polygon(mirror.outline_in_plane_mm).area
-        for index, mirror in enumerate(device.layout.mirrors)
+        name: Polygon(mirror.outline_in_plane_mm).area
+        for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True)
     }
     lines = []
     for kind, group in kinds.items():

@@ -29,7 +29,6 @@ from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Connection, Device, connections
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, COUPON, ITEM_RGB, MIRROR_RGB, holder_under, item_names
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.step_text import ordered_step
@@ -64,7 +63,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
         connect(connection, parent, child)
     mirrors, bought = [], []
-    for name, mirror in zip(mirror_names(device.layout), device.layout.mirrors, strict=True):
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         solid = _coloured(_mirror_solid(mirror), f"mirror_{name}", MIRROR_RGB)
         seat = mirror.rig_from_plane.copy()
         seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig

@@ -203,9 +203,9 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
     notes = [f"frame {number}: no board found, not used" for number, o in enumerate(seen) if not len(o)]
     notes += [f"base frame {number}: no board found, not used" for number, o in enumerate(base) if not len(o)]
     for number, o in enumerate(seen):
-        missing = sorted(set(range(len(layout.mirrors))) - set(o.view.tolist()))
+        missing = [name for index, name in enumerate(layout.mirror_names) if index not in o.view]
         if len(o) and missing:
-            notes.append(f"frame {number}: no board found in mirror {', '.join(map(str, missing))}")
+            notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
     if not any(len(o) for o in base):
         notes.append("no frame without mirrors: the intrinsics rest on the mirrored views alone")
     return tuple(notes)

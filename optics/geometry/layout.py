@@ -92,7 +92,8 @@ class Layout(Value):
         for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
             shared = polygons[i].intersection(polygons[j]).area
             if shared > self._overlap_allowed(polygons[i].area, polygons[j].area):
-                raise ValueError(f"outlines of mirrors {i} and {j} overlap in the image, expected a gap")
+                pair = f"{self.mirror_names[i]} and {self.mirror_names[j]}"
+                raise ValueError(f"outlines of mirrors {pair} overlap in the image, expected a gap")
         return self
 
     def _overlap_allowed(self, *areas: float) -> float:
@@ -118,6 +119,11 @@ class Layout(Value):
     def virtual_centres_in_view_mm(self) -> FloatArray:
         """Virtual camera centres (rows, cols, 3) in view axes (x right, y down, z forward), origin at the pupil."""
         return (self.virtual_centres_in_rig_mm @ self.view_from_rig.T).reshape(self.rows, self.cols, 3)
+
+    @property
+    def mirror_names(self) -> tuple[str, ...]:
+        """What people call each mirror, by its row and column: "0-2" for row 0, column 2."""
+        return tuple(f"{t}-{s}" for t in range(self.rows) for s in range(self.cols))
 
     @property
     def central_index(self) -> int:

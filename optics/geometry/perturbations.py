@@ -207,8 +207,8 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
     ------
     InputError : no draw can exist (it names the tolerance), or a mirror is bent.
     """
-    bent = [number for number, mirror in enumerate(layout.mirrors) if mirror.curvature_per_m.any()]
-    if bent:
+    named = zip(layout.mirror_names, layout.mirrors, strict=True)
+    if bent := [name for name, mirror in named if mirror.curvature_per_m.any()]:
         raise InputError(f"mirror {bent[0]} has a curvature_per_m, expected flat mirrors to draw a device around")
     for _ in range(DRAWS):
         perturbations = draw_perturbations(tolerances, len(layout.mirrors), 1, random)
@@ -225,7 +225,7 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
         elif (lost := _off_sensor(built)) is not None:
             blame = (
                 f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
-                f"centre_px {tolerances.centre_px}: mirror {lost} lies outside the sensor"
+                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost]} lies outside the sensor"
             )
         else:
             return built

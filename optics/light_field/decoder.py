@@ -160,8 +160,9 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     """
     mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
     shown = layout.mirrors[mirror_index].usable_normalized
+    name = f"mirror {layout.mirror_names[mirror_index]}"
     if len(shown) < 3:
-        raise InputError(f"mirror {mirror_index} shows nothing: its plate is too thick for its size")
+        raise InputError(f"{name} shows nothing: its plate is too thick for its size")
     right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
     along = np.linspace(0.0, 1.0, 33)[:-1, None]
     corners = np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
@@ -170,17 +171,15 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
     sensor = shapely.MultiPoint(border[np.isfinite(border).all(axis=1)]).convex_hull
     seen = shapely.get_coordinates(sensor.intersection(Polygon(shown)))[:-1]
     if len(seen) < 3:
-        raise InputError(f"mirror {mirror_index} lies outside the image, expected each mirror to be seen")
+        raise InputError(f"{name} lies outside the image, expected each mirror to be seen")
     window = mirror.cut(seen) @ layout.view_from_rig.T
     centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
     rays = window - centre
     if (rays[:, 2] <= 0).any():
-        raise InputError(f"mirror {mirror_index} does not look forward along the view axis")
+        raise InputError(f"{name} does not look forward along the view axis")
     if (window[:, 2] >= depth_mm).any():
         nearest = window[:, 2].max()
-        raise InputError(
-            f"the plane at {depth_mm:g} mm lies nearer than mirror {mirror_index}, expected more than {nearest:.0f}"
-        )
+        raise InputError(f"the plane at {depth_mm:g} mm lies nearer than {name}, expected more than {nearest:.0f}")
     points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
     pixels = camera.pixels_from_normalized(seen)
     return Polygon(points[:, :2]), float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)

@@ -8,7 +8,6 @@ from pathlib import Path
 import ezdxf.filemanagement
 
 from mirrorcam.cad.device_files import write_sheets
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
@@ -49,7 +48,7 @@ def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layo
         folder = tmp_path / str(len(stems))
         sheets = write_sheets(folder, layout, HARDWARE.cutting)
         assert [sheet.stem for sheet in sheets] == stems
-        assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(mirror_names(layout))
+        assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(layout.mirror_names)
         drawn = {f"{stem}{suffix}" for stem in stems for suffix in (".dxf", ".svg")}
         assert {path.name for path in folder.iterdir()} == drawn
         for sheet in sheets:

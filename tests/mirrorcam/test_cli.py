@@ -130,7 +130,7 @@ def unknown_schema(data: dict[str, Any]) -> None:
     [
         (not_a_number, "mirrors.1.virtual_centre_in_rig_mm: holds a value that is NaN"),
         (crossing_outline, "mirrors.1: outline crosses itself, expected a convex polygon"),
-        (overlapping_outlines, "outlines of mirrors 0 and 1 overlap"),
+        (overlapping_outlines, "outlines of mirrors 0-0 and 0-1 overlap"),
         (unknown_key, "mirrors.1.curvature: Extra inputs are not permitted"),
         (unknown_schema, "schema: Input should be 'mirrorcam.layout/1'"),
     ],

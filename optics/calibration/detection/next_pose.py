@@ -112,7 +112,7 @@ class NextPosePlanner:
         best = int(np.argmin(np.sum(predicted**NORM, axis=1)))
         chosen, mirror = self._candidates[best], int(np.argmax(now))
         pose = f"the board at about {round(chosen.depth_mm, -1):.0f} mm, {self._in_words(chosen)}"
-        worst = f"mirror {mirror} ({_place_in_words(self._layout, mirror)} of the picture)"
+        worst = f"mirror {self._layout.mirror_names[mirror]} ({_place_in_words(self._layout, mirror)} of the picture)"
         change = f"±{now[mirror]:.2g}° to ±{predicted[best, mirror]:.2g}°"
         enough = bool(now[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
         if enough:

@@ -94,7 +94,8 @@ def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...
         }
         if moves:
             far = max(float(np.abs(off_px).max()) for _, off_px in moves.values())
-            edges = f"mirror {index}: {len(moves)} of {len(mirror.outline_in_rig_mm)} edges are seen up to {far:.0f} px"
+            count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
+            edges = f"mirror {layout.mirror_names[index]}: {count} edges are seen up to {far:.0f} px"
             waiting[index] = {edge: line for edge, (line, _) in moves.items()}, edges
     return _moved(layout, waiting)
 

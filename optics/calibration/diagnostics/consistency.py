@@ -42,15 +42,16 @@ def enough_mirrors(layout: Layout) -> None:
         )
 
 
-def every_mirror_shown(mirrored: Observations, frames: int, mirrors: int) -> None:
-    """Raise InputError where some mirror shows too few corners of the board in all `frames` frames together."""
+def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
+    """Raise InputError where one of the named mirrors shows too few corners in all `frames` frames together."""
     if not len(mirrored):
         raise InputError(f"no corner of the board found in any of {frames} frames")
-    counts = np.bincount(mirrored.view, minlength=mirrors)
+    counts = np.bincount(mirrored.view, minlength=len(mirrors))
     worst = int(counts.argmin())
     if counts[worst] < MIN_CORNERS_PER_MIRROR:
         raise InputError(
-            f"mirror {worst} shows {counts[worst]} corners in {frames} frames, expected {MIN_CORNERS_PER_MIRROR}"
+            f"mirror {mirrors[worst]} shows {counts[worst]} corners in {frames} frames, expected "
+            f"{MIN_CORNERS_PER_MIRROR}"
         )
 
 
@@ -94,7 +95,9 @@ def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm:
     return odd
 
 
-def board_fits(observations: Observations, odd: BoolArray, names: Sequence[str]) -> tuple[str, ...]:
+def board_fits(
+    observations: Observations, odd: BoolArray, names: Sequence[str], mirrors: Sequence[str]
+) -> tuple[str, ...]:
     """Notes on the odd corners found by `odd_corners`; `names` are those of the frames.
 
     Raises InputError where they are so many that the pictures must show another board.
@@ -107,13 +110,13 @@ def board_fits(observations: Observations, odd: BoolArray, names: Sequence[str])
     notes = []
     for rows in _by_view(observations):
         if odd[rows].any():
-            where = _place(observations, rows, names)
+            where = _place(observations, rows, names, mirrors)
             notes.append(f"{where}: {int(odd[rows].sum())} of {len(rows)} corners off the board's plane, not used")
     return tuple(notes)
 
 
 def agreeing_views(
-    observations: Observations, residuals_px: FloatArray, names: Sequence[str]
+    observations: Observations, residuals_px: FloatArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[BoolArray, tuple[str, ...]]:
     """Keep the views that show the board where the other views of their frame do.
 
@@ -125,8 +128,8 @@ def agreeing_views(
         The corners (n).
     residuals_px
         Their residuals (n, 2) to a robust fit.
-    names
-        Names of the frames.
+    names, mirrors
+        Names of the frames and of the mirrors.
 
     Returns
     -------
@@ -147,19 +150,19 @@ def agreeing_views(
     elsewhere = shift > ELSEWHERE_CELLS
     torn = [number for number in np.unique(frame[elsewhere]) if elsewhere[frame == number].mean() >= 0.5]
     elsewhere |= np.isin(frame, torn)
-    _refuse_many_elsewhere(elsewhere, shift, view)
+    _refuse_many_elsewhere(elsewhere, shift, view, mirrors)
     notes = [f"{names[number]}: its views do not agree on one place of the board, not used" for number in torn]
     kept = np.ones(len(observations), dtype=bool)
     for rows, away, by in zip(groups, elsewhere, shift, strict=True):
         if away:
             kept[rows] = False
             if observations.frame[rows[0]] not in torn:
-                where = _place(observations, rows, names)
+                where = _place(observations, rows, names, mirrors)
                 notes.append(f"{where}: shows the board elsewhere than other views ({by:.1f} squares), not used")
     return kept, tuple(notes)
 
 
-def _refuse_many_elsewhere(elsewhere: BoolArray, shift: FloatArray, view: IntArray) -> None:
+def _refuse_many_elsewhere(elsewhere: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:
     """Raise InputError where too many of all views (k,), or of one mirror's, show the board `elsewhere`."""
     cause = "two boards in view, a board that moved, or pictures of another device?"
     if elsewhere.mean() > MAX_VIEWS_ELSEWHERE:
@@ -171,8 +174,8 @@ def _refuse_many_elsewhere(elsewhere: BoolArray, shift: FloatArray, view: IntArr
         of = view == mirror
         if elsewhere[of].mean() > MAX_MIRROR_ELSEWHERE:
             raise InputError(
-                f"mirror {mirror} shows the board elsewhere than the other views in {int(elsewhere[of].sum())} of "
-                f"{int(of.sum())} frames: {cause}"
+                f"mirror {mirrors[mirror]} shows the board elsewhere than the other views in "
+                f"{int(elsewhere[of].sum())} of {int(of.sum())} frames: {cause}"
             )
 
 
@@ -190,10 +193,10 @@ def _shift_in_cells(pixels: FloatArray, residuals_px: FloatArray) -> float:
     return float(size / np.median(cell_px(pixels))) if np.isfinite(size) else float("inf")
 
 
-def _place(observations: Observations, rows: IntArray, names: Sequence[str]) -> str:
+def _place(observations: Observations, rows: IntArray, names: Sequence[str], mirrors: Sequence[str]) -> str:
     view = observations.view[rows[0]]
     name = names[observations.frame[rows[0]]]
-    return name if view == DIRECT else f"{name}, mirror {view}"
+    return name if view == DIRECT else f"{name}, mirror {mirrors[view]}"
 
 
 def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int) -> float:

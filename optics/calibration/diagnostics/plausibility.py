@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -86,8 +88,8 @@ def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
     )
 
 
-def refuse_implausible(solution: Solution) -> None:
-    """Raise InputError where too many corners misfit, or where a mirror is too uncertain for a linear error bound."""
+def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
+    """Raise InputError where too many corners misfit, or a named mirror is too uncertain for a linear error bound."""
     misfits = float((~solution.inliers).mean())
     if misfits > MAX_OUTLIERS:
         raise InputError(
@@ -104,8 +106,8 @@ def refuse_implausible(solution: Solution) -> None:
         across = np.degrees(np.sqrt(max(float(np.trace(block)) - (along * length) ** 2, 0.0) / 2.0) / length)
         if not (across < MAX_NORMAL_DEG and along < MAX_DISTANCE):
             raise InputError(
-                f"the pictures leave mirror {m} open by {across:.2g} deg and {along:.2g} of its distance, expected "
-                f"under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and nearer"
+                f"the pictures leave mirror {mirrors[m]} open by {across:.2g} deg and {along:.2g} of its distance, "
+                f"expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and nearer"
             )
 
 
@@ -131,7 +133,7 @@ def check_solution(solution: Solution, layout: Layout, *, mirrored_frames: int) 
     InputError
         Where the fit is implausible.
     """
-    refuse_implausible(solution)
+    refuse_implausible(solution, layout.mirror_names)
     estimate = solution.estimate
     return (
         *scale_note(layout, estimate.virtual_centres_in_rig_mm),

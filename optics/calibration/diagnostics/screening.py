@@ -80,11 +80,11 @@ def screen(
 
     rows = Observations.join([o.shifted(number) for number, o in enumerate(frames)])
     odd = consistency.odd_corners(rows, layout.camera, corners_in_board_mm)
-    notes += consistency.board_fits(rows, odd, names)
+    notes += consistency.board_fits(rows, odd, names, layout.mirror_names)
     rows = rows.where(~odd)
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
-    consistency.every_mirror_shown(mirrored, len(seen), len(layout.mirrors))
+    consistency.every_mirror_shown(mirrored, len(seen), layout.mirror_names)
     mirrored, widened, further = _agreeing(mirrored, direct, names, layout, corners_in_board_mm)
     return ScreenedFrames(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
@@ -110,7 +110,7 @@ def _agreeing(
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
     kept, notes = consistency.agreeing_views(
-        packed, residuals(estimate, packed, free.board), [names[n] for n in numbers]
+        packed, residuals(estimate, packed, free.board), [names[n] for n in numbers], layout.mirror_names
     )
     mirrored = mirrored.where(kept)
     if not len(direct):

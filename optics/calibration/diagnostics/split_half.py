@@ -45,6 +45,8 @@ class Split:
         Name of the split in metrics.
     how
         How the frames are split, in words.
+    mirrors
+        Names of the mirrors (m).
     frames
         Number of frames in each half.
     difference_px, predicted_px, chance
@@ -58,6 +60,7 @@ class Split:
 
     key: str
     how: str
+    mirrors: tuple[str, ...]
     frames: tuple[int, int]
     difference_px: FloatArray
     predicted_px: FloatArray
@@ -91,7 +94,7 @@ class Split:
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
             worst = int(np.argmax(np.nan_to_num(in_views)))
-            words = f"mirror {worst} differs by {differences[worst]:.2g} px{where}"
+            words = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{where}"
             ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < enough), words))
         alarming = [(ratio, words) for ratio, is_unlikely, words in ratios if ratio > ALARM_RATIO and is_unlikely]
         return max(alarming, default=(1.0, ""))
@@ -160,7 +163,7 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared((key, how), halves, uncertainty_of(layout).parameters, shown))
+        found.append(_compared((key, how), halves, layout, shown))
     return tuple(found), tuple(notes)
 
 
@@ -179,10 +182,11 @@ def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[
 def _compared(
     split: tuple[str, str],
     halves: Sequence[Solution],
-    names: Sequence[str],
+    layout: Layout,
     shown: Sequence[tuple[FloatArray, FloatArray]],
 ) -> Split:
     a, b = halves
+    names = uncertainty_of(layout).parameters
     places = [a.parameters.index(name) for name in names]
     difference = (global_values(a.estimate) - global_values(b.estimate))[_free_places(a, names)]
     covariance = (a.covariance + b.covariance)[np.ix_(places, places)]
@@ -192,6 +196,7 @@ def _compared(
     return Split(
         key=split[0],
         how=split[1],
+        mirrors=layout.mirror_names,
         frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
         difference_px=in_rig[0],
         predicted_px=in_rig[1],

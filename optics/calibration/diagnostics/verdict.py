@@ -202,8 +202,8 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     rarest = min(mirrors, key=lambda view: view.frames)
     normals, mirrored = board_normals(calibration)
     turn = _widest_deg(normals[mirrored])
-    spans = {view.view: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
-    flattest = min(spans, key=lambda view: spans[view])
+    spans = {view.name: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
+    flattest = min(spans, key=lambda name: spans[name])
     return [
         Check(
             "Lowest coverage of a view",
@@ -226,8 +226,8 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
         Check(
             "Smallest ratio of farthest to nearest board in a view",
             Metric(value=spans[flattest], unit="1", limit=MIN_DISTANCE_RATIO, lower_is_better=False),
-            f"mirror {flattest} shows boards at nearly one distance",
-            f"Hold the board nearer to and farther from mirror {flattest}.",
+            f"{flattest} shows boards at nearly one distance",
+            f"Hold the board nearer to and farther from {flattest}.",
         ),
     ]
 

@@ -21,7 +21,7 @@ SYSTEMATIC_CHANCE = 0.01
 
 @dataclass(frozen=True)
 class ViewFigures:
-    """One view (a mirror's number, or DIRECT) in figures.
+    """One view (a mirror's index, or DIRECT) in figures.
 
     `outline_px` (n, 2) on the sensor; `cells_px` (k, 4) left, top, right, bottom of the cells that count, with the
     corners in each, `cell_counts` (k,); per frame that shows the board there: `distances_mm` (f,) of its seen part from
@@ -29,6 +29,7 @@ class ViewFigures:
     """
 
     view: int
+    name: str
     corners: int
     outliers: int
     frames: int
@@ -38,10 +39,6 @@ class ViewFigures:
     cell_counts: NDArray[np.int64]
     distances_mm: FloatArray
     tilts_deg: FloatArray
-
-    @property
-    def name(self) -> str:
-        return "direct" if self.view == DIRECT else f"mirror {self.view}"
 
     @property
     def coverage(self) -> float:
@@ -77,6 +74,7 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
     met = [_board_met(calibration, view, seen.pixels[used & (seen.frame == f)], int(f)) for f in frames]
     return ViewFigures(
         view=view,
+        name="direct" if view == DIRECT else f"mirror {calibration.layout.mirror_names[view]}",
         corners=int(used.sum()),
         outliers=int((of_view & ~inliers).sum()),
         frames=len(frames),

@@ -118,7 +118,7 @@ def _camera_motions(parameters: _Parameters) -> list[Motion]:
 
 def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Motion]:
     """Rotations of one mirror about the middle of its outline, its shift along the normal, and its bends."""
-    mirror, found = layout.mirrors[m], []
+    mirror, name, found = layout.mirrors[m], layout.mirror_names[m], []
     x, y, n = mirror.rig_from_plane[:3, :3].T
     for axis, words in ((x, "about its x"), (y, "about its y")):
         moved = np.zeros(3 * len(layout.mirrors))
@@ -126,13 +126,13 @@ def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Mot
         o = mirror.outline_in_rig_mm.mean(axis=0)
         turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
         moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
-        found.append(Motion(f"mirror {m} {words}", "deg", parameters.centres(moved)))
+        found.append(Motion(f"mirror {name} {words}", "deg", parameters.centres(moved)))
     moved = np.zeros(3 * len(layout.mirrors))
     moved[3 * m : 3 * m + 3] = -2.0 * n
-    found.append(Motion(f"mirror {m} along its normal", "mm", parameters.centres(moved)))
+    found.append(Motion(f"mirror {name} along its normal", "mm", parameters.centres(moved)))
     for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
-        if (name := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
-            found.append(Motion(f"bend of mirror {m} {words}", "1/m", parameters.change({name: 1.0})))
+        if (parameter := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
+            found.append(Motion(f"bend of mirror {name} {words}", "1/m", parameters.change({parameter: 1.0})))
     return found
 
 

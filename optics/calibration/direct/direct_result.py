@@ -73,7 +73,7 @@ def direct_result(
         metrics["sheet_mm"] = Metric(value=estimate.thickness_mm[0], unit="mm")
         metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[place, place]), unit="mm")
     metrics |= _angles(solution)
-    views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, len(estimate.thickness_mm))
+    views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, layout.mirror_names)
     metrics["views"] = Metric(value=views, unit="1")
     metrics |= diagnostics.metrics
     return Calibration.of(solution, observations, layout, metrics=metrics, notes=notes, diagnostics=diagnostics)
@@ -102,7 +102,7 @@ def _angles(solution: Solution) -> dict[str, Metric]:
 
 
 def _views(
-    observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: int
+    observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[int, tuple[str, ...]]:
     """Number of views that show corners, and notes on those that show none or not all."""
     notes = []
@@ -112,8 +112,8 @@ def _views(
             notes.append(f"{picture}: no board found, not used")
             continue
         in_picture = observations.where(observations.frame == pictures.index(number))
-        for view in range(DIRECT, mirrors):
-            name = "direct view" if view == DIRECT else f"mirror {view}"
+        for view in range(DIRECT, len(mirrors)):
+            name = "direct view" if view == DIRECT else f"mirror {mirrors[view]}"
             count = int((in_picture.view == view).sum())
             used += count > 0
             if count == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -157,7 +158,7 @@ def run(options: RenderOptions) -> int:
     with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
         dataset = render_set(request, options.out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, layout.cols))
-    say("coverage", reach_text(dataset))
+    say("coverage", reach_text(dataset, layout.mirror_names))
     say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
     return 0
 
@@ -170,10 +171,10 @@ def coverage_text(dataset: Dataset, cols: int) -> str:
     return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of the bare camera's" if dataset.base_frames else mirrors
 
 
-def reach_text(dataset: Dataset) -> str:
+def reach_text(dataset: Dataset, mirrors: Sequence[str]) -> str:
     """Distances and tilts of boards that every mirror shows."""
     reaches = dataset.reaches
-    blind = [str(number) for number, reach in enumerate(reaches) if reach.farthest_mm == 0]
+    blind = [name for name, reach in zip(mirrors, reaches, strict=True) if reach.farthest_mm == 0]
     if blind:
         return f"mirror {', '.join(blind)} shows too few corners in every frame"
     nearest, farthest = max(reach.nearest_mm for reach in reaches), min(reach.farthest_mm for reach in reaches)

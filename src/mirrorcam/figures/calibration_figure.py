@@ -40,7 +40,7 @@ def _arrows(axes: Axes, calibration: Calibration) -> None:
     gain = ARROW_CELLS * cell_px / max(rms, 1e-12)
     colours = plt.get_cmap("tab10")
     for view, cells in means.items():
-        name = "direct" if view == DIRECT else f"mirror {view}"
+        name = "direct" if view == DIRECT else f"mirror {calibration.layout.mirror_names[view]}"
         colour = "0.65" if view == DIRECT else colours(view % 10)
         axes.quiver(
             *cells.at_px.T,

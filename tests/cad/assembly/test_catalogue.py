@@ -12,7 +12,6 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.optics.geometry.layout import Layout
@@ -72,7 +71,7 @@ def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
 def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(device: Device) -> None:
     """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
     names = item_names(bought_items(device))
-    mirrors = {f"mirror_{name}" for name in mirror_names(device.layout)}
+    mirrors = {f"mirror_{name}" for name in device.layout.mirror_names}
     assert {*names, *mirrors, "camera"} == _names_expected(device, ())
     forming = [name for name in names if name.startswith(FORMING)]
     assert len(forming) == (0 if device.hardware.camera.held_by.kind == "lips" else 4)

@@ -17,7 +17,6 @@ from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.mirrors.stock_sheets import (
     StockSheet,
     line_gap_mm,
-    mirror_names,
     offset_outline,
     outline_from_back,
     plan_sheets,
@@ -43,7 +42,7 @@ def test_seen_from_the_back_right_is_rig_x_and_up_is_rig_z(default_layout: Layou
 
 def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> None:
     (sheet,) = plan_sheets(default_layout, CUTTING)
-    assert tuple(cut.name for cut in sheet.cuts) == mirror_names(default_layout)
+    assert tuple(cut.name for cut in sheet.cuts) == default_layout.mirror_names
     for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
         finished = offset_outline(cut.outline, -CUTTING.kerf_mm / 2.0)
         expected = outline_from_back(mirror)
@@ -91,7 +90,7 @@ def test_many_mirrors_take_several_sheets(make_parabola: Callable[..., Layout]) 
     layout = make_parabola(3, 4, scale_mm=150.0)
     sheets = plan_sheets(layout, CUTTING.replaced(sheet_mm=(160.0, 130.0)))
     assert len(sheets) > 1
-    assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(mirror_names(layout))
+    assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(layout.mirror_names)
     assert sum(sheet.use * 160.0 * 130.0 for sheet in sheets) == pytest.approx(
         sum(Polygon(offset_outline(outline_from_back(mirror), 0.1)).area for mirror in layout.mirrors)
     )
@@ -166,8 +165,8 @@ def test_any_layout_is_cut_whole_or_refused(
         assert re.search(measures, str(refusal))
         return
     cuts = {cut.name: cut for sheet in sheets for cut in sheet.cuts}
-    assert sorted(cuts) == sorted(mirror_names(layout))
-    for name, mirror in zip(mirror_names(layout), layout.mirrors, strict=True):
+    assert sorted(cuts) == sorted(layout.mirror_names)
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         finished = offset_outline(cuts[name].outline, -cutting.kerf_mm / 2.0)
         assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror))) < 1e-8
         assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cuts[name].strokes)

@@ -121,5 +121,5 @@ def test_without_a_spec_the_working_distance_is_the_tables(make_flat_pair: Calla
 def test_a_mirror_that_does_not_look_at_the_scene_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=5.0)
     turned = layout.replaced(view_from_rig=[[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]])
-    with pytest.raises(InputError, match="mirror 0 does not reflect to the plane 500 mm ahead"):
+    with pytest.raises(InputError, match="mirror 0-0 does not reflect to the plane 500 mm ahead"):
         keep_outs(turned, HARDWARE)

@@ -13,7 +13,6 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.device_plan import Connection, Device
 from mirrorcam.cad.assembly.pieces import MIRROR_RGB
-from mirrorcam.cad.mirrors.stock_sheets import mirror_names
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
 from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
@@ -61,7 +60,7 @@ def leaves(path: Path) -> dict[str, Shape[Any]]:
 def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
     write_assembly(tmp_path / "assembly.step", device, parts)
     found = leaves(tmp_path / "assembly.step")
-    mirrors = [f"mirror_{name}" for name in mirror_names(device.layout)]
+    mirrors = [f"mirror_{name}" for name in device.layout.mirror_names]
     assert list(found) == [*(*PRINTED, *mirrors, "camera", "screw_01", "screw_02")]
     # The connections of the real device move nothing: every part is made where it belongs.
     for name in PRINTED:

@@ -277,7 +277,7 @@ def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
         calibrate([blank[:50, :100]], small_set.base, small_set.nominal, BOARD)
     hidden = small_set.frames[0].copy()
     hidden[:270, :480] = 0
-    with pytest.raises(InputError, match="mirror 2 shows 0 corners in 1 frames, expected 20"):
+    with pytest.raises(InputError, match="mirror 1-0 shows 0 corners in 1 frames, expected 20"):
         calibrate([hidden], small_set.base, small_set.nominal, BOARD)
     with pytest.raises(InputError, match="2 views show the board, expected at least 3"):
         calibrate(small_set.frames[:1], small_set.base[:2], small_set.nominal, BOARD)

@@ -205,10 +205,10 @@ def test_crossing_dented_and_overlapping_outlines_are_refused(tmp_path: Path, pa
     with pytest.raises(InputError, match=r"mirrors\.4: outline is not convex, expected a convex polygon"):
         load(tmp_path, _with(data_of(parabola_layout), place, dent))
     wide = mirrors[4].cut(np.array([[-0.3, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.3, 0.1]])).tolist()
-    with pytest.raises(InputError, match=r"outlines of mirrors 3 and 4 overlap in the image, expected a gap"):
+    with pytest.raises(InputError, match=r"outlines of mirrors 1-0 and 1-1 overlap in the image, expected a gap"):
         load(tmp_path, _with(data_of(parabola_layout), place, wide))
     inside = mirrors[3].cut(0.5 * mirrors[4].outline_normalized).tolist()
-    with pytest.raises(InputError, match=r"outlines of mirrors 3 and 4 overlap in the image"):
+    with pytest.raises(InputError, match=r"outlines of mirrors 1-0 and 1-1 overlap in the image"):
         load(tmp_path, _with(data_of(parabola_layout), ["mirrors", 3, "outline_in_rig_mm"], inside))
 
 
@@ -228,7 +228,7 @@ def test_a_device_may_hide_a_sliver_that_a_design_may_not(parabola_layout: Layou
     sliver, slice_of = grown(gap + 0.01 * width), grown(gap + 0.04 * width)
     assert parabola_layout.replaced(kind=kind, mirrors=sliver).mirrors == sliver
     for wrong in ({"kind": kind, "mirrors": slice_of}, {"kind": "nominal", "mirrors": sliver}):
-        with pytest.raises(ValueError, match="outlines of mirrors 3 and 4 overlap in the image"):
+        with pytest.raises(ValueError, match="outlines of mirrors 1-0 and 1-1 overlap in the image"):
             parabola_layout.replaced(**wrong)
 
 
@@ -267,3 +267,10 @@ def test_a_layout_drawn_around_another_has_no_verdict(parabola_layout: Layout) -
     drawn = draw_as_built(judged, Tolerances(), np.random.default_rng(1))
     assert drawn.verdict == {}
     assert drawn.metrics == {}
+
+
+def test_mirrors_are_named_by_row_and_column(default_layout: Layout) -> None:
+    assert default_layout.mirror_names[:4] == ("0-0", "0-1", "0-2", "1-0")
+    assert default_layout.mirror_names[default_layout.central_index] == "1-1"
+    pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
+    assert pair.mirror_names == ("0-0", "0-1")

@@ -158,7 +158,8 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
     """Maps of the standard deviation of projected points, in the rig and against the reference view."""
     maps = [one for one in diagnostics.projection if one.view != DIRECT]
-    reference = "the direct view" if diagnostics.reference == DIRECT else f"mirror {diagnostics.reference}"
+    names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
+    reference = names[diagnostics.reference]
     cards = []
     for name, values, words in (
         ("rig", [one.in_rig_px for one in maps], "of a point held before the camera"),

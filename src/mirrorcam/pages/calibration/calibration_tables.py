@@ -48,8 +48,8 @@ def mirror_table(calibration: Calibration) -> Table:
         columns = (known.distance_mm, known.normal_deg, known.relative_distance_mm, known.relative_normal_deg)
         sigmas = [tuple(float(column[number]) for column in columns) for number in range(len(mirrors))]
     rows = [
-        (f"mirror {number}", f"{mirror.distance_mm:.3f}", *(figure_text(sigma, 2) for sigma in sigmas[number]))
-        for number, mirror in enumerate(mirrors)
+        (f"mirror {name}", f"{mirror.distance_mm:.3f}", *(figure_text(sigma, 2) for sigma in known_to))
+        for name, mirror, known_to in zip(calibration.layout.mirror_names, mirrors, sigmas, strict=True)
     ]
     return Table(heads, rows, FIGURES)
 

@@ -121,15 +121,15 @@ def one_distance(calibration: Calibration) -> Calibration:
         (many_outliers, r"5\.\d% of the corners fit nothing", "Look for glare"),
         (heavy_tails, r"\d\.\d% of the residuals are beyond 3", "Leave out blurred"),
         (a_shifted_view, r"mean residuals are significant in \d+% of the cells", "See where arrows are red"),
-        (a_noisy_view, r"the residuals of mirror 1 in x are \d\.\d times those of .* in [xy]", "Look at mirror 1"),
+        (a_noisy_view, r"the residuals of mirror 0-1 in x are \d\.\d times those of .* in [xy]", "Look at mirror 0-1"),
         (a_noisy_direct_view, r"the residuals of the direct view in y are \d\.\d times", "Look at the direct view"),
         (bad_on_others, r"residuals of held-out frames are \d\.\d+ times", "Take more pictures"),
         (split_halves, r"calibrations differ by 3\.0 times", "Do not rely on the stated uncertainty"),
         (vague_depth, "the depth uncertainty of calibration", "Take more pictures with tilted boards"),
-        (half_a_view, r"corners fill \d+% of mirror 2", "Show the board at the .*right of mirror 2"),
-        (few_frames, "mirror 3 shows the board in 3 frames", "Take 2 pictures more with the board in mirror 3"),
+        (half_a_view, r"corners fill \d+% of mirror 1-0", "Show the board at the .*right of mirror 1-0"),
+        (few_frames, "mirror 1-1 shows the board in 3 frames", "Take 2 pictures more with the board in mirror 1-1"),
         (one_tilt, "no two boards differ by more than 0°", "Tilt the board more"),
-        (one_distance, r"mirror \d shows boards at nearly one distance", r"nearer to and farther from mirror \d"),
+        (one_distance, r"mirror \d-\d shows boards at nearly one distance", r"nearer to and farther from mirror \d-\d"),
     ],
 )
 def test_every_check_fails_on_what_it_is_for(
@@ -193,7 +193,7 @@ def test_a_view_that_fits_nothing_and_depth_that_nobody_knows_are_said(calibrati
     )
     page = outline(report_html(blind, command=""))
     assert "Look at this before you use it" in page.text
-    assert "mirror 2 shows the board in 0 frames".capitalize() in page.text
+    assert "mirror 1-0 shows the board in 0 frames".capitalize() in page.text
     assert "this layout gives no depth there" in page.text
     assert "nan" not in page.text
 
@@ -222,7 +222,8 @@ def test_the_page_states_the_uncertainty_that_the_layout_carries(calibration: Ca
     place = known.parameters.index("fx_px")
     assert f"{calibration.layout.camera.fx_px:.3f}{np.sqrt(known.covariance[place, place]):.2g}" in text
     for number, mirror in enumerate(calibration.layout.mirrors):
-        assert f"mirror {number}{mirror.distance_mm:.3f}{diagnostics.mirrors.distance_mm[number]:.2g}" in text
+        name = calibration.layout.mirror_names[number]
+        assert f"mirror {name}{mirror.distance_mm:.3f}{diagnostics.mirrors.distance_mm[number]:.2g}" in text
 
 
 def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:

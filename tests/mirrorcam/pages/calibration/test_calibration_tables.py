@@ -50,13 +50,13 @@ def test_views_are_counted_and_one_without_inliers_has_no_residual(calibration: 
     seen = calibration.observations
     blind = replace(calibration, inliers=calibration.inliers & (seen.view != 2))
     rows = {row[0]: row for row in view_table(view_figures(blind)).rows}
-    assert rows["mirror 2"][1:3] == ("0", "0")
-    assert rows["mirror 2"][3] == str((seen.view == 2).sum())
-    assert rows["mirror 2"][4:] == ("none", "none")
+    assert rows["mirror 1-0"][1:3] == ("0", "0")
+    assert rows["mirror 1-0"][3] == str((seen.view == 2).sum())
+    assert rows["mirror 1-0"][4:] == ("none", "none")
     used = blind.inliers & (seen.view == 1)
-    assert rows["mirror 1"][2] == f"{used.sum():,}"
+    assert rows["mirror 0-1"][2] == f"{used.sum():,}"
     rms = np.sqrt(np.mean(calibration.residuals_px[used] ** 2, axis=0))
-    np.testing.assert_allclose([float(text) for text in rows["mirror 1"][4:]], rms, atol=1e-4)
+    np.testing.assert_allclose([float(text) for text in rows["mirror 0-1"][4:]], rms, atol=1e-4)
 
 
 def test_sigmas_of_mirrors_do_not_need_diagnostics(calibration: Calibration) -> None:

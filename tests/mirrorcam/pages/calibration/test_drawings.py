@@ -97,7 +97,7 @@ def test_cells_without_a_corner_are_red_and_others_darken(calibration: Calibrati
     darkness = [float(cell.get("fill-opacity", "nan")) for cell in cells[:3]]
     assert darkness == sorted(darkness)
     assert darkness[0] < darkness[2]
-    assert f"mirror 0: {3 / len(counts):.0%}" in drawing
+    assert f"mirror 0-0: {3 / len(counts):.0%}" in drawing
 
 
 def test_each_frame_is_a_dot_in_the_direction_of_its_tilt(calibration: Calibration) -> None:

@@ -125,7 +125,8 @@ def test_a_mirror_that_shows_nothing_is_asked_for(followed: tuple[list[NextPose]
     assert not last.enough
     assert last.sigma_deg[2] > 0.5
     assert last.sentence.startswith("next: the board at about ")
-    assert "it would improve mirror 2 (upper left of the picture), the least certain one, from ±" in last.sentence
+    least = f"mirror {LAYOUT.mirror_names[2]} (upper left of the picture)"
+    assert f"it would improve {least}, the least certain one, from ±" in last.sentence
     assert last.predicted_deg[2] < 0.1 * last.sigma_deg[2]
     after = shown(last.rig_from_board)
     assert after.where(after.view == 2).view.size > 20

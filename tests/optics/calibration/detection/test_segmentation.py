@@ -122,7 +122,10 @@ def test_mirrors_cut_and_glued_elsewhere_get_the_outlines_that_are_seen() -> Non
             found.mirrors[index].virtual_centre_in_rig_mm, MEANT.mirrors[index].virtual_centre_in_rig_mm
         )
     assert len(notes) == 3
-    assert all(f"mirror {index}: " in note and "moved there" in note for index, note in enumerate(notes))
+    assert all(
+        f"mirror {name}: " in note and "moved there" in note
+        for name, note in zip(MEANT.mirror_names, notes, strict=False)
+    )
     # As it was meant, and seen there: not moved by what a blurred edge leaves open.
     assert found.mirrors[3] == MEANT.mirrors[3]
 
@@ -156,10 +159,10 @@ def test_an_outline_over_another_mirror_is_not_believed() -> None:
     found, notes = outlined(wrong, seen)
     assert found == wrong
     assert [note[: note.index(",")] for note in notes] == [
-        "mirror 0: 1 of 4 edges are seen up to 31 px beside their places"
+        "mirror 0-0: 1 of 4 edges are seen up to 31 px beside their places"
     ]
     assert "not moved: " in notes[0]
-    assert "outlines of mirrors 0 and 1 overlap" in notes[0]
+    assert "outlines of mirrors 0-0 and 0-1 overlap" in notes[0]
 
 
 def test_a_mirror_waits_until_another_has_made_room() -> None:

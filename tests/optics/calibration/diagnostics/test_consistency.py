@@ -35,15 +35,15 @@ def test_a_view_with_few_corners_is_odd_as_a_whole(scene: Scene, device: Layout)
     assert consistency.odd_corners(Observations.none(), device.camera, CORNERS).shape == (0,)
 
 
-def test_some_odd_corners_are_noted_many_refused(scene: Scene) -> None:
+def test_some_odd_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
     odd = np.zeros(len(view), dtype=bool)
-    assert consistency.board_fits(view, odd, ["a.png"]) == ()
+    assert consistency.board_fits(view, odd, ["a.png"], device.mirror_names) == ()
     odd[0] = True
-    (note,) = consistency.board_fits(view, odd, ["a.png"])
-    assert note.startswith(f"a.png, mirror {view.view[0]}: 1 of ")
+    (note,) = consistency.board_fits(view, odd, ["a.png"], device.mirror_names)
+    assert note.startswith(f"a.png, mirror {device.mirror_names[view.view[0]]}: 1 of ")
     with pytest.raises(InputError, match="100% of the corners lie where no flat board"):
-        consistency.board_fits(view, ~np.zeros(len(view), dtype=bool), ["a.png"])
+        consistency.board_fits(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
 
 
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
@@ -51,23 +51,25 @@ def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
     assert consistency.repeats([a, none, b, a, none, a]) == {3: 0, 5: 0}
 
 
-def test_views_that_agree_are_kept(scene: Scene) -> None:
+def test_views_that_agree_are_kept(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
-    kept, notes = consistency.agreeing_views(seen, seen.pixels - scene.clean.pixels, [""] * 15)
+    kept, notes = consistency.agreeing_views(seen, seen.pixels - scene.clean.pixels, [""] * 15, device.mirror_names)
     assert kept.all()
     assert notes == ()
 
 
-def test_a_view_elsewhere_is_left_out_by_name(scene: Scene) -> None:
+def test_a_view_elsewhere_is_left_out_by_name(scene: Scene, device: Layout) -> None:
     seen = scene.clean
     away = (seen.frame == 2) & (seen.view == 1)
     left = np.where(away[:, None], 100.0, 0.0) * np.ones((len(seen), 2))
-    kept, notes = consistency.agreeing_views(seen, left, [f"{n}.png" for n in range(15)])
+    kept, notes = consistency.agreeing_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
     np.testing.assert_array_equal(kept, ~away)
-    assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 1"]
-    with pytest.raises(InputError, match="mirror 1 shows the board elsewhere"):
+    assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 0-1"]
+    with pytest.raises(InputError, match="mirror 0-1 shows the board elsewhere"):
         often = (seen.frame < 7) & (seen.view == 1)
-        consistency.agreeing_views(seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15)
+        consistency.agreeing_views(
+            seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15, device.mirror_names
+        )
 
 
 def fitted(columns: FloatArray, values: FloatArray) -> FloatArray:

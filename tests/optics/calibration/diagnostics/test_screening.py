@@ -202,7 +202,7 @@ def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, default
     mixed = exchanged(good.seen, second_board(truth), [3], [2])
     solution, notes = solved(mixed, good.base, default_layout)
     assert len(notes) == 1
-    assert notes[0].startswith("frame 3, mirror 2: shows the board elsewhere")
+    assert notes[0].startswith("frame 3, mirror 0-2: shows the board elsewhere")
     squared, count = nees(solution, truth)
     assert squared < 2.0 * count
 
@@ -219,7 +219,7 @@ def test_two_boards_throughout_are_refused(good: Views, truth: Layout, default_l
     other = second_board(truth)
     with pytest.raises(InputError, match="views show the board elsewhere than the others of their frames"):
         screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, default_layout, CORNERS)
-    with pytest.raises(InputError, match="mirror 4 shows the board elsewhere than the other views in 6 of 6 frames"):
+    with pytest.raises(InputError, match="mirror 1-1 shows the board elsewhere than the other views in 6 of 6 frames"):
         screen(exchanged(good.seen, other, range(6), [4]), good.base, default_layout, CORNERS)
 
 
@@ -275,7 +275,7 @@ def test_two_mirrors_without_a_direct_view_are_refused(good: Views, truth: Layou
 
 def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, default_layout: Layout) -> None:
     unseen = [o.where(o.view != 8) for o in good.seen]
-    with pytest.raises(InputError, match="mirror 8 shows 0 corners in 6 frames, expected 20"):
+    with pytest.raises(InputError, match="mirror 2-2 shows 0 corners in 6 frames, expected 20"):
         screen(unseen, good.base, default_layout, CORNERS)
     blank = [Observations.none()] * 3
     with pytest.raises(InputError, match="no corner of the board found in any of 3 frames"):

@@ -16,8 +16,8 @@ NAMED = (
     "focal length",
     "principal point in x",
     "lens distortion k1",
-    "mirror 2 about its y",
-    "mirror 3 along its normal",
+    "mirror 1-0 about its y",
+    "mirror 1-1 along its normal",
 )
 
 

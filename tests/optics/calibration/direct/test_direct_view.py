@@ -115,7 +115,7 @@ def test_a_view_that_is_not_found_is_named_and_the_rest_of_its_picture_used(
     calibrated: tuple[Layout, Calibration],
 ) -> None:
     _, found = calibrated
-    assert "0.png: mirror 1 not found" in found.notes
+    assert "0.png: mirror 0-1 not found" in found.notes
     first = found.observations.where(found.observations.frame == 0)
     assert set(first.view.tolist()) == {DIRECT, 0}
 
