@@ -86,8 +86,8 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
 
 Layout {layout.identity}, camera {layout.camera.width_px} x {layout.camera.height_px} px.
 
-Each mirror is a camera of its own here. A mirror exchanges left and right, so its picture is the frame **flipped
-{flip}** (`ffmpeg -vf {option}`): with a frame as the sensor gives it every file here is wrong.
+Here each mirror is a separate camera. A mirror reverses the image, so the picture of each camera is the frame **flipped
+{flip}** (`ffmpeg -vf {option}`): the files here are wrong for a frame that is not flipped.
 
 | file | picture | pixel (0, 0) is | unit |
 |---|---|---|---|
@@ -99,8 +99,8 @@ Each mirror is a camera of its own here. A mirror exchanges left and right, so i
 | `nerfstudio/` | flipped frame cut to the view, in `images/` | the corner of the top-left pixel | m |
 
 OpenCV: x_camera = R x_rig + T; the rig's origin is the pupil, x right, y down, z along the optical axis.
-ROS: the URDF hangs `mirrorcam_VIEW_optical_frame` on `mirrorcam_camera_optical_frame`, which is the rig. A driver puts
-`frame_id` and `roi` of a file into its messages; ROS's own parser passes over them.
+ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, which is the
+frame rig. The driver has to copy `frame_id` and `roi` of each file into its messages; the parser of ROS ignores them.
 
 COLMAP, with the cameras as they are calibrated:
 
@@ -112,12 +112,13 @@ COLMAP, with the cameras as they are calibrated:
     colmap point_triangulator --database_path database.db --image_path images --input_path sparse \\
         --output_path points --Mapper.ba_refine_sensor_from_rig 0
 
-triangulates one picture; of many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0 --Mapper.ba_refine_focal_length 0
---Mapper.ba_refine_extra_params 0` finds the rig's motion too. nerfstudio: `ns-train splatfacto --data nerfstudio`.
+triangulates one picture. For many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0
+--Mapper.ba_refine_focal_length 0 --Mapper.ba_refine_extra_params 0` also estimates the motion of the rig.
+nerfstudio: `ns-train splatfacto --data nerfstudio`.
 
-How wrong these cameras are, in px, anywhere in their view: as pinholes, and in Kalibr's model, which has no k3. A flat
-first-surface mirror makes a pinhole. A second-surface or bent mirror does not: the camera here is the pinhole nearest
-to it over the view and {depths} mm from its virtual centre.
+The last columns give the largest error of each camera within its view, in px: as a pinhole, and in Kalibr's model,
+which has no k3. A flat first-surface mirror is exactly a pinhole. A second-surface or bent mirror is not: the camera
+here is the pinhole that fits it best over its view, at {depths} mm from its virtual centre.
 
 | view | first pixel of the flipped frame | size px | pinhole | Kalibr |
 |---|---|---|---|---|
