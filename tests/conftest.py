@@ -10,10 +10,16 @@ import pytest
 from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parent.parent
-# Test workers share the cores: linear algebra on all of them in each would wait for itself.
-if "PYTEST_XDIST_WORKER" in os.environ:
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give each library of the test workers one thread: with more, they would wait for each other on shared cores.
+
+    It is said to the workers before they start, as libraries read it when they are loaded.
+    """
+    if config.getoption("dist", "no") != "no":
+        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+            os.environ.setdefault(variable, "1")
 
 
 @pytest.fixture(scope="session")

@@ -97,7 +97,8 @@ def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[F
         _draw_line(image, nearness, fine, points, rgb, max(1, round(width * SUPERSAMPLING)))
     size = screen.size_px
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    owner = np.where(index >= 0, owners[index], -1).astype(np.int32)[::SUPERSAMPLING, ::SUPERSAMPLING]
+    shown = index[::SUPERSAMPLING, ::SUPERSAMPLING]
+    owner = np.where(shown >= 0, owners[shown], -1).astype(np.int32)
     pixels = np.asarray(np.clip(np.round(small * 255.0), 0, 255), dtype=np.uint8)
     return Shot(pixels, owner, nearness[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
 
@@ -188,24 +189,26 @@ def _shade(
     level = np.where(shown, nearness, ground)
     dark = np.zeros(index.shape, dtype=np.float32)
     weight = shown.astype(np.float32)
+    height = level - ground
     for size in CORNER_MM:
         kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
         share = np.maximum(cv2.blur(weight, kernel), 1e-3)
-        around = cv2.blur(np.where(shown, level - ground, 0.0).astype(np.float32), kernel) / share + ground
+        around = cv2.blur(height, kernel) / share + ground
         # In a corner the surroundings are a little nearer; what is much nearer only stands in front.
         nearer = np.maximum(around - level, 0.0) / size
         dark += nearer / (1.0 + nearer**2)
     image *= (1.0 - CORNER_DARKNESS * dark * shown)[..., None]
-    edge = np.zeros(index.shape, dtype=bool)
-    turned_from = normals[index]
     far = np.where(shown, nearness, np.float32(-1e9))
+    edge = np.zeros(index.shape, dtype=bool)
     for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
+        # Few neighbours show different triangles: the rest is left alone.
         differs = index[here] != index[there]
-        turned = np.einsum("hwc,hwc->hw", turned_from[here], turned_from[there]) < EDGE_COSINE
-        jumped = np.abs(far[here] - far[there]) > EDGE_JUMP_PX / px_per_mm
-        line = differs & (turned | jumped)
-        edge[here] |= line
-        edge[there] |= line
+        one, other = index[here][differs], index[there][differs]
+        turned = np.einsum("nc,nc->n", normals[one], normals[other]) < EDGE_COSINE
+        jumped = np.abs(far[here][differs] - far[there][differs]) > EDGE_JUMP_PX / px_per_mm
+        differs[differs] = turned | jumped
+        edge[here] |= differs
+        edge[there] |= differs
     image[edge] *= 1.0 - EDGE_DARKNESS
     image[edge & ~shown] *= 0.7
     return image
