@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,12 @@ def path_without_slicer() -> str:
     return os.pathsep.join(
         folder for folder in folders if not any(shutil.which(program, path=folder) for program in PROGRAMS)
     )
+
+
+@contextmanager
+def no_slicer() -> Iterator[None]:
+    """Build parts in this process as where no slicer is installed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mirrorcam.cad.write.slicer.find_slicer", lambda: None)
+        patch.setattr("mirrorcam.cad.part_files.slicer_version", lambda: None)
+        yield

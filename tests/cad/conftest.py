@@ -21,7 +21,7 @@ from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from tests.shared import built_once
+from tests.shared import built_once, no_slicer
 
 Surface = Literal["first", "second"]
 Built = tuple[Layout, Path, dict[str, Metric]]
@@ -90,8 +90,13 @@ def make_flat_pair() -> Callable[..., Layout]:
 def built_default(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The default 3x3 first-surface layout, the folder of its files, and its checks."""
     out = built_once(tmp_path_factory, "default_parts", lambda folder: build_parts(default_layout, folder, workers=2))
-    checks = json.loads((out / "checks.json").read_text(encoding="utf-8"))
-    return default_layout, out, {name: Metric(**metric) for name, metric in checks.items()}
+    return default_layout, out, read_checks(out)
+
+
+def read_checks(folder: Path) -> dict[str, Metric]:
+    """The checks that a build wrote."""
+    checks = json.loads((folder / "checks.json").read_text(encoding="utf-8"))
+    return {name: Metric(**metric) for name, metric in checks.items()}
 
 
 @pytest.fixture(scope="session")
@@ -102,9 +107,14 @@ def small_layout() -> Layout:
 
 @pytest.fixture(scope="session")
 def built_second_surface(small_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """The small layout of second-surface mirrors, built in this process."""
-    out = tmp_path_factory.mktemp("second")
-    return small_layout, out, build_parts(small_layout, out)
+    """The small layout of second-surface mirrors, built by one process; its parts are not sliced."""
+
+    def build(folder: Path) -> None:
+        with no_slicer():
+            build_parts(small_layout, folder)
+
+    out = built_once(tmp_path_factory, "second_surface_parts", build)
+    return small_layout, out, read_checks(out)
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import ezdxf.filemanagement
 
 from mirrorcam.cad.device_files import write_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -37,8 +38,12 @@ def test_every_check_and_figure_has_a_label(built_default: Built) -> None:
 
 
 def test_second_surface_mirrors_pass_as_well(built_second_surface: Built) -> None:
-    _, _, checks = built_second_surface
+    _, folder, checks = built_second_surface
     assert {name: check for name, check in checks.items() if not check.passed} == {}
+    # The other parts know nothing of mirrors, and are sliced with the default device.
+    for part in ("mirror_holder", "mount"):
+        sliced = check_slicing(folder / "parts" / f"{part}.3mf", HARDWARE.printer)
+        assert [name for name, check in sliced.items() if not check.passed] == []
 
 
 def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layout, tmp_path: Path) -> None:

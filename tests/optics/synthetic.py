@@ -22,24 +22,38 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 SUPERSAMPLING = 2
 PX_PER_SQUARE = 48
+# Rays that change by less than this, in normalised coordinates, change no more than by rounding.
+CONVERGED = 1e-14
+ROWS_AT_ONCE = 32
 
 
 @lru_cache(maxsize=2)
 def rays_through(camera: Camera) -> FloatArray:
     """Viewing rays (h * k, w * k, 3) of k x k samples in each pixel."""
     k = SUPERSAMPLING
-    x = (np.arange(camera.width_px * k) + 0.5) / k - 0.5
-    y = (np.arange(camera.height_px * k) + 0.5) / k - 0.5
-    target = np.stack(np.meshgrid((x - camera.cx_px) / camera.fx_px, (y - camera.cy_px) / camera.fy_px), axis=-1)
+    x = ((np.arange(camera.width_px * k) + 0.5) / k - 0.5 - camera.cx_px) / camera.fx_px
+    y = ((np.arange(camera.height_px * k) + 0.5) / k - 0.5 - camera.cy_px) / camera.fy_px
+    rays = np.ones((len(y), len(x), 3))
+    for row in range(0, len(y), ROWS_AT_ONCE):  # as many as the processor's cache holds
+        band = rays[row : row + ROWS_AT_ONCE]
+        band[..., 0], band[..., 1] = undistorted(camera, x, y[row : row + ROWS_AT_ONCE, None])
+    return rays
+
+
+def undistorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What the lens maps to the normalised coordinates `x` (w,), `y` (h, 1): arrays (h, w)."""
     k1, k2, p1, p2, k3 = camera.distortion
-    guess = target.copy()
+    gx, gy = np.broadcast_arrays(x, y)
     for _ in range(30):
-        gx, gy = guess[..., 0], guess[..., 1]
+        before = gx, gy
         r2 = gx * gx + gy * gy
-        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-        shift = np.stack([2 * p1 * gx * gy + p2 * (r2 + 2 * gx**2), p1 * (r2 + 2 * gy**2) + 2 * p2 * gx * gy], axis=-1)
-        guess = (target - shift) / radial[..., None]
-    return np.concatenate([guess, np.ones((*guess.shape[:-1], 1))], axis=-1)
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        shift_x = 2 * p1 * gx * gy + p2 * (r2 + 2 * gx * gx)
+        shift_y = p1 * (r2 + 2 * gy * gy) + 2 * p2 * gx * gy
+        gx, gy = (x - shift_x) / radial, (y - shift_y) / radial
+        if max(np.abs(gx - before[0]).max(), np.abs(gy - before[1]).max()) < CONVERGED:
+            break
+    return gx, gy
 
 
 def render(
@@ -60,25 +74,25 @@ def render(
     # Soft by a texel: sharp edges that lie along the pixels would err by part of a sample.
     soft = cv2.GaussianBlur(texture.astype(np.float32), (0, 0), 1.0)
     views = [None] if layout is None else list(layout.mirrors)
+    turn, shift = rig_from_board[:3, :3], rig_from_board[:3, 3]
     for mirror in views:
-        if mirror is None:
-            inside = np.ones((height, width), dtype=bool)
-            origin, directions = np.zeros(3), rays
-        else:
-            mask = np.zeros((height, width), dtype=np.uint8)
+        mask = np.ones((height, width), dtype=np.uint8)
+        origin, reflection = np.zeros(3), np.eye(3)
+        if mirror is not None:
             outline = camera.pixels_from_normalized(mirror.outline_normalized)
             corners = np.rint((outline + 0.5) * SUPERSAMPLING - 0.5).astype(np.int32)
-            cv2.fillConvexPoly(mask, corners, 1)
-            inside = mask.astype(bool)
+            mask = cv2.fillConvexPoly(np.zeros_like(mask), corners, 1)
             origin = mirror.virtual_centre_in_rig_mm
-            directions = rays @ (np.eye(3) - 2 * np.outer(origin, origin) / (origin @ origin))
-        turn, shift = rig_from_board[:3, :3], rig_from_board[:3, 3]
-        normal = turn[:, 2]
-        along = (shift - origin) @ normal / (directions[inside] @ normal)
-        on_board = (origin + along[:, None] * directions[inside] - shift) @ turn[:, :2] / target.square_mm
-        lookup = (on_board[:, ::-1].T + 1) * PX_PER_SQUARE - 0.5
-        sampled = map_coordinates(soft, lookup, output=np.float32, order=1, cval=60)
-        image[inside] = np.where(along > 0, 25.0 + 0.75 * sampled, 12.0)
+            reflection = np.eye(3) - 2 * np.outer(origin, origin) / (origin @ origin)
+        for row in range(0, height, ROWS_AT_ONCE):
+            band = np.s_[row : row + ROWS_AT_ONCE]
+            inside = mask[band].astype(bool)
+            directions = rays[band][inside] @ reflection
+            along = (shift - origin) @ turn[:, 2] / (directions @ turn[:, 2])
+            on_board = (origin + along[:, None] * directions - shift) @ turn[:, :2] / target.square_mm
+            lookup = (on_board[:, ::-1].T + 1) * PX_PER_SQUARE - 0.5
+            sampled = map_coordinates(soft, lookup, output=np.float32, order=1, cval=60)
+            image[band][inside] = np.where(along > 0, 25.0 + 0.75 * sampled, 12.0)
     small = cv2.resize(image, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), blur_px)
     noisy = blurred + np.random.default_rng(seed).normal(0.0, noise_grey, blurred.shape)

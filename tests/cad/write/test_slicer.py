@@ -60,6 +60,7 @@ def test_a_block_slices_to_between_its_shell_and_its_volume(block_3mf: Path) -> 
     assert all(check.passed for check in checks.values())
     assert 0.2 * 18.0 * 1.24 < checks["print_g"].value < 18.0 * 1.24
     assert 10.0 < checks["print_minutes"].value < 300.0
+    assert check_slicing(block_3mf, PRINTER) == checks
 
 
 @installed
