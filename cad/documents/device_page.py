@@ -31,7 +31,7 @@ PURPOSES = (
     ("bom.json", "the parts list, for a program"),
     ("bom.md", "the parts list, to read"),
     ("guide.md", "the assembly guide, to print"),
-    ("checks.json", "every check with its value, unit and limit"),
+    ("checks.json", "every check and figure, with its value, unit and limit"),
 )
 
 

@@ -55,7 +55,7 @@ class PlanarCsg:
                 planes.append(plane)
         mesh = Manifold(_mesh(np.array(list(corners)), np.array(triangles), np.array(planes)))
         if mesh.status() != Error.NoError or mesh.volume() <= 0.0:
-            raise ValueError(f"{len(corners)} corners make no solid: {mesh.status()}, {mesh.volume():g} mm3")
+            raise ValueError(f"{len(corners)} corners make no solid: {mesh.status()}, {mesh.volume():g} mm³")
         return mesh
 
     def joined(self, volumes: Iterable[Flat]) -> Manifold:

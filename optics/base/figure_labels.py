@@ -1,6 +1,7 @@
 """What each figure is called where people read it, on pages and in a terminal alike: the one table of labels.
 
 Keys are names of metrics without what they are of ("mount.") and without a depth ("_300mm"); files keep the names.
+Labels of a device are read after that ("Mirrors: without a seat"), and with it fit a terminal of 80 columns.
 Names whose words say enough ("grid_error", "pixel_efficiency") need no label.
 """
 
@@ -19,8 +20,8 @@ ASSEMBLY: Mapping[str, str] = {
     "tilt_deg": "tilt of the mirrors under gravity",
     "shift_um": "shift of the mirrors under gravity",
     "clash_mm3": "interference volume",
-    "clearance_mm": "smallest clearance between pieces",
-    "mirrors_off_their_seats": "mirrors that do not touch their seats",
+    "clearance_mm": "smallest clearance",
+    "mirrors_off_their_seats": "mirrors off their seats",
     "fasteners_loose": "fasteners that hold nothing",
     "screws_without_thread": "screws that engage no thread",
 }
@@ -28,40 +29,40 @@ ASSEMBLY: Mapping[str, str] = {
 LIGHT: Mapping[str, str] = {
     "rays_cast": "light rays cast",
     "rays_blocked": "light rays blocked",
-    "mirrors_without_light": "mirrors without a usable area",
-    "rim_light_stopped": "share of light blocked at the pupil's rim",
-    "shade_of_sheets": "light of one mirror blocked by others",
-    "stray_light": "stray light: pixels that see past the parts",
+    "mirrors_without_light": "mirrors without usable area",
+    "rim_light_stopped": "light blocked at pupil's rim",
+    "shade_of_sheets": "light blocked by mirrors",
+    "stray_light": "pixels with stray light",
     "light_gap_mm": "smallest gap to the light",
 }
 
 MIRRORS: Mapping[str, str] = {
-    "outlines_missing": "mirrors missing from the cut files",
+    "outlines_missing": "missing from the cut files",
     "outlines_too_many": "outlines of unknown mirrors",
-    "stray_cuts": "cut lines that belong to no mirror",
-    "names_twice": "mirrors drawn more than once",
+    "stray_cuts": "cut lines of no mirror",
+    "names_twice": "drawn more than once",
     "files_not_in_mm": "cut files not in millimetres",
-    "outline_error_um": "largest error of an outline, less the kerf",
-    "outline_gap_mm": "smallest gap between outlines",
-    "outlines_off_sheet": "outlines beyond the stock sheet",
-    "marks_missing": "mirrors without an engraved mark",
-    "marks_off_mirror": "engraved lines beyond their mirror",
-    "arrow_error_deg": "largest error of an engraved arrow",
-    "seats_missing": "mirrors without a seat",
-    "seat_offset_um": "largest offset of a seat from its mirror",
-    "seat_angle_deg": "largest tilt of a seat from its mirror",
-    "seat_cover": "smallest share of a mirror on its seat",
-    "seat_cover_lost": "share of a seat lost against its plan",
-    "seat_span_mm": "largest unsupported span behind a mirror",
+    "outline_error_um": "largest outline error",
+    "outline_gap_mm": "smallest gap of outlines",
+    "outlines_off_sheet": "outlines beyond the sheet",
+    "marks_missing": "without an engraved mark",
+    "marks_off_mirror": "engraved lines off a mirror",
+    "arrow_error_deg": "largest arrow error",
+    "seats_missing": "without a seat",
+    "seat_offset_um": "largest seat offset",
+    "seat_angle_deg": "largest seat tilt",
+    "seat_cover": "smallest share on its seat",
+    "seat_cover_lost": "seat share lost against plan",
+    "seat_span_mm": "largest unsupported span",
     "pocket_walls": "pocket walls found",
-    "pocket_error_um": "largest error of a pocket wall",
-    "drop_clash_mm3": "material in the way of inserting a mirror",
-    "room_clash_mm3": "material in the clearance round a mirror",
-    "room_mm": "clearance round a mirror",
+    "pocket_error_um": "largest pocket wall error",
+    "drop_clash_mm3": "obstruction when inserted",
+    "room_clash_mm3": "obstruction of the clearance",
+    "room_mm": "clearance all round",
     "sheets": "stock sheets",
-    "sheet_use": "share of the stock sheets that is used",
-    "feature_of_thickness": "narrowest mirror, width over thickness",
-    "line_gap_mm": "smallest gap between laser lines",
+    "sheet_use": "share of stock sheets used",
+    "feature_of_thickness": "smallest width / thickness",
+    "line_gap_mm": "smallest gap of laser lines",
 }
 
 PRINTED_PARTS: Mapping[str, str] = {
@@ -92,17 +93,17 @@ PRINTED_PARTS: Mapping[str, str] = {
 }
 
 DESIGNS: Mapping[str, str] = {
-    "unlike_spec": "properties that differ from the request",
-    "outside_sensor_px": "extent of sub-images beyond the sensor",
+    "unlike_spec": "differences from the request",
+    "outside_sensor_px": "sub-images beyond the sensor",
     "shortest_edge_mm": "shortest edge of a mirror",
     "longest_edge_mm": "longest edge of a mirror",
     "smallest_area_mm2": "area of the smallest mirror",
     "largest_area_mm2": "area of the largest mirror",
     "smallest_gap_mm": "smallest gap between mirrors",
     "smallest_seen_gap_mm": "smallest gap between sub-images",
-    "beyond_depth_mm": "extent of mirrors past the nearest depth",
+    "beyond_depth_mm": "mirrors past the nearest depth",
     "common_area": "area seen by all views",
-    "blocked_light": "light of one mirror blocked by another",
+    "blocked_light": "light lost to other mirrors",
 }
 
 VALIDATIONS: Mapping[str, str] = {

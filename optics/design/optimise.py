@@ -49,7 +49,7 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
         "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
         f"it leaves some by {missed['overlap']:.0%} of a sub-image",
-        "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm2 on this sensor",
+        "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]
     return InfeasibleDesign(worst, finding)
 
