@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.optics.base.figure_texts import TIMES
 
 HOLDER, MOUNT, CLIP, CAMERA, ADAPTER = "mirror_holder", "mount", "camera_clip", "camera", "adapter"
 
@@ -36,8 +37,9 @@ def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
 
 
 def counted(pieces: Iterable[Piece]) -> str:
-    """A list of pieces with their counts, "4 x M3 x 12 screw, 2 x M3 nut"; "" for none."""
-    return ", ".join(f"{count} x {title}" for title, count in Counter(piece.title for piece in pieces).items())
+    """A list of pieces with their counts, "4 × M3 x 12 screws, 1 × M3 nut"; "" for none."""
+    counts = Counter(piece.title for piece in pieces)
+    return ", ".join(f"{count} {TIMES} {title}{'' if count == 1 else 's'}" for title, count in counts.items())
 
 
 @dataclass(frozen=True)

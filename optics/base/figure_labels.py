@@ -93,16 +93,21 @@ PRINTED_PARTS: Mapping[str, str] = {
 }
 
 DESIGNS: Mapping[str, str] = {
-    "unlike_spec": "differences from the request",
-    "outside_sensor_px": "sub-images beyond the sensor",
+    "depth_nearest_mm": "nearest depth",
+    "depth_farthest_mm": "farthest depth",
+    "depth_resolution_fine": "fine depth resolution",
+    "disparity_s": "disparity along s",
+    "disparity_t": "disparity along t",
+    "unlike_spec": "differences from request",
+    "outside_sensor_px": "sub-images beyond sensor",
     "shortest_edge_mm": "shortest edge of a mirror",
     "longest_edge_mm": "longest edge of a mirror",
     "smallest_area_mm2": "area of the smallest mirror",
     "largest_area_mm2": "area of the largest mirror",
-    "smallest_gap_mm": "smallest gap between mirrors",
-    "smallest_seen_gap_mm": "smallest gap between sub-images",
-    "beyond_depth_mm": "mirrors past the nearest depth",
-    "common_area": "area seen by all views",
+    "smallest_gap_mm": "gap between mirrors",
+    "smallest_seen_gap_mm": "gap between sub-images",
+    "beyond_depth_mm": "mirrors past nearest depth",
+    "common_area": "area in all views",
     "blocked_light": "light lost to other mirrors",
 }
 

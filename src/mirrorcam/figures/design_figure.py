@@ -152,7 +152,7 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
             _outline(axes, seen, facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linewidth=1.3, linestyle=line)
     for k in range(len(layout.mirrors)):
         middle = layout.outline_px(k).mean(axis=0)
-        name = axes.annotate(f"{k}", middle, ha="center", va="center", fontsize=11, color=CAMERA)
+        name = axes.annotate(layout.mirror_names[k], middle, ha="center", va="center", fontsize=11, color=CAMERA)
         name.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5))
     handles = [Patch(facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, label="sub-image")]

@@ -16,6 +16,7 @@ from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
 from mirrorcam.cad.plan.hardware import Hardware, read_camera
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.write.slicer import OPTIONS
+from mirrorcam.optics.base.figure_texts import TIMES
 from tests.cad.documents.conftest import Made
 
 
@@ -71,5 +72,5 @@ def test_the_camera_in_the_guide_is_a_file_that_can_be_read_back(name: str, tmp_
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:
     pin = BoughtItem("pin", "3", 16.0, np.eye(4), np.zeros(3), ("mirror_holder_1", "mirror_holder_2"))
     write_guide(tmp_path, made.device, made.parts, (*made.pieces, *item_pieces([pin, pin])))
-    assert "Press the pins (2 x 3 x 16 pin)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
+    assert f"Press the pins (2 {TIMES} 3 x 16 pins)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Press the pins" not in (made.folder / "guide.md").read_text(encoding="utf-8")

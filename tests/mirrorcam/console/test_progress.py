@@ -80,7 +80,7 @@ def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
     )
     assert [line.rstrip() for line in log.getvalue().splitlines()[1:]] == [
         "depth",
-        "  depth farthest              100000 mm or more        900  mm",
+        "  farthest depth              100000 mm or more        900  mm",
         "share",
         "  pixel efficiency at 300 mm                           0.5  1",
         "other                                                    1  1",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mirrorcam.optics.base import figure_labels
-from mirrorcam.optics.base.figure_labels import ASSEMBLY, LABELS, LIGHT, MIRRORS
+from mirrorcam.optics.base.figure_labels import ASSEMBLY, DESIGNS, LABELS, LIGHT, MIRRORS
 from mirrorcam.optics.base.figure_texts import UNIT_ENDINGS, label_text
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -27,6 +27,10 @@ def test_labels_are_words_without_the_unit_and_differ(name: str) -> None:
     assert LABELS[name].split()[-1] not in UNIT_ENDINGS
     assert [other for other, label in LABELS.items() if label == LABELS[name]] == [name]
     assert label_text(f"mount.{name}") == f"mount: {LABELS[name]}"
+
+
+def test_labels_of_a_design_fit_a_terminal_of_80_columns() -> None:
+    assert [label for label in DESIGNS.values() if len(label) > 27] == []
 
 
 def test_labels_of_a_device_fit_a_terminal_of_80_columns() -> None:

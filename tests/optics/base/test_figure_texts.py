@@ -59,7 +59,7 @@ def test_a_limit_beside_a_column_of_units_has_none() -> None:
         ("narrow_area_mm2", "narrow area"),
         ("smallest_area_mm2", "area of the smallest mirror"),
         ("overlap_iou_1e+06mm", "overlap at 1e+06 mm"),
-        ("common_area_300.5mm", "area seen by all views at 300.5 mm"),
+        ("common_area_300.5mm", "area in all views at 300.5 mm"),
         ("pixel_efficiency_300mm", "pixel efficiency at 300 mm"),
         ("direct_rms_x_px", "direct RMS x"),
         ("device.stl_gap_mm", "device: STL gap"),
