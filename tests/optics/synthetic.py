@@ -81,7 +81,8 @@ def render(
         if mirror is not None:
             outline = camera.pixels_from_normalized(mirror.outline_normalized)
             corners = np.rint((outline + 0.5) * SUPERSAMPLING - 0.5).astype(np.int32)
-            mask = cv2.fillConvexPoly(np.zeros_like(mask), corners, 1)
+            mask = np.zeros((height, width), dtype=np.uint8)
+            cv2.fillConvexPoly(mask, corners, 1)
             origin = mirror.virtual_centre_in_rig_mm
             reflection = np.eye(3) - 2 * np.outer(origin, origin) / (origin @ origin)
         for row in range(0, height, ROWS_AT_ONCE):
