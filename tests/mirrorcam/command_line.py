@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+
+import pytest
+
+from mirrorcam import cli
 
 
 def mirrorcam(folder: Path, arguments: str) -> subprocess.CompletedProcess[str]:
@@ -19,6 +24,13 @@ def assert_refused(folder: Path, arguments: str, *expected: str) -> None:
     assert_one_line(result.stderr, *expected)
     assert result.returncode == 2
     assert sorted(folder.rglob("*")) == before
+
+
+def assert_refused_here(arguments: Sequence[str], capture: pytest.CaptureFixture[str], *expected: str) -> None:
+    """In this process: exit 2 and one line on standard error that holds the expected words."""
+    capture.readouterr()
+    assert cli.main(arguments) == 2
+    assert_one_line(capture.readouterr().err, *expected)
 
 
 def assert_one_line(said: str, *expected: str) -> None:

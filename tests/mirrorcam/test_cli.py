@@ -25,7 +25,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from tests.mirrorcam.command_line import assert_one_line, assert_refused, mirrorcam
+from tests.mirrorcam.command_line import assert_refused, assert_refused_here, mirrorcam
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
@@ -67,8 +67,7 @@ def test_a_bad_command_line_is_refused_in_one_line(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(arguments.split()) == 2
-    assert_one_line(capfd.readouterr().err, expected)
+    assert_refused_here(arguments.split(), capfd, expected)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -152,8 +151,7 @@ def test_a_bad_layout_is_refused_in_one_line(
     save_board(tmp_path / "board.toml", default_board())
     before = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
-    assert cli.main(f"{command} bad.json".split()) == 2
-    assert_one_line(capfd.readouterr().err, "bad.json: ", expected)
+    assert_refused_here(f"{command} bad.json".split(), capfd, "bad.json: ", expected)
     assert sorted(tmp_path.rglob("*")) == before
 
 

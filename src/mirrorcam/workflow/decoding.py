@@ -72,7 +72,7 @@ class DecodeRequest:
 def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILENT) -> None:
     """Decode pictures, videos and a camera into a folder; of each, the views in one picture beside the light field.
 
-    Every input is checked before anything is written. A video that was cut off earlier is gone on with. Raises
+    Every input is checked before anything is written. A video whose decoding was interrupted is resumed. Raises
     InputError for an input that cannot be read, or is not of the layout's camera.
     """
     layout = Layout.load(request.layout)

@@ -8,6 +8,7 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.optics.geometry.targets import default_board, load_board
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.mirrorcam.figures.test_board_print import page_and_polygons_mm
 
 
@@ -35,8 +36,5 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["board", *arguments]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(f"mirrorcam: {complaint}")
-    assert said.count("\n") == 1
+    assert_refused_here(["board", *arguments], capsys, f"mirrorcam: {complaint}")
     assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,7 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 
 
 @pytest.mark.parametrize(("arguments", "expected"), [("", "LAYOUT"), ("nowhere.json", "nowhere.json: no such file")])
@@ -21,8 +21,7 @@ def test_without_a_layout_it_is_refused_in_one_line(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["cad", *arguments.split()]) == 2
-    assert_one_line(capfd.readouterr().err, expected)
+    assert_refused_here(["cad", *arguments.split()], capfd, expected)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -46,8 +45,7 @@ def test_bad_options_are_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     default_layout.save(tmp_path / "layout.json")
-    assert cli.main(["cad", "layout.json", *arguments.split()]) == 2
-    assert_one_line(capfd.readouterr().err, expected)
+    assert_refused_here(["cad", "layout.json", *arguments.split()], capfd, expected)
     assert [path.name for path in tmp_path.iterdir()] == ["layout.json"]
 
 

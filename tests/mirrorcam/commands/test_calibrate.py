@@ -12,7 +12,7 @@ from mirrorcam import cli
 from mirrorcam.optics.base.files import write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board, save_board
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import sound_calibration
 
 TOGETHER = "--direct-view goes with --mirrors N, without --layout and --base"
@@ -40,8 +40,7 @@ def test_options_that_do_not_go_together_are_refused_in_one_line(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["calibrate", "picture.png", "--board", "board.toml", *arguments.split()]) == 2
-    assert_one_line(capfd.readouterr().err, expected)
+    assert_refused_here(["calibrate", "picture.png", "--board", "board.toml", *arguments.split()], capfd, expected)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -55,8 +54,7 @@ def test_pictures_without_a_corner_are_refused(
         write_image(tmp_path / name, np.zeros((1080, 1920, 3), dtype=np.uint8))
     arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
     before = set(tmp_path.rglob("*"))
-    assert cli.main(arguments.split()) == 2
-    assert_one_line(capfd.readouterr().err, "no corner of the board found in any of 2 frames")
+    assert_refused_here(arguments.split(), capfd, "no corner of the board found in any of 2 frames")
     # What was found in the pictures is kept, so that they are not searched again beside better ones.
     kept = tmp_path / "calibrated" / "detections"
     assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())

@@ -15,7 +15,7 @@ from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -86,6 +86,5 @@ def test_bad_input_is_refused_in_one_line(
     message: str,
 ) -> None:
     monkeypatch.chdir(inputs)
-    assert main(["epi", *arguments.split(), "--out", str(tmp_path / "out")]) == 2
-    assert_one_line(capfd.readouterr().err, message)
+    assert_refused_here(["epi", *arguments.split(), "--out", str(tmp_path / "out")], capfd, message)
     assert not (tmp_path / "out").exists()

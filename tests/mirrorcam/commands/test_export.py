@@ -16,6 +16,7 @@ from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 SURFACE = Surface(520.0, slope=(0.25, -0.15))
@@ -169,8 +170,6 @@ def test_bad_input_ends_in_one_line(
         ("missing", "npz", "no light field by its name"),
         ("dark.npz", "jpeg", "invalid choice"),
     ):
-        assert main(["export", str(tmp_path / name), "--to", to, "--out", str(tmp_path / "out")]) == 2
-        said = capsys.readouterr().err
-        assert message in said
-        assert said.count("\n") == 1
+        arguments = ["export", str(tmp_path / name), "--to", to, "--out", str(tmp_path / "out")]
+        assert_refused_here(arguments, capsys, message)
     assert not (tmp_path / "out" / "dark.ply").exists()

@@ -16,6 +16,7 @@ from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow import light_field_inputs
 from mirrorcam.workflow.light_field_inputs import NamedLightField
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
 
@@ -121,9 +122,5 @@ def test_bad_input_is_one_line(
     arguments: str, complaint: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = [str(stored) if word == "STORED" else word for word in arguments.split()]
-    assert cli.main(["features", *given, "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("mirrorcam: ")
-    assert complaint in said
-    assert said.count("\n") == 1
+    assert_refused_here(["features", *given, "--out", str(tmp_path / "out")], capsys, complaint)
     assert not (tmp_path / "out").exists()

@@ -17,6 +17,7 @@ from mirrorcam.optics.light_field.io.frames import Frame, Video
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 SCENE = [Surface(560.0, slope=(0.2, -0.3), seed=1), Surface(400.0, bounds=(-16.0, -22.0, 8.0, 14.0), seed=2)]
@@ -174,8 +175,5 @@ def test_bad_input_is_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(inputs)
     write_image(inputs / "frame.png", np.zeros((4, 6, 3), np.uint8))
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert_refused_here([*arguments, "--out", str(tmp_path / "out")], capsys, message)
     assert not (tmp_path / "out").exists()

@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.mirrorcam.small_set import contents
 
 # Not by importing it: that would choose an LLVM.
@@ -92,10 +93,10 @@ def test_where_no_scheduler_answers_it_is_said_in_one_line(
 ) -> None:
     pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
     monkeypatch.setattr("mirrorcam.workflow.cluster.SECONDS_TO_CONNECT", 0.5)
-    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--scheduler", "tcp://127.0.0.1:9"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: ")
-    assert said.count("\n") == 1
+    arguments = ["render", "layout.json", *OPTIONS.split(), "--scheduler", "tcp://127.0.0.1:9"]
+    assert_refused_here(
+        arguments, capsys, "mirrorcam: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there: "
+    )
 
 
 def test_it_says_what_the_frames_cover(folder: Path, finished_set: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -224,11 +225,7 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     (folder / "mine" / "truth").mkdir(parents=True)
     before = contents(folder)
     arguments = ["render", "layout.json", "--board", "board.toml", "--base-frames", "0", *options.split()]
-    assert cli.main(arguments) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("mirrorcam: ")
-    assert complaint in said
-    assert said.count("\n") == 1
+    assert_refused_here(arguments, capsys, complaint)
     assert contents(folder) == before
     assert not (folder / "output").exists()
 

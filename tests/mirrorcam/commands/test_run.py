@@ -10,7 +10,7 @@ from mirrorcam import cli
 from mirrorcam.console.reporter import Reporter
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.workflow.pipeline import Recipe, RunFigures, full_recipe, quick_recipe
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 
 PARTS = {"holder.seat_error_mm": Metric(value=0.0, unit="mm", limit=0.001)}
 TRUTH = {
@@ -67,6 +67,5 @@ def test_a_seed_below_zero_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["run", "--seed", "-1"]) == 2
-    assert_one_line(capfd.readouterr().err, "--seed -1: Input should be greater than or equal to 0")
+    assert_refused_here(["run", "--seed", "-1"], capfd, "--seed -1: Input should be greater than or equal to 0")
     assert list(tmp_path.iterdir()) == []

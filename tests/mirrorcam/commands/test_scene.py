@@ -18,6 +18,7 @@ from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from tests.mirrorcam.command_line import assert_refused_here
 
 # Not by importing it: that would choose an LLVM.
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
@@ -87,10 +88,7 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
 def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     here: Path, capsys: pytest.CaptureFixture[str], options: list[str], complaint: str
 ) -> None:
-    assert cli.main(["scene", *options, "--out", "desk"]) == 2
-    said = capsys.readouterr().err
-    assert complaint in said
-    assert said.count("\n") == 1
+    assert_refused_here(["scene", *options, "--out", "desk"], capsys, complaint)
     assert not (here / "desk").exists()
 
 

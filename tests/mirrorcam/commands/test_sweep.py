@@ -12,7 +12,7 @@ from mirrorcam.commands.sweep import SweepOptions, summary
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import Runner
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.mirrorcam.workflow.made_up_designs import SPECS, Counting, solved
 
 
@@ -87,8 +87,7 @@ def test_a_bad_command_line_is_refused_in_one_line(
     camera = DesignSpec().camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
     (tmp_path / "folding.json").write_text(camera.model_dump_json())
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["sweep", *arguments.split()]) == 2
-    assert_one_line(capfd.readouterr().err, expected)
+    assert_refused_here(["sweep", *arguments.split()], capfd, expected)
     assert [path.name for path in tmp_path.iterdir()] == ["folding.json"]
 
 

@@ -9,7 +9,7 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.workflow.validation import Validation
-from tests.mirrorcam.command_line import assert_one_line
+from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import sound_calibration
 
 
@@ -17,8 +17,7 @@ def test_a_folder_without_a_set_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["validate", "nowhere"]) == 2
-    assert_one_line(capfd.readouterr().err, "nowhere/dataset.json: no such file")
+    assert_refused_here(["validate", "nowhere"], capfd, "nowhere/dataset.json: no such file")
     assert list(tmp_path.iterdir()) == []
 
 
