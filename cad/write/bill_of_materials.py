@@ -177,13 +177,13 @@ def as_markdown(bom: Bom) -> str:
     """The bill as Markdown tables: printed, cut and bought."""
     how = "as sliced" if bom.sliced else "if printed solid"
     lines = [
-        "# Bill of materials",
+        "# Parts list",
         "",
         f"Layout `{bom.layout_identity}`.",
         "",
         "## Printed",
         "",
-        "| number | part | file | volume cm³ | solid g | sliced g | time |",
+        "| number | part | file | volume, cm³ | mass solid, g | mass sliced, g | time |",
         "|---|---|---|---:|---:|---:|---:|",
         *(
             f"| {line.number} | {line.title} | [{Path(line.file).name}]({line.file}) | {line.volume_cm3:.1f} "
@@ -195,7 +195,7 @@ def as_markdown(bom: Bom) -> str:
         "",
         "## Mirrors",
         "",
-        "| sheet | mirrors | area cm² | sheets | files |",
+        "| stock sheet | mirrors | area, cm² | sheets | files |",
         "|---|---:|---:|---:|---|",
         *(
             f"| {line.sheet} | {line.count} | {line.area_cm2:.1f} "
