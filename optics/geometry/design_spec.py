@@ -13,9 +13,9 @@ from mirrorcam.optics.geometry.camera import Camera
 
 
 class DesignSpec(Value):
-    """A request for a mirror layout, which `design` answers with a `Layout` or the constraint that cannot hold.
+    """Specification of a mirror layout, for which `design` finds a `Layout` or names the constraint that cannot be met.
 
-    Lengths are mm, angles degrees; each field has its own description.
+    Lengths are in mm, angles in degrees.
     """
 
     camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
@@ -24,7 +24,9 @@ class DesignSpec(Value):
     scale_mm: float = Field(default=80.0, gt=0, description="height of the central mirror above the pupil")
     fold_deg: float = Field(default=90.0, ge=60, le=150, description="angle from the camera's axis to the views' axis")
     depths_mm: tuple[float, ...] = Field(
-        default=(300.0, 500.0), min_length=1, description="scene depths (along the views, from the pupil) to overlap at"
+        default=(300.0, 500.0),
+        min_length=1,
+        description="scene depths at which the views overlap, from the pupil",
     )
     spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between any two mirrors")
     seen_gap_mm: float = Field(
@@ -34,7 +36,7 @@ class DesignSpec(Value):
     min_edge_mm: float = Field(default=3.0, ge=0, description="shortest edge of a mirror that can be cut")
     min_area_mm2: float = Field(default=20.0, ge=0, description="smallest area of a mirror that can be cut and glued")
     tradeoff: float = Field(
-        default=0.3, ge=0, le=1, description="0 asks for pixel efficiency alone, 1 for a perfect grid of views alone"
+        default=0.3, ge=0, le=1, description="0 optimises pixel efficiency alone, 1 a regular grid of views alone"
     )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
     thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirrors")

@@ -19,7 +19,6 @@ from mirrorcam import cli
 from mirrorcam.commands.option_texts import tolerances_from_text
 from mirrorcam.commands.render import RenderOptions
 from mirrorcam.console.progress import long_work
-from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.files import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -221,23 +220,6 @@ def test_a_board_too_large_to_be_seen_is_refused(tmp_path: Path, default_layout:
     default_layout.save(tmp_path / "layout.json")
     save_board(tmp_path / "board.toml", Checkerboard(cols=9, rows=6, square_mm=900.0))
     assert_refused(tmp_path, "render layout.json --board board.toml --out set", "board: too large")
-
-
-def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
-    assert_refused(tmp_path, "design --depths-mm 20 --out design", "infeasible design, depth constraint")
-
-
-def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
-    result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
-    assert (result.returncode, result.stderr) == (0, "")
-    assert sorted(path.name for path in (tmp_path / "design").iterdir()) == [
-        "before_after.png",
-        "layout.json",
-        "parabola.json",
-    ]
-    layout, parabola = (Layout.load(tmp_path / "design" / name) for name in ("layout.json", "parabola.json"))
-    for text in ("parabola", "optimised", *(figure_text(x.metrics["grid_error"].value) for x in (parabola, layout))):
-        assert text in result.stdout
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:

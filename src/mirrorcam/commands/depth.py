@@ -41,8 +41,8 @@ def run(options: DepthOptions) -> int:
         found = write_depths(inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, progress=advance)
     lines = []
     for each in found:
-        middle = f"median {each.median_mm:.0f} mm" if each.sure else "nothing sure"
-        lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5, {middle}")
+        median = f", median {each.median_mm:.0f} mm" if each.sure else ""
+        lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5{median}")
     say_some("depth", lines)
     say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {options.out}")
     return 0

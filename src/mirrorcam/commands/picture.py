@@ -35,7 +35,7 @@ def run(options: PictureOptions) -> int:
     require("render")
     from mirrorcam.workflow.rendering import write_product_picture
 
-    say("picture", f"{options.spp} samples a pixel ...")
+    say("picture", f"{options.spp} samples per pixel ...")
     write_product_picture(layout, options.parts, options.out, spp=options.spp)
     say("picture", f"{options.out} written")
     return 0

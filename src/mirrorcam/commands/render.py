@@ -159,16 +159,16 @@ def run(options: RenderOptions) -> int:
         dataset = render_set(request, options.out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, layout.cols))
     say("coverage", reach_text(dataset, layout.mirror_names))
-    say("render", f"{options.out / MANIFEST} written; what is in {options.out / 'truth'} is for validate alone")
+    say("render", f"{options.out / MANIFEST} written; {options.out / 'truth'} is for mirrorcam validate only")
     return 0
 
 
 def coverage_text(dataset: Dataset, cols: int) -> str:
-    """Percentage of each mirror's picture, row by row, and of the bare camera's, that shows corners in some frame."""
+    """Percentage of each sub-image, row by row, and of the base frames, in which some frame shows corners."""
     percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
     rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
-    mirrors = f"corners over {' / '.join(rows)} % of the mirrors' pictures"
-    return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of the bare camera's" if dataset.base_frames else mirrors
+    mirrors = f"corners cover {' / '.join(rows)} % of the sub-images"
+    return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of base frames" if dataset.base_frames else mirrors
 
 
 def reach_text(dataset: Dataset, mirrors: Sequence[str]) -> str:

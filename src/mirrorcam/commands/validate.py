@@ -29,5 +29,5 @@ def run(options: ValidateOptions) -> int:
         validation = validate(options.set, advance)
         write_validation(validation, options.out, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
-    say("validate", "passed" if validation.passed else "past a limit")
+    say("validate", "passed" if validation.passed else "failed: a figure exceeds its limit")
     return 0 if validation.passed else 1

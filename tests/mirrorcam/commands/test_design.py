@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import main
+from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.design_files import write_design
+from tests.mirrorcam.command_line import assert_refused, mirrorcam
 
 
 @pytest.fixture
@@ -73,3 +75,20 @@ def test_nothing_is_written_where_no_layout_meets_the_spec(
     assert main(["design", "--out", str(tmp_path / "new")]) == 2
     assert not (tmp_path / "new").exists()
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
+    assert_refused(tmp_path, "design --depths-mm 20 --out design", "infeasible design, depth constraint")
+
+
+def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
+    result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert sorted(path.name for path in (tmp_path / "design").iterdir()) == [
+        "before_after.png",
+        "layout.json",
+        "parabola.json",
+    ]
+    layout, parabola = (Layout.load(tmp_path / "design" / name) for name in ("layout.json", "parabola.json"))
+    for text in ("parabola", "optimised", *(figure_text(x.metrics["grid_error"].value) for x in (parabola, layout))):
+        assert text in result.stdout

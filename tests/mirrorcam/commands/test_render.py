@@ -104,9 +104,9 @@ def test_it_says_what_the_frames_cover(folder: Path, finished_set: Path, capfd: 
     dataset = Dataset.load(folder / "set")
     percent = [f"{100 * part:.0f}" for part in dataset.coverage]
     rows = " / ".join(" ".join(percent[row : row + 3]) for row in (0, 3, 6))
-    bare = f"{100 * dataset.base_coverage:.0f} % of the bare camera's"
+    bare = f"{100 * dataset.base_coverage:.0f} % of base frames"
     capfd_out = capfd.readouterr().out
-    assert f"corners over {rows} % of the mirrors' pictures, {bare}" in capfd_out
+    assert f"corners cover {rows} % of the sub-images, {bare}" in capfd_out
     assert min(dataset.coverage) > 0.1
     assert f"every mirror shows boards from {max(r.nearest_mm for r in dataset.reaches)} to " in capfd_out
     assert contents(folder / "set") == contents(finished_set)
