@@ -53,7 +53,9 @@ class CalibrationRequest:
 
     def __post_init__(self) -> None:
         if (self.layout is None) == (self.mirrors is None):
-            raise InputError("expected a nominal layout, or the number of mirrors that the direct view stands beside")
+            raise InputError(
+                "expected a nominal layout, or the number of mirrors where the board is also seen directly"
+            )
 
 
 def calibrate_files(

@@ -79,7 +79,10 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
     check_frames(request.frames, layout, request.layout)
     decoder = _decoder(request, layout)
     if layout.kind == "nominal":
-        reporter.note("decode", f"{request.layout} is a design, not calibrated: views are where it wants them to be")
+        reporter.note(
+            "decode",
+            f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
+        )
     images = [path for path in request.frames if is_picture(path)]
     if images:
         with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
@@ -87,7 +90,7 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
         reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {folder}")
     if decoder.equalisation is not None and _equalisation_file(request) is None:
         decoder.equalisation.save(folder / EQUALISATION)
-        reporter.note("decode", f"factors of the views' brightness written to {folder / EQUALISATION}")
+        reporter.note("decode", f"gains of the views written to {folder / EQUALISATION}")
     recorder = StreamRecorder(decoder, folder, request.to, request.limit, request.regular_grid_at_mm, reporter)
     for source, name, origin in _streams(request, layout):
         recorder.record(source, name, origin)

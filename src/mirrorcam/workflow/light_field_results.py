@@ -131,7 +131,7 @@ def write_epipolar_images(
 ) -> None:
     """Cut epipolar-plane images out of light fields, at a line of the central view or in its middle.
 
-    What lies at `depth_mm` (the reference depth without it) stands upright. Writes NAME_epi.npz and .png into a folder.
+    Points at `depth_mm` (by default the reference depth) form vertical lines. Writes NAME_epi.npz and .png.
     """
     for each in inputs.each(progress):
         light_field = each.light_field

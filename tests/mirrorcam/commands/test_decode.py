@@ -184,7 +184,7 @@ def test_frames_of_another_layout_are_refused_by_their_manifest(
 def test_a_design_is_decoded_and_called_one(here: Path, layout: Layout, capfd: pytest.CaptureFixture[str]) -> None:
     layout.replaced(kind="nominal").save(here / "layout.json")
     assert cli.main(["decode", "video.mp4", "--layout", "layout.json", "--limit", "2", "--out", "out"]) == 0
-    assert "layout.json is a design, not calibrated" in capfd.readouterr().out
+    assert "layout.json is a nominal layout, not a calibrated one" in capfd.readouterr().out
 
 
 def test_views_are_made_equally_bright(here: Path, layout: Layout) -> None:

@@ -22,7 +22,7 @@ def test_a_folder_without_a_set_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("error_deg", "code", "verdict"), [(0.02, 0, "passed"), (0.021, 1, "failed: a figure exceeds")]
+    ("error_deg", "code", "verdict"), [(0.02, 0, "passed"), (0.021, 1, "failed: a figure exceeds its limit")]
 )
 def test_figures_are_printed_with_their_limits_and_decide_about_the_exit_code(
     error_deg: float,
