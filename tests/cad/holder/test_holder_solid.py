@@ -109,7 +109,7 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
 def test_sheets_that_nearly_touch_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
     check_gaps(make_flat_pair(gap_mm=0.31), HARDWARE)
     with pytest.raises(
-        InputError, match=r"mirrors 0 and 1 are 0\.25 mm apart as cut from sheet, expected at least 0\.30"
+        InputError, match=r"mirrors 0-0 and 0-1 are 0\.25 mm apart as cut from sheet, expected at least 0\.30"
     ):
         check_gaps(make_flat_pair(gap_mm=0.25), HARDWARE)
 
