@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,10 +18,13 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
+designed = cache(design)
+"""A spec is designed once, however many tests ask for it."""
+
 
 @pytest.fixture(scope="module")
 def nominal() -> Layout:
-    return design(DesignSpec())
+    return designed(DesignSpec())
 
 
 def test_the_default_design_reaches_its_goals(nominal: Layout) -> None:
@@ -86,7 +90,7 @@ def test_the_central_mirror_folds_by_ninety_degrees_at_the_scale(nominal: Layout
 
 def test_another_fold_sees_more(nominal: Layout) -> None:
     spec = DesignSpec(fold_deg=105.0)
-    layout = design(spec)
+    layout = designed(spec)
     assert stands(layout, spec)
     assert layout.metrics["grid_error"].value <= 1.02 * nominal.metrics["grid_error"].value
     for depth in ("300", "500"):
@@ -110,7 +114,7 @@ def test_another_fold_sees_more(nominal: Layout) -> None:
 )
 def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency: float) -> None:
     spec = DesignSpec(rows=rows, cols=cols)
-    layout = design(spec)
+    layout = designed(spec)
     assert stands(layout, spec)
     assert layout.metrics["grid_error"].value <= worst_error
     for depth in ("300", "500"):
@@ -119,13 +123,13 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
 
 @pytest.mark.slow
 def test_five_by_five() -> None:
-    layout = design(DesignSpec(rows=5, cols=5))
+    layout = designed(DesignSpec(rows=5, cols=5))
     assert layout.metrics["grid_error"].value <= 0.11
     assert layout.metrics["pixel_efficiency_300mm"].value >= 0.30
 
 
 def test_tradeoff_trades_efficiency_for_the_grid() -> None:
-    figures = [design(DesignSpec(rows=2, cols=2, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)]
+    figures = [designed(DesignSpec(rows=2, cols=2, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)]
     errors = [metrics["grid_error"].value for metrics in figures]
     shares = [metrics["pixel_efficiency_300mm"].value + metrics["pixel_efficiency_500mm"].value for metrics in figures]
     for better, worse in itertools.pairwise(errors):
@@ -166,7 +170,7 @@ def test_tradeoff_trades_efficiency_for_the_grid() -> None:
 )
 def test_other_requests(changes: dict[str, object]) -> None:
     spec = DesignSpec.model_validate({"rows": 2, "cols": 2, **changes})
-    layout = design(spec)
+    layout = designed(spec)
     assert stands(layout, spec)
     assert {len(mirror.outline_in_rig_mm) for mirror in layout.mirrors} == {spec.sides}
     assert layout.metrics["grid_error"].value < 0.07
@@ -177,13 +181,13 @@ def test_other_requests(changes: dict[str, object]) -> None:
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
     # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
-    layout = design(spec)
+    layout = designed(spec)
     assert stands(layout, spec)
     assert blocked_light(layout.mirrors, 30.0) == []
 
 
 def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
-    figures = [design(DesignSpec(rows=2, cols=2, sides=sides)).metrics for sides in (4, 5)]
+    figures = [designed(DesignSpec(rows=2, cols=2, sides=sides)).metrics for sides in (4, 5)]
     merits = [
         0.3 * (metrics["grid_error"].value / 0.25) ** 2
         - 0.35 * (metrics["pixel_efficiency_300mm"].value + metrics["pixel_efficiency_500mm"].value)
@@ -197,10 +201,10 @@ def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
     [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)],
 )
 def test_mirrors_are_as_large_as_asked_and_no_larger_than_that_costs(name: str, field: str, asked: float) -> None:
-    free = design(DesignSpec(rows=2, cols=4)).metrics
+    free = designed(DesignSpec(rows=2, cols=4)).metrics
     assert free[name].value < 0.9 * asked
     spec = DesignSpec(rows=2, cols=4).replaced(**{field: asked})
-    layout = design(spec)
+    layout = designed(spec)
     assert stands(layout, spec)
     assert layout.metrics[name].value == pytest.approx(asked, rel=1e-4)
     assert layout.metrics["pixel_efficiency_300mm"].value < free["pixel_efficiency_300mm"].value
@@ -210,7 +214,7 @@ def test_sub_images_are_as_far_apart_as_asked_and_no_farther_than_that_costs() -
     found = []
     for asked in (0.0, 1.0, 3.0):
         spec = DesignSpec(rows=2, cols=2, seen_gap_mm=asked)
-        layout = design(spec)
+        layout = designed(spec)
         assert stands(layout, spec)
         assert layout.verdict["smallest_seen_gap_mm"].value == pytest.approx(asked, abs=1e-3)
         found.append([layout.metrics[f"pixel_efficiency_{depth}mm"].value for depth in (300, 500)])
