@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import ValidationError
+import tyro
+from pydantic import Field, ValidationError
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+
+SensorOption = Annotated[
+    str,
+    tyro.conf.arg(metavar="NAME|PATH"),
+    Field(description="lens and sensor model: ideal, c920, poor, or a .toml file"),
+]
+TolerancesOption = Annotated[
+    str,
+    tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hand-assembled camera)"),
+    Field(
+        description=(
+            "tolerances of the rendered camera as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none"
+        )
+    ),
+]
 
 
 def tolerances_from_text(text: str) -> Tolerances:

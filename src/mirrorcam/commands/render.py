@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from pydantic import Field, ValidationError, model_validator
 
-from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
+from mirrorcam.commands.option_texts import SensorOption, TolerancesOption, sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
@@ -56,17 +56,8 @@ class RenderOptions(Value):
         default="mitsuba", description="mitsuba: reference, by path tracing; fast: analytic, for large sets"
     )
     spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference renderer")
-    sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default="c920", description="lens and sensor model: ideal, c920, poor, or a .toml file"
-    )
-    as_built: Annotated[
-        str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hand-assembled camera)")
-    ] = Field(
-        default="",
-        description=(
-            "tolerances of the rendered camera as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none"
-        ),
-    )
+    sensor: SensorOption = "c920"
+    as_built: TolerancesOption = ""
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="board.toml of the target; without it, the default board"
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
+from mirrorcam.commands.option_texts import SensorOption, TolerancesOption, sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
@@ -40,17 +40,8 @@ class SceneOptions(Value):
         default=0, ge=0, description="seed of objects, tolerances and noise; the same seed gives the same bytes"
     )
     spp: int = Field(default=64, ge=4, description="samples per pixel")
-    sensor: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = Field(
-        default="c920", description="lens and sensor model: ideal, c920, poor, or a .toml file"
-    )
-    as_built: Annotated[
-        str, tyro.conf.arg(metavar="NAME=VALUE,...", help_behavior_hint="(a hand-assembled camera)")
-    ] = Field(
-        default="",
-        description=(
-            "tolerances of the rendered camera as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none"
-        ),
-    )
+    sensor: SensorOption = "c920"
+    as_built: TolerancesOption = ""
     out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is resumed")
 
 
