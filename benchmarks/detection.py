@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.detection.checkerboard import Grey

@@ -18,7 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.files import encoded_image, read_image, write_bytes
+from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.pictures import encoded_image, read_image
 
 TOUR = Path(__file__).with_name("tour.md")
 WIDEST_PX = 1440

@@ -16,7 +16,7 @@ from mirrorcam.cad.documents.assembly_steps import CLIP, Stages, home_of, joins_
 from mirrorcam.cad.documents.labels import Label, annotate
 from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import re
+import stat
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from difflib import get_close_matches
+from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
@@ -20,12 +20,9 @@ from pydantic import BaseModel, ValidationError
 from mirrorcam.optics.base.values import InputError, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
-JPEG_ENDINGS = (".jpg", ".jpeg")
-PICTURE_ENDINGS = (".png", *JPEG_ENDINGS, ".webp")
-"""What the names of pictures end in, in small letters, wherever pictures are read."""
-PNG_END = b"IEND\xaeB`\x82"
-# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
-JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+LARGEST_FILE_BYTES = 100_000_000
+"""Bytes of the largest file that is read whole: layouts, boards, manifests and tables are smaller by far."""
+LONGEST_MESSAGE = 300
 
 
 @contextmanager
@@ -71,104 +68,112 @@ def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
     write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
 
 
-def read_bytes(path: Path) -> bytes:
-    """The bytes of a file, or InputError in one line."""
+def is_inside(folder: Path, name: str) -> bool:
+    """Whether a name in a manifest is of a file in its folder: not absolute, without .., and through no link out."""
+    path = PureWindowsPath(name)  # every part and drive that any system sees in it
+    if not path.parts or path.anchor or ".." in path.parts or "\x00" in name:
+        return False
+    return (folder / name).resolve().is_relative_to(folder.resolve())
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file in a folder by its name in a manifest; raises InputError for a name that leads out of it."""
+    if not is_inside(folder, name):
+        raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
+    return folder / name
+
+
+def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
+    """The bytes of a regular file of at most so many of them, or InputError in one line."""
     try:
-        return path.read_bytes()
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{path}: is a folder, expected a file")
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path}: is no regular file, expected one")
+        if status.st_size <= most:
+            with path.open("rb") as stream:
+                content = stream.read(most + 1)
+            if len(content) <= most:
+                return content
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, expected a file") from None
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{str(path)[:200]!r}: {getattr(error, 'strerror', None) or error}") from None
+    raise InputError(f"{path}: is larger than {most // 1_000_000} MB, expected a smaller file")
 
 
-def one_line(error: ValidationError) -> str:
-    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others."""
-    details = error.errors(include_url=False)
-    where = ".".join(str(part) for part in details[0]["loc"])
-    message = details[0]["msg"].removeprefix("Value error, ")
-    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return f"{where}: {message}{more}" if where else f"{message}{more}"
-
-
-def read_model(model: type[Model], path: Path) -> Model:
-    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line."""
-    raw = read_bytes(path)
-    try:
-        text = raw.decode("utf-8")
-        data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid {'TOML' if path.suffix == '.toml' else 'JSON'}: {error}") from None
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        raise InputError(f"{path}: {one_line(error)}") from None
-
-
-def _jpeg_ends(raw: bytes) -> bool:
-    """Return whether a JPEG is complete: it reaches its end marker, not a thumbnail's; appended data is ignored."""
-    at = 2
-    while found := JPEG_MARKER.search(raw, at):
-        if found.group() == b"\xff\xd9":
-            return True
-        at = found.end() + int.from_bytes(raw[found.end() : found.end() + 2])
-    return False
-
-
-def is_picture(path: Path) -> bool:
-    """Return whether a file is named like a picture; capitals count as small letters."""
-    return path.suffix.lower() in PICTURE_ENDINGS
-
-
-def pictures_in(paths: Sequence[Path]) -> list[Path]:
-    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name."""
-    found: list[Path] = []
-    for path in paths:
-        inside = sorted(filter(is_picture, path.iterdir())) if path.is_dir() else [path]
-        if not inside:
-            raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
-        found += inside
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The keys and values of a JSON object; raises ValueError for a key that is there twice."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key[:80]!r} is there twice")
+        found[key] = value
     return found
 
 
-def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
-    """Read a picture of 8 bits a channel, PNG, JPEG or WebP.
-
-    Parameters
-    ----------
-    path
-        File to read.
-    grey
-        Convert to grey.
-
-    Returns
-    -------
-    ndarray of uint8
-        (h, w, 3) in RGB, or (h, w) in grey, with rows as on the sensor: a rotation in the EXIF data is not applied.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, truncated or no picture.
-    """
+def read_json(path: Path) -> Any:
+    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that is there twice."""
     raw = read_bytes(path)
-    if (raw.startswith(b"\x89PNG") and PNG_END not in raw) or (raw.startswith(b"\xff\xd8") and not _jpeg_ends(raw)):
-        raise InputError(f"{path}: image is truncated")
-    flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB) | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags) if raw else None
-    if image is None:
-        raise InputError(f"{path}: not an image that can be decoded, expected PNG, JPEG or WebP")
-    return np.asarray(image, dtype=np.uint8)
+    try:
+        return json.loads(raw.decode("utf-8-sig"), object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise InputError(shortened(f"{path}: not valid JSON: {error}")) from None
 
 
-def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
-    """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
-    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
-    encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
-    if not encoded:
-        raise ValueError(f"no encoder for {image.shape=}")
-    return buffer.tobytes()
+def _read_toml(path: Path) -> Any:
+    raw = read_bytes(path)
+    try:
+        return tomllib.loads(raw.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(shortened(f"{path}: not valid TOML: {error}")) from None
+
+
+def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
+    """A text, without its middle where it is longer than `most` characters."""
+    return text if len(text) <= most else f"{text[: most * 2 // 3]} ... {text[-most // 4 :]}"
+
+
+def _known_names(schema: Any) -> set[str]:
+    """The names of all fields in the JSON schema of a model."""
+    if isinstance(schema, dict):
+        own = set(schema["properties"]) if isinstance(schema.get("properties"), dict) else set()
+        return own.union(*map(_known_names, schema.values()))
+    return set().union(*map(_known_names, schema)) if isinstance(schema, list) else set()
+
+
+def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others.
+
+    A key that is not known comes first, with the one of `model` that may have been meant.
+    """
+    details = error.errors(include_url=False)
+    first = next((each for each in details if each["type"] == "extra_forbidden"), details[0])
+    where = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        names = _known_names(model.model_json_schema()) if model is not None else set()
+        meant = get_close_matches(str(first["loc"][-1]), sorted(names), n=1)
+        message = f"not known, did you mean {meant[0]}?" if meant else "not known"
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")
+
+
+def read_model(model: type[Model], path: Path) -> Model:
+    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
+
+    Types are as in the file: a number as a text, or true for a number, is refused.
+    """
+    data = _read_toml(path) if path.suffix.lower() == ".toml" else read_json(path)
+    try:
+        return model.model_validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{path}: {one_line(error, model)}") from None
+    except TypeError as error:  # a date or a time of TOML
+        raise InputError(f"{path}: {error}, expected numbers, texts and tables") from None
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -182,10 +187,3 @@ def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     # By an open file: to a path that does not end in .npz, NumPy would append it and leave this one empty.
     with atomic(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **dict[str, Any](arrays))
-
-
-def write_image(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
-    if not cv2.haveImageWriter(path.name):
-        raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
-    write_bytes(path, encoded_image(image, path.suffix))

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import Model, read_model, write_text
+from mirrorcam.optics.base.files import Model, inside, read_model, write_text
 from mirrorcam.optics.base.fingerprint import differing, file_digest
 from mirrorcam.optics.base.values import InputError, Value
 
 
 def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
     """Return those of the files, sha256 by name in the folder, that are there as they were written."""
-    return {name: sha256 for name, sha256 in files.items() if _is_intact(folder / name, sha256)}
+    return {name: sha256 for name, sha256 in files.items() if _is_intact(inside(folder, name), sha256)}
 
 
 def _is_intact(path: Path, sha256: str) -> bool:
@@ -68,15 +69,14 @@ class FolderManifest(Value):
     def continued(self, folder: Path) -> Self:
         """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
 
-        Raises InputError where the folder holds something else: it is not replaced.
+        Raises InputError where the folder holds something else, or a file that was changed since: it is not replaced.
         """
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
         if not (folder / self.FILE).exists():
-            foreign = [name for name in sorted(self.FOLDERS) if (folder / name).exists()]
+            foreign = [name for name in (*self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
             if foreign:
-                found = f"has a folder {foreign[0]!r} but no {self.FILE}"
-                raise InputError(f"{folder}: {found}, expected a new or empty folder")
+                raise InputError(f"{folder}: has {foreign[0]!r} but no {self.FILE}, expected a new or empty folder")
             _remove_temporaries(folder, (self.FILE,), ())
             self.save(folder)
             return self
@@ -89,7 +89,11 @@ class FolderManifest(Value):
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
         _remove_temporaries(folder, (self.FILE, *self.FILES), self.FOLDERS)
-        return before.replaced(files=intact(folder, before.files))
+        whole = intact(folder, before.files)
+        for name in before.files.keys() - whole.keys():
+            if os.path.lexists(folder / name):
+                raise InputError(f"{folder / name}: was changed since it was written, expected it as it was, or gone")
+        return before.replaced(files=whole)
 
     def recorded(self, folder: Path, *names: str) -> Self:
         """Return the manifest with the checksums of files just written, saved."""
@@ -103,6 +107,6 @@ class FolderManifest(Value):
 def _remove_temporaries(folder: Path, files: tuple[str, ...], folders: tuple[str, ...]) -> None:
     """Remove what a killed run could not: the temporary files of `optics.base.files.atomic`."""
     named = [f".{Path(name).stem}-*{Path(name).suffix}" for name in files]
-    for pattern in (*named, *(f"{inside}/**/.*-*" for inside in folders)):
+    for pattern in (*named, *(f"{name}/**/.*-*" for name in folders)):
         for leftover in list(folder.glob(pattern)):
             leftover.unlink(missing_ok=True)

@@ -29,9 +29,11 @@ class Shaped:
     def check(self, value: Any) -> FloatArray:
         expected = "(" + ", ".join("n" if length is None else str(length) for length in self.shape) + ")"
         try:
-            array = np.array(value, dtype=np.float64)
+            array = np.array(value, dtype=np.float64) if _is_numbers(value) else None
         except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"not an array of numbers, expected shape {expected}") from None
+            array = None
+        if array is None:
+            raise ValueError(f"not an array of numbers, expected shape {expected}")
         if array.ndim != len(self.shape) or any(
             want is not None and want != got for want, got in zip(self.shape, array.shape, strict=True)
         ):
@@ -51,6 +53,14 @@ class Shaped:
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         return {"type": "array"}
+
+
+def _is_numbers(value: Any) -> bool:
+    """Return whether nested lists hold nothing but numbers: a text or a truth value is none."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_numbers, value))
+    kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
+    return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
 
 
 Vector3 = Annotated[FloatArray, Shaped((3,))]

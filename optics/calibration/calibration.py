@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line, read_image
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
@@ -63,7 +64,8 @@ def calibrate(
     Parameters
     ----------
     frames
-        Pictures of the board through the mirrors: grey values (h, w), or paths of picture files.
+        Pictures of the board through the mirrors: grey values (h, w), or paths of picture files. A damaged file is
+        left out, named in the notes and counted in the metrics.
     base_frames
         Pictures of the board by the camera without mirrors, likewise. Without any, the camera starts from that of
         `layout`, and the intrinsics rest on the mirrored views alone.
@@ -97,10 +99,13 @@ def calibrate(
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
     extremes = Extremes()
 
-    def recorded() -> Iterator[Grey]:
-        for grey in _grey(frames):
+    damaged: list[DamagedPicture] = []
+
+    def recorded() -> Iterator[Grey | None]:
+        for grey in _grey(frames, layout, damaged):
             yield grey
-            extremes.add(grey)  # once the next one is requested, this one was found to have the expected size
+            if grey is not None:
+                extremes.add(grey)  # once the next one is requested, this one was found to have the expected size
 
     def report(found: Sequence[Observations]) -> None:
         on_frame(len(found))
@@ -109,12 +114,30 @@ def calibrate(
     if level is not None:
         additions_of(level)  # refused before pictures are searched
     seen = detect(recorded(), mirrored=True, on_frame=report)
-    base = detect(_grey(base_frames), mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
-    return calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
+    pictures = _grey(base_frames, layout, damaged)
+    base = detect(pictures, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
+    found = calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
+    return found.with_damaged_pictures(damaged)
 
 
-def _grey(pictures: Iterable[Grey | Path]) -> Iterator[Grey]:
-    return (read_image(picture, grey=True) if isinstance(picture, Path) else picture for picture in pictures)
+def _grey(pictures: Iterable[Grey | Path], layout: Layout, damaged: list[DamagedPicture]) -> Iterator[Grey | None]:
+    """The grey values of pictures; None for each file that is damaged, which joins the list of those.
+
+    Raises InputError for a file of another size than that of the layout's camera.
+    """
+    for picture in pictures:
+        if not isinstance(picture, Path):
+            yield picture
+            continue
+        try:
+            grey = read_image(picture, grey=True)
+        except DamagedPicture as error:
+            damaged.append(error)
+            yield None
+            continue
+        camera = layout.camera
+        check_size(picture, (grey.shape[1], grey.shape[0]), (camera.width_px, camera.height_px), "the layout's camera")
+        yield grey
 
 
 def calibrate_corners(

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_image, write_image, write_text
+from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.pictures import check_size, read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports.colmap_cameras import rig_cameras
 from mirrorcam.optics.exports.kalibr import camchain_yaml, radtan
@@ -63,10 +64,8 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
 
 def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:
     frame = read_image(path)
-    height, width = frame.shape[:2]
     camera = layout.camera
-    if (width, height) != (camera.width_px, camera.height_px):
-        raise InputError(f"{path}: {width}x{height} px, expected {camera.width_px}x{camera.height_px} as calibrated")
+    check_size(path, (frame.shape[1], frame.shape[0]), (camera.width_px, camera.height_px), "the layout's camera")
     return frame
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.files import encoded_image
+from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import atomic, read_bytes, read_image
+from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.pictures import read_image
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.files import encoded_image, read_bytes, write_bytes, write_json
+from mirrorcam.optics.base.files import read_bytes, write_bytes, write_json
 from mirrorcam.optics.base.fingerprint import digest, value_digest
+from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.resumable import FolderManifest
 from mirrorcam.optics.base.values import FloatArray, InputError, Value

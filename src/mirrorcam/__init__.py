@@ -38,7 +38,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from mirrorcam.cad.build import build_parts
-    from mirrorcam.optics.base.files import read_image
+    from mirrorcam.optics.base.pictures import read_image
     from mirrorcam.optics.base.values import InputError
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.design.optimise import design
@@ -72,7 +72,7 @@ else:
         "design": "optics.design.optimise",
         "estimate_depth": "optics.light_field.depth.estimate",
         "open_light_field": "optics.light_field.io.formats.registry",
-        "read_image": "optics.base.files",
+        "read_image": "optics.base.pictures",
         "render_set": "render_scenes.sets.render_set",
         "validate": "workflow.validation",
         "write_light_field": "optics.light_field.io.formats.registry",

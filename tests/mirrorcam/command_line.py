@@ -10,11 +10,17 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.workflow.output_folder import HIDDEN
 
 
 def mirrorcam(folder: Path, arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "mirrorcam", *arguments.split()]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+def results(folder: Path) -> list[str]:
+    """Names of everything that a command has put into a folder, without its own record of it."""
+    return sorted(path.name for path in folder.iterdir() if path.name != HIDDEN)
 
 
 def assert_refused(folder: Path, arguments: str, *expected: str) -> None:

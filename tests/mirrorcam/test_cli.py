@@ -19,7 +19,7 @@ from mirrorcam import cli
 from mirrorcam.commands.option_texts import tolerances_from_text
 from mirrorcam.commands.render import RenderOptions
 from mirrorcam.console.progress import long_work
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board

@@ -63,7 +63,7 @@ def sub_images(grey: Grey, layout: Layout, target: Target) -> Observations:
 
 
 def detect_frames(
-    pictures: Iterable[Grey],
+    pictures: Iterable[Grey | None],
     layout: Layout,
     target: Target,
     *,
@@ -77,7 +77,8 @@ def detect_frames(
     Parameters
     ----------
     pictures
-        Grey pictures (h, w), of the size of the layout's camera; at most two per worker are held at a time.
+        Grey pictures (h, w), of the size of the layout's camera; at most two per worker are held at a time. None is a
+        frame that could not be read, and shows nothing.
     layout
         Where the sub-images are, exactly or nominally.
     target
@@ -106,7 +107,9 @@ def detect_frames(
     def find(grey: Grey) -> Observations:
         return sub_images(grey, layout, target) if mirrored else direct_view(grey, target)
 
-    def look(grey: Grey) -> Observations:
+    def look(grey: Grey | None) -> Observations:
+        if grey is None:
+            return Observations.none()
         if folder is None:
             return find(grey)
         name = detection_cache.key(grey, target, layout if mirrored else None)
@@ -116,9 +119,9 @@ def detect_frames(
             detection_cache.save(folder, name, seen)
         return seen
 
-    def sized() -> Iterator[Grey]:
+    def sized() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):
-            if grey.shape != expected:
+            if grey is not None and grey.shape != expected:
                 height, width = grey.shape[:2]
                 camera = f"the layout's camera {expected[1]}x{expected[0]}"
                 raise InputError(f"frame {number} is {width}x{height} px, {camera}")
@@ -131,7 +134,9 @@ def detect_frames(
     return observations
 
 
-def _in_order(look: Callable[[Grey], Observations], pictures: Iterator[Grey], workers: int) -> Iterator[Observations]:
+def _in_order(
+    look: Callable[[Grey | None], Observations], pictures: Iterator[Grey | None], workers: int
+) -> Iterator[Observations]:
     if workers == 1:
         yield from map(look, pictures)
         return

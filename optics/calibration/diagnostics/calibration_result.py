@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
+from mirrorcam.optics.base.pictures import DamagedPicture
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
@@ -71,6 +73,14 @@ class Calibration:
             notes=notes,
             diagnostics=diagnostics,
         )
+
+    def with_damaged_pictures(self, damaged: Sequence[DamagedPicture]) -> Self:
+        """The calibration with a note of each picture that was left out as damaged, and their number in the metrics."""
+        if not damaged:
+            return self
+        metrics = self.metrics | {"damaged_pictures": Metric(value=len(damaged), unit="1")}
+        notes = (*(f"{error}; not used" for error in damaged), *self.notes)
+        return replace(self, layout=self.layout.replaced(metrics=metrics), metrics=metrics, notes=notes)
 
 
 def uncertainty(solution: Solution) -> Uncertainty:

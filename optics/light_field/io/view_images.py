@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_image, write_bytes
+from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 

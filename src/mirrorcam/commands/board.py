@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
 
@@ -27,13 +28,14 @@ class BoardOptions(Value):
         str, tyro.conf.arg(metavar="NAME|WIDTHxHEIGHT", help_behavior_hint="(the smallest A size that fits)")
     ] = Field(default="", description="page: a4, a3, a2, a1, a0, letter, or width x height in mm")
     out: Path = Field(default=Path("output/board.pdf"), description="file to write, .pdf or .svg")
+    force: bool = FORCE
 
 
 def run(options: BoardOptions) -> int:
     """Write the page."""
     from mirrorcam.workflow.board_files import print_board
 
-    printed = print_board(options.out, options.board, options.page)
+    printed = print_board(options.out, options.board, options.page, force=options.force)
     width, height = printed.page_mm
     say("board", f"{options.out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
     say("board", f"{printed.numbers} written, which describes it for mirrorcam calibrate")

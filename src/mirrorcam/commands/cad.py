@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
@@ -25,6 +26,7 @@ class CadOptions(Value):
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
     out: Path = Field(default=Path("output/cad"), description="output folder")
+    force: bool = FORCE
     hardware: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="TOML file with values that replace those of the table of dimensions (docs/cad.md)"
     )
@@ -50,7 +52,9 @@ def run(options: CadOptions) -> int:
     require("cad")
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance:
-        checks = write_device(layout, options.out, hardware, workers=options.workers, progress=advance)
+        checks = write_device(
+            layout, options.out, hardware, workers=options.workers, force=options.force, progress=advance
+        )
     failed = {name for name, check in checks.items() if not check.passed}
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
     limited = sum(check.limit is not None for check in checks.values())

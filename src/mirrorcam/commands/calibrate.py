@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Metric, Value
 
@@ -47,6 +48,7 @@ class CalibrateOptions(Value):
             "cached in detections/"
         ),
     )
+    force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -61,7 +63,8 @@ class CalibrateOptions(Value):
 
 def run(options: CalibrateOptions) -> int:
     """Calibrate, write the result, and print its figures; 1 where the diagnostics speak against the model."""
-    from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files, write_calibration
+    from mirrorcam.workflow.calibration_files import FILES, CalibrationRequest, calibrate_files, write_calibration
+    from mirrorcam.workflow.output_folder import output_folder
 
     request = CalibrationRequest(
         pictures=options.images,
@@ -76,9 +79,12 @@ def run(options: CalibrateOptions) -> int:
     def on_hint(picture: Path, hint: NextPose) -> None:
         say("calibrate", f"{picture.name}: {hint.sentence}")
 
-    with long_work("calibrate", "finding corners", "pictures") as advance:
-        calibration = calibrate_files(request, advance, on_hint if options.live_hint else None)
-        write_calibration(calibration, options.out, command="mirrorcam calibrate")
+    with output_folder(options.out, "calibrate", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with long_work("calibrate", "finding corners", "pictures") as advance:
+            calibration = calibrate_files(request, advance, on_hint if options.live_hint else None)
+        with output.staged() as folder:
+            write_calibration(calibration, folder, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": shown})
     diagnostics = calibration.diagnostics

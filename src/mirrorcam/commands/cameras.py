@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
 
@@ -20,14 +21,18 @@ class CamerasOptions(Value):
         default=(), description="frames of the camera, or folders of them, to write flipped and masked for COLMAP"
     )
     out: Path = Field(default=Path("output/cameras"), description="folder for the files; its README.md explains them")
+    force: bool = FORCE
 
 
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
-    from mirrorcam.optics.base.files import pictures_in
+    from mirrorcam.optics.base.pictures import pictures_in
     from mirrorcam.optics.exports.write_exports import write_exports
     from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.workflow.output_folder import output_folder
 
-    write_exports(Layout.load(options.layout), options.out, pictures_in(options.pictures))
+    layout, pictures = Layout.load(options.layout), pictures_in(options.pictures)
+    with output_folder(options.out, "cameras", force=options.force) as output, output.staged() as folder:
+        write_exports(layout, folder, pictures)
     say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")
     return 0

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.values import Value
 
@@ -26,6 +27,7 @@ class DecodeOptions(Value):
             "(t, s, 3) and the other fields of LightField), NAME.zarr of each video, and NAME_views.png of both"
         ),
     )
+    force: bool = FORCE
     device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = Field(
         default=None,
         ge=0,
@@ -80,8 +82,9 @@ class DecodeOptions(Value):
 
 
 def run(options: DecodeOptions) -> int:
-    """Decode the frames."""
+    """Decode the frames; 1 where a damaged one was left out."""
     from mirrorcam.workflow.decoding import DecodeRequest, decode_files
+    from mirrorcam.workflow.output_folder import output_folder
 
     request = DecodeRequest(
         layout=options.layout,
@@ -95,5 +98,6 @@ def run(options: DecodeOptions) -> int:
         regular_grid_at_mm=options.regular_grid_at_mm,
         equalise=options.equalise,
     )
-    decode_files(request, options.out, TERMINAL)
-    return 0
+    with output_folder(options.out, "decode", force=options.force) as output:
+        left_out = decode_files(request, output, TERMINAL)
+    return 1 if left_out else 0

@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, say
 
 
@@ -30,15 +31,20 @@ class DepthOptions(LightFieldsOptions):
             "confidence (v, u) of the central view) and NAME_depth.pfm (mm) of each light field"
         ),
     )
+    force: bool = FORCE
 
 
 def run(options: DepthOptions) -> int:
     """Measure and write depths."""
     from mirrorcam.workflow.light_field_results import write_depths
+    from mirrorcam.workflow.output_folder import output_folder
 
     inputs = options.inputs()
-    with long_work("depth", options.counted, "files") as advance:
-        found = write_depths(inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, progress=advance)
+    with (
+        output_folder(options.out, "depth", force=options.force) as output,
+        long_work("depth", options.counted, "files") as advance,
+    ):
+        found = write_depths(inputs, output, near_mm=options.near_mm, far_mm=options.far_mm, progress=advance)
     lines = []
     for each in found:
         median = f", median {each.median_mm:.0f} mm" if each.sure else ""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Metric, Value
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -15,6 +16,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 
 if TYPE_CHECKING:
     from mirrorcam.optics.design.assess.monte_carlo import Study
+    from mirrorcam.optics.geometry.layout import Layout
 
 GROUPS = {
     "overlap of the views": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
@@ -22,6 +24,7 @@ GROUPS = {
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
 """Titles of the groups of the table, each with the prefixes of the names of its figures."""
+FILES = ("layout.json", "parabola.json", "before_after.png", "tolerance.json", "tolerance.png")
 
 
 class DesignOptions(Value):
@@ -37,6 +40,7 @@ class DesignOptions(Value):
     out: Path = Field(
         default=Path("output/design"), description="folder for layout.json, parabola.json and before_after.png"
     )
+    force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -48,9 +52,14 @@ class DesignOptions(Value):
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
     from mirrorcam.workflow.design_files import write_design
+    from mirrorcam.workflow.output_folder import output_folder
 
-    with long_work("design", f"{options.spec.rows} x {options.spec.cols} mirrors"):
-        found = write_design(options.spec, options.out)
+    with output_folder(options.out, "design", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with output.staged() as folder:
+            with long_work("design", f"{options.spec.rows} x {options.spec.cols} mirrors"):
+                found = write_design(options.spec, folder)
+            study = _study(found.optimised, options, folder) if options.tolerance else None
     columns = {} if found.parabola is None else {"parabola": found.parabola}
     columns["optimised"] = found.optimised
     print_metrics({name: layout.metrics for name, layout in columns.items()}, GROUPS)
@@ -58,16 +67,17 @@ def run(options: DesignOptions) -> int:
     if found.no_parabola:
         say("design", f"no faceted parabola to compare with: {found.no_parabola}")
     say("design", f"{options.out / 'layout.json'} and {options.out / 'before_after.png'} written")
-    for name in ("tolerance.json", "tolerance.png"):
-        (options.out / name).unlink(missing_ok=True)  # of an earlier layout
-    if options.tolerance:
-        from mirrorcam.workflow.tolerance import write_tolerance
-
-        with long_work("tolerance", "devices as built"):
-            study = write_tolerance(found.optimised, options.tolerances, options.out)
+    if study is not None:
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
     return 0
+
+
+def _study(layout: Layout, options: DesignOptions, folder: Path) -> Study:
+    from mirrorcam.workflow.tolerance import write_tolerance
+
+    with long_work("tolerance", "devices as built"):
+        return write_tolerance(layout, options.tolerances, folder)
 
 
 def print_tolerance(study: Study) -> None:

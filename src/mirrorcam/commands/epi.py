@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, say
 
 
@@ -29,16 +30,21 @@ class EpiOptions(LightFieldsOptions):
             "positions_mm (n,)) of each light field"
         ),
     )
+    force: bool = FORCE
 
 
 def run(options: EpiOptions) -> int:
     """Cut and write epipolar-plane images."""
     from mirrorcam.workflow.light_field_results import write_epipolar_images
+    from mirrorcam.workflow.output_folder import output_folder
 
     inputs = options.inputs()
-    with long_work("epi", options.counted, "files") as advance:
+    with (
+        output_folder(options.out, "epi", force=options.force) as output,
+        long_work("epi", options.counted, "files") as advance,
+    ):
         write_epipolar_images(
-            inputs, options.out, axis=options.axis, line=options.line, depth_mm=options.depth_mm, progress=advance
+            inputs, output, axis=options.axis, line=options.line, depth_mm=options.depth_mm, progress=advance
         )
     say("epi", f"pictures and arrays (.npz) written to {options.out}")
     return 0

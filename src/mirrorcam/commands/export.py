@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import GeometryOptions
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import say
 from mirrorcam.optics.light_field.io.formats.registry import NAMES
 
@@ -35,6 +36,7 @@ class ExportOptions(GeometryOptions):
         )
     )
     out: Path = Field(default=Path("output/exported"), description="folder for NAME with the ending of the format")
+    force: bool = FORCE
     frame: int = Field(default=0, ge=0, description="frame of a recording in Zarr, counted from 0")
     depth: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(that of an HCI scene; else measured for ply)")
@@ -47,10 +49,12 @@ class ExportOptions(GeometryOptions):
 def run(options: ExportOptions) -> int:
     """Read, and write in the other format."""
     from mirrorcam.workflow.exporting import export_light_field
+    from mirrorcam.workflow.output_folder import output_folder
 
-    exported = export_light_field(
-        options.light_field, options.to, options.out, frame=options.frame, depth=options.depth, assumed=options.assumed
-    )
+    with output_folder(options.out, "export", force=options.force) as output:
+        exported = export_light_field(
+            options.light_field, options.to, output, frame=options.frame, depth=options.depth, assumed=options.assumed
+        )
     if exported.measured is not None:
         say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field

@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, say
 
 
@@ -45,11 +46,13 @@ class FeaturesOptions(LightFieldsOptions):
             "NAME_features.npz (NumPy: the fields of Features, with descriptors and where each view sees them)"
         ),
     )
+    force: bool = FORCE
 
 
 def run(options: FeaturesOptions) -> int:
     """Find and write features."""
     from mirrorcam.workflow.light_field_results import FeatureSearch, write_features
+    from mirrorcam.workflow.output_folder import output_folder
 
     search = FeatureSearch(
         detector=options.detector,
@@ -61,8 +64,11 @@ def run(options: FeaturesOptions) -> int:
         two_slope_sigma=options.two_slope_sigma,
     )
     inputs = options.inputs()
-    with long_work("features", options.counted, "files") as advance:
-        found = write_features(inputs, options.out, search, advance)
+    with (
+        output_folder(options.out, "features", force=options.force) as output,
+        long_work("features", options.counted, "files") as advance,
+    ):
+        found = write_features(inputs, output, search, advance)
     lines = []
     for each in found:
         sigma = f", median sigma {each.median_sigma_mm:.2f} mm" if each.count else ""

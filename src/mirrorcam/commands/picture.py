@@ -7,6 +7,7 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
@@ -22,20 +23,25 @@ class PictureOptions(Value):
     parts: Path = Field(default=Path("output/cad"), description="folder that `mirrorcam cad` wrote for this layout")
     spp: int = Field(default=64, ge=1, description="samples per pixel: more take longer and give less noise")
     out: Path = Field(default=Path("output/product.jpg"), description="picture to write, .jpg or .png")
+    force: bool = FORCE
 
 
 def run(options: PictureOptions) -> int:
     """Render and write the picture."""
-    from mirrorcam.optics.base.files import PICTURE_ENDINGS, is_picture
+    from mirrorcam.optics.base.pictures import PICTURE_ENDINGS, is_picture
     from mirrorcam.optics.geometry.layout import Layout
 
     if not is_picture(options.out):
         raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(PICTURE_ENDINGS)}")
     layout = Layout.load(options.layout)
     require("render")
+    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.rendering import write_product_picture
 
-    say("picture", f"{options.spp} samples per pixel ...")
-    write_product_picture(layout, options.parts, options.out, spp=options.spp)
+    with output_folder(options.out.parent, "picture", force=options.force) as output:
+        output.refuse_others(options.out.name)
+        say("picture", f"{options.spp} samples per pixel ...")
+        with output.staged(complete=False) as folder:
+            write_product_picture(layout, options.parts, folder / options.out.name, spp=options.spp)
     say("picture", f"{options.out} written")
     return 0

@@ -9,6 +9,7 @@ import tyro
 from pydantic import Field, model_validator
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, say
 
 
@@ -66,6 +67,7 @@ class RefocusOptions(LightFieldsOptions):
             "NAME_all_in_focus and NAME_from, and NAME_orbit and NAME_sweep (.gif or .mp4)"
         ),
     )
+    force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -79,6 +81,7 @@ class RefocusOptions(LightFieldsOptions):
 
 def run(options: RefocusOptions) -> int:
     """Focus and write pictures."""
+    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.refocusing_files import RefocusRequest, write_refocused
 
     request = RefocusRequest(
@@ -95,8 +98,11 @@ def run(options: RefocusOptions) -> int:
         far_mm=options.far_mm,
     )
     inputs = options.inputs()
-    with long_work("refocus", options.counted, "files") as advance:
-        grey = write_refocused(inputs, options.out, request, advance)
+    with (
+        output_folder(options.out, "refocus", force=options.force) as output,
+        long_work("refocus", options.counted, "files") as advance,
+    ):
+        grey = write_refocused(inputs, output, request, advance)
     say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in grey])
     say("refocus", f"pictures and arrays (.npz) written to {options.out}")
     return 0

@@ -128,6 +128,7 @@ def run(options: RenderOptions) -> int:
     from mirrorcam.render_scenes.sets.dataset import MANIFEST
     from mirrorcam.render_scenes.sets.render_set import render_set
     from mirrorcam.render_scenes.sets.set_request import SetRequest
+    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.rendering import in_workers, on_cluster
 
     request = SetRequest(
@@ -146,7 +147,10 @@ def run(options: RenderOptions) -> int:
     workers = options.workers or cores()
     run_there = in_workers(workers) if options.scheduler is None else on_cluster(options.scheduler)
     who = count_text(workers, "worker") if options.scheduler is None else f"the workers of {options.scheduler}"
-    with long_work("render", f"{options.renderer}, {who}", "frames") as advance:
+    with (
+        output_folder(options.out, "render"),
+        long_work("render", f"{options.renderer}, {who}", "frames") as advance,
+    ):
         dataset = render_set(request, options.out, run=run_there, progress=advance)
     say("coverage", coverage_text(dataset, layout.cols))
     say("coverage", reach_text(dataset, layout.mirror_names))

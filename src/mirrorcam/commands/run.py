@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import print_metrics, say
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.values import Value
@@ -21,6 +22,7 @@ class RunOptions(Value):
     ] = Field(
         default=None, description="folder for all results; those of an earlier run that are still valid are re-used"
     )
+    force: bool = FORCE
     quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
     seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise")
 
@@ -32,7 +34,7 @@ def run(options: RunOptions) -> int:
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
     out = options.out or Path("output/quick" if options.quick else "output/default")
     command = f"mirrorcam run{' --quick' if options.quick else ''} --seed {options.seed}"
-    figures = run_all(recipe, out, command, TERMINAL)
+    figures = run_all(recipe, out, command, TERMINAL, force=options.force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}
     print_metrics({"measured": failed | limited})

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
@@ -78,6 +79,7 @@ class SweepOptions(Value):
         default=Path("output/sweep"),
         description="folder for the table, pareto.png, results/ and layouts/; an interrupted sweep is resumed",
     )
+    force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -137,7 +139,7 @@ def run(options: SweepOptions) -> int:
     specs = options.specs()
     runner, who = _runner(options)
     with long_work("sweep", f"{count_text(len(specs), 'design')}, {who}", "designs") as advance:
-        swept = write_sweep(specs, options.out, runner, table=options.table, progress=advance)
+        swept = write_sweep(specs, options.out, runner, table=options.table, force=options.force, progress=advance)
     for line in summary(swept.outcomes):
         say("sweep", line)
     say("sweep", f"{' and '.join(str(path) for path in swept.files)} written")

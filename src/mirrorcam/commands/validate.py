@@ -7,6 +7,7 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
+from mirrorcam.commands.output_options import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Value
 
@@ -19,15 +20,21 @@ class ValidateOptions(Value):
         default=Path("output/validated"),
         description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",
     )
+    force: bool = FORCE
 
 
 def run(options: ValidateOptions) -> int:
     """Validate, and print every figure beside its limit."""
+    from mirrorcam.workflow.calibration_files import FILES
+    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.validation import validate, write_validation
 
-    with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
-        validation = validate(options.set, advance)
-        write_validation(validation, options.out, command="mirrorcam validate")
+    with output_folder(options.out, "validate", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
+            validation = validate(options.set, advance)
+        with output.staged() as folder:
+            write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
     say("validate", "passed" if validation.passed else "failed: a figure exceeds its limit")
     return 0 if validation.passed else 1

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet, read_map
 
 HEIGHT_PX = 480

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import RootModel
 
-from mirrorcam.optics.base.files import read_image, read_model, write_image, write_text
+from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.html.templates import PageFile, PagePicture
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.pages.run_report import Report, index_html
@@ -110,6 +111,6 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
     )
 
 
-def write_page(root: Path, *, command: str, small: bool) -> None:
-    """Write `index.html` below `root`."""
-    write_text(root / "index.html", index_html(gather(root, command=command, small=small)))
+def write_page(root: Path, path: Path, *, command: str, small: bool) -> None:
+    """Write the page of the run in `root`, for which it links its files, to a path."""
+    write_text(path, index_html(gather(root, command=command, small=small)))

@@ -8,6 +8,7 @@ from pathlib import Path
 from mirrorcam.figures.board_print import FORMATS, page_for, write_board
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
+from mirrorcam.workflow.output_folder import output_folder
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class PrintedBoard:
     numbers: Path
 
 
-def print_board(path: Path, board: Path | None = None, page: str = "") -> PrintedBoard:
+def print_board(path: Path, board: Path | None = None, page: str = "", *, force: bool = False) -> PrintedBoard:
     """Draw a board at true scale into a PDF or SVG file.
 
     Parameters
@@ -29,13 +30,16 @@ def print_board(path: Path, board: Path | None = None, page: str = "") -> Printe
         `board.toml`; None: the default board, whose numbers are written beside the page.
     page
         Name of a page, WIDTHxHEIGHT in mm, or empty for the smallest A page that holds the board.
+    force
+        Whether files may be replaced that this has not written, or that were changed since.
     """
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")
     target = default_board() if board is None else load_board(board)
     numbers = path.with_suffix(".toml") if board is None else board
     page_mm = page_for(target, page.lower())
-    write_board(target, path, page_mm, numbers.name)
-    if board is None:
-        save_board(numbers, target)
+    with output_folder(path.parent, "board", force=force) as output, output.staged(complete=False) as folder:
+        write_board(target, folder / path.name, page_mm, numbers.name)
+        if board is None:
+            save_board(folder / numbers.name, target)
     return PrintedBoard(page_mm, numbers)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirrorcam.figures.calibration_figure import residual_figure
-from mirrorcam.optics.base.files import pictures_in, read_image, write_metrics
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.pictures import pictures_in, read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
@@ -19,6 +20,9 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
+
+FILES = ("layout.json", "metrics.json", "report.html", "residuals.png")
+"""Names of the files of a calibration."""
 
 
 @dataclass(frozen=True)

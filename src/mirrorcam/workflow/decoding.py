@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import is_picture, read_image, write_image
 from mirrorcam.optics.base.fingerprint import file_digest
-from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.base.pictures import DamagedPicture, is_picture, read_image, write_image
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
@@ -22,6 +22,7 @@ from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame, Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames
+from mirrorcam.workflow.output_folder import OutputFolder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder
 
 EQUALISATION = "equalisation.json"
@@ -69,11 +70,12 @@ class DecodeRequest:
     equalise: tuple[Path, ...] = ()
 
 
-def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILENT) -> None:
+def decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter = SILENT) -> int:
     """Decode pictures, videos and a camera into a folder; of each, the views in one picture beside the light field.
 
-    Every input is checked before anything is written. A video whose decoding was interrupted is resumed. Raises
-    InputError for an input that cannot be read, or is not of the layout's camera.
+    Every input is checked before anything is written. A video whose decoding was interrupted is resumed. A damaged
+    picture or frame is left out and reported; returns their number. Raises InputError for an input that is missing, or
+    not of the layout's camera, and where no picture is left.
     """
     layout = Layout.load(request.layout)
     check_frames(request.frames, layout, request.layout)
@@ -84,25 +86,42 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
             f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
         )
     images = [path for path in request.frames if is_picture(path)]
-    if images:
-        with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
-            decode_pictures(images, decoder, folder, advance)
-        reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {folder}")
+    damaged = _decode_pictures(images, decoder, output, reporter) if images else 0
     if decoder.equalisation is not None and _equalisation_file(request) is None:
-        decoder.equalisation.save(folder / EQUALISATION)
-        reporter.note("decode", f"gains of the views written to {folder / EQUALISATION}")
-    recorder = StreamRecorder(decoder, folder, request.to, request.limit, request.regular_grid_at_mm, reporter)
-    for source, name, origin in _streams(request, layout):
-        recorder.record(source, name, origin)
+        with output.staged(complete=False) as folder:
+            decoder.equalisation.save(folder / EQUALISATION)
+        reporter.note("decode", f"gains of the views written to {output.path / EQUALISATION}")
+    recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter)
+    lost = sum(recorder.record(source, name, origin) for source, name, origin in _streams(request, layout))
+    return damaged + lost
 
 
-def decode_pictures(pictures: Sequence[Path], decoder: Decoder, folder: Path, progress: Progress = no_progress) -> None:
-    """Decode pictures into NAME.npz and NAME_views.png of a folder."""
-    for done, path in enumerate(pictures, start=1):
-        light_field = decoder.decode(read_image(path))
-        save_npz(folder / f"{path.stem}.npz", light_field)
-        write_image(folder / f"{path.stem}_views.png", tiles(light_field))
-        progress(done, len(pictures))
+def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter) -> int:
+    """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are."""
+    damaged: list[DamagedPicture] = []
+    with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
+        for done, path in enumerate(images, start=1):
+            try:
+                with output.staged(complete=False) as folder:
+                    decode_picture(path, decoder, folder)
+            except DamagedPicture as error:
+                damaged.append(error)
+            advance(done, len(images))
+    for error in damaged:
+        reporter.note("decode", f"{error}; skipped")
+    if len(damaged) == len(images):
+        raise InputError(f"{damaged[0]}; no picture is left to decode" if len(images) > 1 else str(damaged[0]))
+    if damaged:
+        reporter.note("decode", f"{len(damaged)} of {len(images)} pictures skipped as damaged")
+    reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {output.path}")
+    return len(damaged)
+
+
+def decode_picture(path: Path, decoder: Decoder, folder: Path) -> None:
+    """Decode a picture into NAME.npz and NAME_views.png of a folder."""
+    light_field = decoder.decode(read_image(path))
+    save_npz(folder / f"{path.stem}.npz", light_field)
+    write_image(folder / f"{path.stem}_views.png", tiles(light_field))
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:

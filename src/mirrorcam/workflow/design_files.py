@@ -45,9 +45,7 @@ def write_design(spec: DesignSpec, folder: Path) -> DesignComparison:
     """
     found = compare_designs(spec)
     before_after(found.parabola, found.optimised, folder / "before_after.png")
-    if found.parabola is None:
-        (folder / "parabola.json").unlink(missing_ok=True)
-    else:
+    if found.parabola is not None:
         found.parabola.save(folder / "parabola.json")
     found.optimised.save(folder / "layout.json")
     return found

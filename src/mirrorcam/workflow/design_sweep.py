@@ -41,18 +41,25 @@ class Results:
         return self._folder / "results" / f"{_key(spec)}.json"
 
     def finished(self, spec: DesignSpec) -> Outcome | None:
-        """The outcome of a spec; None where it is missing, a failure, altered, or made by other versions than now."""
-        record = read_record(Record, self._record(spec))
+        """The outcome of a spec; None where it is missing, a failure, or made by other versions than now.
+
+        Raises InputError where its files are not as they were written: they are not replaced.
+        """
+        path, place = self._record(spec), self._folder / self.layout_name(spec)
+        record = read_record(Record, path)
+        if path.exists() and (record is None or record.outcome.spec != spec):
+            raise InputError(f"{path}: is no result of this design, expected it as it was written, or gone")
+        written = "" if record is None else record.layout_sha256
+        if place.exists() and not intact(place.parent, {place.name: written}):
+            raise InputError(f"{place}: was changed since it was written, expected it as it was, or gone")
         if record is None:
             return None
-        outcome = record.outcome
-        layout = {self.layout_name(spec): record.layout_sha256} if record.layout_sha256 else {}
-        whole = intact(self._folder, layout) == layout
-        current = record.made_with == made_with() and outcome.spec == spec and outcome.status != "failed"
+        outcome, whole = record.outcome, place.exists() == bool(written)
+        current = record.made_with == made_with() and outcome.status != "failed"
         return outcome if whole and current else None
 
     def keep(self, spec: DesignSpec, got: Answer | Died) -> Outcome:
-        """Write the outcome of a spec; its record comes last, so that there is none without its layout.
+        """Write the outcome of a spec: its record, then the layout whose checksum is in it.
 
         Raises InputError where a worker runs another version of the sources or distributions that designs depend on.
         """
@@ -65,11 +72,11 @@ class Results:
                 f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them"
             )
         layout = self._folder / self.layout_name(spec)
+        # Of an earlier version: `finished` has seen that it is as it was written.
+        layout.unlink(missing_ok=True)
+        write_text(self._record(spec), got.record)
         if got.layout:
             write_text(layout, got.layout)
-        else:
-            layout.unlink(missing_ok=True)
-        write_text(self._record(spec), got.record)
         return record.outcome
 
 

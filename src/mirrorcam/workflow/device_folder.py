@@ -11,9 +11,10 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.folders import merged
+from mirrorcam.workflow.output_folder import output_folder
 
-LISTING = ".files.txt"
+TOP_LEVEL = ("index.html", "guide.md", "checks.json", "bom.*", "assembly.*")
+"""Files of a device beside its folders."""
 
 
 def read_hardware(
@@ -37,15 +38,20 @@ def write_device(
     hardware: Hardware = HARDWARE,
     *,
     workers: int | None = None,
+    force: bool = False,
     progress: Progress = no_progress,
 ) -> dict[str, Metric]:
     """Build and check every part of a layout's device in a folder; returns all figures by name.
 
     Figures with a limit are the checks. What an earlier call has written there and still holds is taken over, and its
     other files go. `workers` are processes that share the work, one for each core without a number. It needs the extra
-    `cad`.
+    `cad`. Raises InputError, without `force`, where a file would be replaced that no such call wrote, or that was
+    changed since.
     """
     from mirrorcam.cad.build import build_parts
 
-    with merged(folder, listing=LISTING) as unfinished:
-        return build_parts(layout, unfinished, hardware, previous=folder, workers=workers or cores(), progress=progress)
+    with output_folder(folder, "cad", force=force) as output:
+        output.refuse_changed()
+        output.refuse_others(*TOP_LEVEL)
+        with output.staged() as staged:
+            return build_parts(layout, staged, hardware, previous=folder, workers=workers or cores(), progress=progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from mirrorcam.optics.light_field.io.formats.registry import (
 )
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow.output_folder import OutputFolder
 
 SURE = 0.5
 """Confidence above which a measured depth is exported."""
@@ -41,7 +43,7 @@ class Exported:
 def export_light_field(
     source: Path,
     to: str,
-    folder: Path,
+    output: OutputFolder,
     *,
     frame: int = 0,
     depth: Path | None = None,
@@ -55,7 +57,7 @@ def export_light_field(
         File or folder of a light field.
     to
         Name of the format to write.
-    folder
+    output
         Folder of the file or folder that is written, which is called as the light field.
     frame
         Frame of a recording, counted from 0.
@@ -75,6 +77,9 @@ def export_light_field(
         measured = float(np.isfinite(depth_mm).mean())
         if not measured:
             raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
-    path = folder / f"{name_of(source)}{formats()[to].ending}"
-    write_light_field(path, light_field, to, depth_mm)
-    return Exported(path, format_of(source).name, light_field, measured)
+    name = f"{name_of(source)}{formats()[to].ending}"
+    # Files of others in the folder of a format would be read as part of it.
+    output.refuse_others(glob.escape(name), f"{glob.escape(name)}/**/*")
+    with output.staged(complete=False) as folder:
+        write_light_field(folder / name, light_field, to, depth_mm)
+    return Exported(output.path / name, format_of(source).name, light_field, measured)

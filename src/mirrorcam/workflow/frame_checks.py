@@ -6,8 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.files import is_picture, read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.pictures import DamagedPicture, check_size, is_picture, picture_size
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
 from mirrorcam.optics.light_field.io.frames import Video
@@ -31,17 +30,22 @@ def layout_identity_of(path: Path) -> str | None:
 
 
 def check_frames(paths: Sequence[Path], layout: Layout, layout_path: Path) -> None:
-    """Read pictures once, open videos: raise InputError for one that cannot be read or is not of the layout."""
-    expected = layout.camera.width_px, layout.camera.height_px
+    """Read the headers of pictures and videos: raise InputError for one that cannot be read or is not of the layout.
+
+    A damaged picture is none of those: it is found when its turn comes.
+    """
     for path in paths:
-        if is_picture(path):
-            height, width = read_image(path).shape[:2]
-        else:
-            video = Video(path)
-            width, height = video.width_px, video.height_px
-        if (width, height) != expected:
-            wanted = f"expected {expected[0]}x{expected[1]} of {layout_path}'s camera"
-            raise InputError(f"{path}: {width}x{height} px, {wanted}")
+        try:
+            size = picture_size(path) if is_picture(path) else video_size(path)
+        except DamagedPicture:
+            continue
+        check_size(path, size, (layout.camera.width_px, layout.camera.height_px), f"{layout_path}'s camera")
         identity = layout_identity_of(path)
         if identity is not None:
             check_belongs(layout, identity, str(path))
+
+
+def video_size(path: Path) -> tuple[int, int]:
+    """Width and height of a video in px, as it states them."""
+    video = Video(path)
+    return video.width_px, video.height_px

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
+from mirrorcam.workflow.output_folder import OutputFolder
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
@@ -38,7 +40,7 @@ class DepthSummary:
 
 def write_depths(
     inputs: LightFieldInputs,
-    folder: Path,
+    output: OutputFolder,
     *,
     near_mm: float | None = None,
     far_mm: float | None = None,
@@ -54,10 +56,12 @@ def write_depths(
         if estimator is None or not estimator.fits(each.light_field):
             near, far = each.depths_to_search(near_mm, far_mm)
             estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
+        output.refuse_others(f"{glob.escape(each.name)}_depth.*")
         depth = estimator.estimate(each.light_field)
-        save_depth(folder / f"{each.name}_depth.npz", depth)
-        write_pfm(folder / f"{each.name}_depth.pfm", depth.depth_mm)
-        draw_depth(folder / f"{each.name}_depth.png", each.light_field, depth)
+        with output.staged(complete=False) as folder:
+            save_depth(folder / f"{each.name}_depth.npz", depth)
+            write_pfm(folder / f"{each.name}_depth.pfm", depth.depth_mm)
+            draw_depth(folder / f"{each.name}_depth.png", each.light_field, depth)
         sure = depth.valid & (depth.confidence > SURE)
         median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
         summaries.append(DepthSummary(each.name, float(sure.mean()), median))
@@ -88,7 +92,7 @@ class FeatureSearch:
 
 
 def write_features(
-    inputs: LightFieldInputs, folder: Path, search: FeatureSearch, progress: Progress = no_progress
+    inputs: LightFieldInputs, output: OutputFolder, search: FeatureSearch, progress: Progress = no_progress
 ) -> list[FeaturesSummary]:
     """Find features in light fields, up to infinity where neither the search nor a file states a depth.
 
@@ -111,10 +115,12 @@ def write_features(
                 farthest_mm=np.inf if far is None else far,
                 two_slope_sigma=search.two_slope_sigma,
             )
+        output.refuse_others(f"{glob.escape(each.name)}_features.*")
         found = finder.find(each.light_field)
-        save_npz(folder / f"{each.name}_features.npz", found)
-        save_csv(folder / f"{each.name}_features.csv", found)
-        draw_features(folder / f"{each.name}_features.png", each.light_field, found)
+        with output.staged(complete=False) as folder:
+            save_npz(folder / f"{each.name}_features.npz", found)
+            save_csv(folder / f"{each.name}_features.csv", found)
+            draw_features(folder / f"{each.name}_features.png", each.light_field, found)
         sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
         summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
     return summaries
@@ -122,7 +128,7 @@ def write_features(
 
 def write_epipolar_images(
     inputs: LightFieldInputs,
-    folder: Path,
+    output: OutputFolder,
     *,
     axis: Axis = "s",
     line: int | None = None,
@@ -137,10 +143,11 @@ def write_epipolar_images(
         light_field = each.light_field
         lines = light_field.height_px if axis == "s" else light_field.width_px
         found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
-        _save_epi(folder / f"{each.name}_epi.npz", found, light_field.layout_identity)
         reference = light_field.reference_depth_mm
         depths_mm = each.depth_range_mm or (0.75 * reference, 2.0 * reference)
-        draw_epi(folder / f"{each.name}_epi.png", light_field, found, depths_mm)
+        with output.staged(complete=False) as folder:
+            _save_epi(folder / f"{each.name}_epi.npz", found, light_field.layout_identity)
+            draw_epi(folder / f"{each.name}_epi.png", light_field, found, depths_mm)
 
 
 def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:

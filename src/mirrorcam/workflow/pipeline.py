@@ -19,9 +19,10 @@ from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.pages.run_page import read_metrics, write_page, write_pictures
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.decoding import decode_pictures
+from mirrorcam.workflow.decoding import decode_picture
 from mirrorcam.workflow.design_files import write_design
 from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stages import Stage, perform, staleness
 from mirrorcam.workflow.validation import validate, write_validation
 
@@ -105,7 +106,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
 
     def decode(folder: Path, progress: Progress) -> None:
-        decode_pictures([shown], Decoder(Layout.load(calibrated)), folder, progress)
+        decode_picture(shown, Decoder(Layout.load(calibrated)), folder)
 
     def pictures(folder: Path, progress: Progress) -> None:
         write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
@@ -183,16 +184,16 @@ def _slicer() -> str:
     return slicer_version() or NOT_INSTALLED
 
 
-def finish(stage: Stage, root: Path, reporter: Reporter = SILENT) -> None:
-    """Do a stage, unless its folder already holds what it would make."""
-    reason = staleness(stage, root)
+def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> None:
+    """Do a stage, unless its subfolder already holds what it would make."""
+    reason = staleness(stage, output.root)
     if not reason:
         reporter.note(stage.name, "nothing changed, re-used")
         return
-    if (root / stage.name).exists():
+    if (output.root / stage.name).exists():
         reporter.note(stage.name, f"done again: {reason}")
     with reporter.work(stage.name, stage.doing, stage.unit) as advance:
-        perform(stage, root, advance)
+        perform(stage, output, advance)
 
 
 @dataclass(frozen=True)
@@ -209,23 +210,34 @@ class RunFigures:
         return all(m.passed for metrics in (self.design, self.parts, self.validation) for m in metrics.values())
 
 
-def run_all(recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT) -> RunFigures:
+def run_all(
+    recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT, *, force: bool = False
+) -> RunFigures:
     """Do the stages that are not done yet in `root`, and write `metrics.json` and `index.html`.
 
-    `command` is what the page says it was made by. Raises InputError where an extra is missing, before any work.
+    `command` is what the page says it was made by. Raises InputError where an extra is missing, before any work, and,
+    without `force`, where a file would be replaced that no run wrote, or that was changed since.
     """
     require("cad", "render")
-    for stage in stages(recipe, root):
-        finish(stage, root, reporter)
-    figures = RunFigures(
+    with output_folder(root, "run", force=force) as output:
+        output.refuse_others("metrics.json", "index.html")
+        for stage in stages(recipe, root):
+            finish(stage, output, reporter)
+        figures = _figures(root)
+        named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
+        with output.staged() as folder:
+            write_metrics(
+                folder / "metrics.json",
+                {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},
+            )
+            write_page(root, folder / "index.html", command=command, small=recipe.small)
+    return figures
+
+
+def _figures(root: Path) -> RunFigures:
+    """The figures that the stages of a run have written."""
+    return RunFigures(
         Layout.load(root / "design" / "layout.json").metrics,
         read_metrics(root / "cad" / "checks.json"),
         read_metrics(root / "validation" / "metrics.json"),
     )
-    named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
-    write_metrics(
-        root / "metrics.json",
-        {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},
-    )
-    write_page(root, command=command, small=recipe.small)
-    return figures

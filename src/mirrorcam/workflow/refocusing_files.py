@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import write_image, write_npz
+from mirrorcam.optics.base.files import write_npz
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
@@ -18,6 +19,7 @@ from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit,
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
+from mirrorcam.workflow.output_folder import OutputFolder
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
@@ -82,10 +84,14 @@ class GreyPicture:
 
 
 def write_refocused(
-    inputs: LightFieldInputs, folder: Path, request: RefocusRequest, progress: Progress = no_progress
+    inputs: LightFieldInputs, output: OutputFolder, request: RefocusRequest, progress: Progress = no_progress
 ) -> list[GreyPicture]:
     """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey."""
-    return [grey for each in inputs.each(progress) for grey in _write(each, folder, request)]
+    grey = []
+    for each in inputs.each(progress):
+        with output.staged(complete=False) as folder:
+            grey += _write(each, folder, request)
+    return grey
 
 
 def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list[GreyPicture]:

@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from mirrorcam.figures.tabletop_figure import overview
-from mirrorcam.optics.base.files import encoded_image, write_bytes, write_image
+from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.pictures import encoded_image, write_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died, run_local

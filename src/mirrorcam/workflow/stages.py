@@ -1,9 +1,9 @@
 """Stages: steps of work that are done once, and again only when something they depend on has changed.
 
-A stage owns one folder. It works in a hidden folder beside it, which takes its place when the work has ended well,
-together with a manifest of everything that decided about the result: parameters, contents of the files read, the
-sources of the packages involved, versions of what is installed, and the contents of the files written. Interrupted work
-therefore leaves nothing behind that could be mistaken for a result.
+A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files take their places when the work
+has ended well; then comes a manifest of everything that decided about the result: parameters, contents of the files
+read, the sources of the packages involved, versions of what is installed, and the contents of the files written.
+Interrupted work therefore leaves nothing behind that could be mistaken for a result.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any, Literal
 from pydantic import Field
 
 from mirrorcam.optics.base import fingerprint
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.fingerprint import Fingerprint, file_digests, source_digest
+from mirrorcam.optics.base.files import inside, write_text
+from mirrorcam.optics.base.fingerprint import Fingerprint, file_digest, file_digests, source_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.resumable import read_record
 from mirrorcam.optics.base.values import Value
-from mirrorcam.workflow.folders import clear, replaced
+from mirrorcam.workflow.output_folder import OutputFolder
 
 MANIFEST = ".stage.json"
 
@@ -85,21 +85,39 @@ def staleness(stage: Stage, root: Path) -> str:
 
 
 def _altered(folder: Path, written: Mapping[str, str]) -> str:
-    files = file_digests(folder, without=MANIFEST)
-    for name in fingerprint.differing(written, files):
-        return f"{name} is not what was written" if name in files else f"{name} is missing"
+    for name, sha256 in written.items():
+        path = inside(folder, name)
+        if not path.is_file():
+            return f"{name} is missing"
+        if file_digest(path) != sha256:
+            return f"{name} is not what was written"
     return ""
 
 
-def perform(stage: Stage, root: Path, progress: Progress = no_progress) -> None:
-    """Do the stage's work and put the result in the place of an earlier one.
+def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress) -> None:
+    """Do the stage's work, and put the result in the place of an earlier one in the stage's subfolder.
 
-    Raises InputError where the folder holds files that no stage has made: those are not ours to replace.
+    Raises InputError, before any work, where the subfolder holds files that no stage has made, or that were changed
+    since: those are not ours to replace.
     """
-    begun = Manifest(made_of=fingerprint_of(stage, root))
-    with replaced(root / stage.name, marker=MANIFEST, keep_interrupted=stage.resumes) as folder:
-        if read_record(Manifest, folder / MANIFEST) != begun:
-            clear(folder)  # what is left there was interrupted while making something else
-        _write_manifest(folder, begun)
+    begun = Manifest(made_of=fingerprint_of(stage, output.root))
+    place = output.subfolder(stage.name)
+    place.refuse_unknown()
+    place.refuse_changed()
+    folder, keep = place.unfinished, False
+    if not stage.resumes or read_record(Manifest, folder / MANIFEST) != begun:
+        place.discard()  # what is left there was interrupted while making something else
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_manifest(folder, begun)
+    try:
         stage.work(folder, progress)
-        _write_manifest(folder, begun.replaced(files=file_digests(folder, without=MANIFEST)))
+        (folder / MANIFEST).unlink()
+        done = begun.replaced(files=file_digests(folder))
+        place.adopt()
+        _write_manifest(place.path, done)
+    except KeyboardInterrupt:
+        keep = stage.resumes
+        raise
+    finally:
+        if not keep:
+            place.discard()

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from pathlib import Path
 from typing import Any, Literal
 
 from mirrorcam.console.reporter import Reporter
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
@@ -20,6 +20,7 @@ from mirrorcam.optics.light_field.io.stream import record
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow.output_folder import OutputFolder
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
 
@@ -29,19 +30,20 @@ class StreamRecorder:
     """Decodes streams into recordings of a format in a folder, up to `limit` frames of each."""
 
     decoder: Decoder
-    folder: Path
+    output: OutputFolder
     to: StreamFormat
     limit: int | None
     regular_grid_at_mm: float | None
     reporter: Reporter
 
-    def record(self, source: Video | CaptureDevice, name: str, origin: dict[str, Any]) -> None:
+    def record(self, source: Video | CaptureDevice, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
 
-        Raises InputError for a stream without a frame that can be used, and where nothing can be written.
+        Returns the number of frames that it states and that could not be used. Raises InputError for a stream without a
+        frame that can be used, and where nothing can be written.
         """
         sink, suffix = _sink(self.to)
-        path, picture = self.folder / f"{name}{suffix}", self.folder / f"{name}_views.png"
+        path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
         equalisation = self.decoder.equalisation
         recording = Recording(
             path,
@@ -56,7 +58,7 @@ class StreamRecorder:
         )
         if recording.complete:
             self.reporter.note("decode", f"{path} is there already, of the same frames")
-            return
+            return len(recording.entries.lost)
         if recording.entries.last >= 0:
             self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
         expected = self._expected(source)
@@ -75,7 +77,9 @@ class StreamRecorder:
         for line in losses(recording, expected):
             self.reporter.note("decode", f"{name}: {line}")
         kept = count_text(len(recording.entries.numbers), "frame")
-        self.reporter.note("decode", f"{path} written: {kept}; the first in {picture}")
+        self.reporter.note("decode", f"{path} written: {kept}; the first in {self.output.path / picture}")
+        entries = recording.entries
+        return len(entries.lost) + max((expected or 0) - len(entries.numbers) - len(entries.lost), 0)
 
     def _expected(self, source: Video | CaptureDevice) -> int | None:
         """Number of frames that a stream should give; None where it is not known."""
@@ -83,13 +87,18 @@ class StreamRecorder:
         return self.limit if count is None or (self.limit or count) < count else count
 
     def _decode(
-        self, source: Video | CaptureDevice, name: str, recording: Recording, picture: Path, expected: int | None
+        self, source: Video | CaptureDevice, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
+        shown = bool(recording.entries.numbers)
+        self.output.refuse_others(glob.escape(picture))
         with self.reporter.work("decode", name, "frames") as advance:
 
             def on_frame(done: int, light_field: LightField | None) -> None:
-                if light_field is not None and not picture.exists():
-                    write_image(picture, tiles(light_field))
+                nonlocal shown
+                if light_field is not None and not shown:
+                    with self.output.staged(complete=False) as folder:
+                        write_image(folder / picture, tiles(light_field))
+                    shown = True
                 advance(done, max(done, expected or 0))
 
             record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)

@@ -12,8 +12,10 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import Runner, sweep, table_of, write_table
+from mirrorcam.workflow.output_folder import output_folder
 
 TableFormat = Literal["csv", "parquet", "json"]
+FIGURE = "pareto.png"
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ def write_sweep(
     run: Runner,
     *,
     table: TableFormat = "csv",
+    force: bool = False,
     progress: Progress = no_progress,
 ) -> SweepFiles:
     """Design all specs, then write their table and the figure of their trade-offs.
@@ -44,6 +47,8 @@ def write_sweep(
         Runner of the designs.
     table
         Format and suffix of the table, `sweep.csv` by default.
+    force
+        Whether a table and a figure may be replaced that no sweep wrote, or that were changed since.
     progress
         Called with the numbers of designs done and of all.
 
@@ -52,11 +57,12 @@ def write_sweep(
     SweepFiles
         Outcomes and files: the table and, where a spec was solved, `pareto.png`.
     """
-    outcomes = sweep(specs, folder, run, progress)
-    path, figure = folder / f"sweep.{table}", folder / "pareto.png"
-    write_table(path, table_of(outcomes))
-    if not any(outcome.status == "solved" for outcome in outcomes):
-        figure.unlink(missing_ok=True)  # of an earlier sweep
-        return SweepFiles(tuple(outcomes), (path,))
-    pareto(outcomes, figure)
-    return SweepFiles(tuple(outcomes), (path, figure))
+    with output_folder(folder, "sweep", force=force) as output:
+        output.refuse_others("sweep.*", FIGURE)
+        outcomes = sweep(specs, folder, run, progress)
+        with output.staged() as staged:
+            write_table(staged / f"sweep.{table}", table_of(outcomes))
+            if any(outcome.status == "solved" for outcome in outcomes):
+                pareto(outcomes, staged / FIGURE)
+            files = tuple(folder / name for name in (f"sweep.{table}", FIGURE) if (staged / name).exists())
+    return SweepFiles(tuple(outcomes), files)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_image, read_model, write_metrics
+from mirrorcam.optics.base.files import read_model, write_metrics
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
 from mirrorcam.optics.base.worker_pool import cores

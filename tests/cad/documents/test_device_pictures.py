@@ -8,7 +8,7 @@ import numpy as np
 
 from mirrorcam.cad.documents.device_pictures import write_picture
 from mirrorcam.cad.documents.shading import Screen, render
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from tests.cad.documents.conftest import Made
 
 

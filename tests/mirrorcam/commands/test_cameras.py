@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 
 

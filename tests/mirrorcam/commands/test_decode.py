@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -25,7 +25,9 @@ from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.optics.light_field.io.formats.registry import open_light_field
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
 from mirrorcam.workflow.frame_checks import layout_identity_of
+from mirrorcam.workflow.output_folder import HIDDEN
 from mirrorcam.workflow.stream_recording import spans
+from tests.mirrorcam.command_line import results
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import cut, damage, pictures, write_h264, write_mjpeg
 
@@ -49,7 +51,11 @@ def here(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Pat
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and HIDDEN not in path.parts
+    }
 
 
 def refused(arguments: str, capfd: pytest.CaptureFixture[str]) -> str:
@@ -69,7 +75,7 @@ def test_a_video_becomes_one_zarr_group_and_a_picture(
     assert captured.err == ""
     assert "30 frames" in captured.out
     assert "skipped" not in captured.out
-    assert sorted(path.name for path in (here / "out").iterdir()) == ["video.zarr", "video_views.png"]
+    assert results(here / "out") == ["video.zarr", "video_views.png"]
     stored = StoredLightFields(here / "out" / "video.zarr")
     assert stored.numbers == tuple(range(COUNT))
     assert stored[3].layout_identity == layout.identity
@@ -103,7 +109,7 @@ def test_what_is_damaged_is_skipped_named_and_counted(here: Path, capfd: pytest.
     write_mjpeg(here / "webcam.avi", pictures(COUNT, 320, 192))
     damage(here / "webcam.avi", 5)
     cut(here / "webcam.avi", 0.8)
-    assert cli.main(["decode", "video.mp4", "webcam.avi", "--layout", "layout.json", "--out", "out"]) == 0
+    assert cli.main(["decode", "video.mp4", "webcam.avi", "--layout", "layout.json", "--out", "out"]) == 1
     said = capfd.readouterr().out
     assert "video: skipped 1 of 30 frames, each is damaged: 14" in said
     assert "video: skipped 5 of 30 frames, each leans on a damaged one: 15 to 19" in said
@@ -162,7 +168,7 @@ def test_a_video_without_a_good_frame_is_refused(here: Path, capfd: pytest.Captu
     write_mjpeg(here / "bad.avi", pictures(1, 320, 192))
     damage(here / "bad.avi", 0)
     assert "bad.zarr: not one frame could be decoded" in refused("bad.avi --out out", capfd)
-    assert not list((here / "out").iterdir())
+    assert not (here / "out").exists()
 
 
 def test_frames_of_another_layout_are_refused_by_their_manifest(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.io.pfm import read_pfm
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
-from tests.mirrorcam.command_line import assert_refused_here
+from tests.mirrorcam.command_line import assert_refused_here, results
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 SCENE = [Surface(560.0, slope=(0.25, -0.35), seed=1), Surface(420.0, bounds=(-18.0, -30.0, 14.0, 12.0), seed=2)]
@@ -64,7 +64,7 @@ def test_every_frame_of_a_recording_gets_its_depth(inputs: Path, tmp_path: Path)
     recording.close()
     assert main(["depth", str(tmp_path / "film.zarr"), "--out", str(tmp_path / "out")]) == 0
     names = [f"film_{number:06d}_depth.{kind}" for number in (0, 1) for kind in ("npz", "pfm", "png")]
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    assert results(tmp_path / "out") == names
     truth = np.load(inputs / "truth.npy")
     found = read_pfm(tmp_path / "out/film_000000_depth.pfm")
     assert np.nanmedian(np.abs(found - truth) / truth) < 0.003

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
-from tests.mirrorcam.command_line import assert_refused_here
+from tests.mirrorcam.command_line import assert_refused_here, results
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -52,7 +52,7 @@ def test_every_frame_of_a_recording_gets_its_image(light_field: LightField, tmp_
     recording.finish()
     recording.close()
     assert main(["epi", str(tmp_path / "film.zarr"), "--out", str(tmp_path / "epi")]) == 0
-    written = sorted(path.name for path in (tmp_path / "epi").iterdir())
+    written = results(tmp_path / "epi")
     assert written == [f"film_{number:06d}_epi.{kind}" for number in (0, 1) for kind in ("npz", "png")]
 
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from mirrorcam.cli import main
-from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
@@ -165,7 +165,7 @@ def test_bad_input_ends_in_one_line(
     (tmp_path / "out" / "dark_colmap" / "mine").write_text("mine", encoding="utf-8")
     for name, to, message in (
         ("dark.npz", "ply", "no depth with confidence above 0.5"),
-        ("dark.npz", "colmap", "expected a new or empty folder"),
+        ("dark.npz", "colmap", "dark_colmap/mine: was not written by this command"),
         ("a.txt", "npz", "no light field by its name"),
         ("missing", "npz", "no light field by its name"),
         ("dark.npz", "jpeg", "invalid choice"),

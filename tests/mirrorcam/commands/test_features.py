@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import COLUMNS
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz

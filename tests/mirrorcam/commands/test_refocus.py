@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
@@ -17,6 +17,7 @@ from mirrorcam.optics.light_field.io.frames import Frame, Video
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow.output_folder import HIDDEN
 from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -38,7 +39,7 @@ def inputs(light_field: LightField, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir() if path.name != HIDDEN)
 
 
 def sharpness(image: np.ndarray, where: tuple[slice, slice]) -> float:

@@ -129,7 +129,10 @@ def test_verify_names_what_is_altered_and_what_is_missing(
     assert "set/truth/maps/frames/0001.exr is altered" in said
     assert "set/frames/0002.jpg is missing" in said
     assert said.count("\n") == 2
-    # Rendering again mends both.
+    # What is gone is rendered again; what was changed is somebody's work.
+    assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 2
+    assert "0001.exr: was changed since it was written, expected it as it was, or gone" in capfd.readouterr().err
+    (folder / "set" / "truth" / "maps" / "frames" / "0001.exr").unlink()
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
     assert contents(folder / "set") == contents(finished_set)
 
@@ -208,8 +211,8 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--workers 0", "--workers 0"),
         ("--workers 2 --scheduler tcp://x:1", "--workers and --scheduler: expected one of the two"),
         ("--verify set", "expected LAYOUT or --verify SET, one of the two"),
-        ("--out mine", "mine: has a folder 'truth' but no dataset.json, expected a new or empty folder"),
-        ("--out layout.json", "layout.json: is a file, expected a folder for the set"),
+        ("--out mine", "mine: has 'truth' but no dataset.json, expected a new or empty folder"),
+        ("--out layout.json", "layout.json: is a file, expected a folder"),
     ],
 )
 def test_bad_input_is_refused_in_one_line_and_nothing_is_written(

@@ -14,10 +14,11 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.commands.scene import SceneOptions, mesh_from_text
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.output_folder import HIDDEN
 from tests.mirrorcam.command_line import assert_refused_here
 
 # Not by importing it: that would choose an LLVM.
@@ -26,7 +27,11 @@ OPTIONS = ("layout.json", "--out", "desk", "--spp", "4", "--seed", "2", "--depth
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and HIDDEN not in path.parts
+    }
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from mirrorcam.commands.sweep import SweepOptions, summary
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import Runner
+from mirrorcam.workflow.output_folder import output_folder
 from tests.mirrorcam.command_line import assert_refused_here
 from tests.mirrorcam.workflow.made_up_designs import SPECS, Counting, solved
 
@@ -49,7 +50,8 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stand_in(monkeypatch, Counting())
-    (tmp_path / "pareto.png").write_bytes(b"of an earlier sweep")
+    with output_folder(tmp_path, "sweep") as output, output.staged() as folder:
+        (folder / "pareto.png").write_bytes(b"of an earlier sweep")
     assert cli.main(["sweep", "--counts", "1x2", "--table", "json", "--out", str(tmp_path)]) == 0
     printed = capfd.readouterr().out
     assert "infeasible for depth (9)" in printed

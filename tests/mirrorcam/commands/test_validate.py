@@ -49,4 +49,5 @@ def test_figures_are_printed_with_their_limits_and_decide_about_the_exit_code(
     assert ("FAIL" in printed) == bool(code)
     assert printed.rstrip().endswith(verdict)
     ((made, folder),) = written
-    assert (made.metrics, folder) == (metrics, tmp_path)
+    assert made.metrics == metrics
+    assert folder.is_relative_to(tmp_path)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.figures.design_figure import COMMON, VIEW, _figures, before_after
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

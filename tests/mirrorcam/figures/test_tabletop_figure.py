@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.figures.tabletop_figure import GAP_PX, HEIGHT_PX, overview
-from mirrorcam.optics.base.files import write_bytes, write_image
+from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS

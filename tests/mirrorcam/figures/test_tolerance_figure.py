@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.figures.tolerance_figure import COLOURS, tolerance_figure
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.design.assess.monte_carlo import Study, study
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image, write_image, write_metrics
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board
@@ -70,7 +71,7 @@ def test_the_report_holds_what_lies_in_the_folders(root: Path, small_layout: Lay
 
 
 def test_the_page_shows_its_pictures_and_links_the_files_of_every_stage(root: Path) -> None:
-    write_page(root, command="mirrorcam run --seed 4", small=False)
+    write_page(root, root / "index.html", command="mirrorcam run --seed 4", small=False)
     page = outline((root / "index.html").read_text(encoding="utf-8"))
     assert "mirrorcam run --seed 4" in page.text
     assert "All 2 checks pass" in page.text

@@ -9,6 +9,7 @@ import pytest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, load_board, save_board
 from mirrorcam.workflow.board_files import print_board
+from tests.mirrorcam.command_line import results
 
 
 def test_the_default_board_comes_with_its_numbers(tmp_path: Path) -> None:
@@ -23,7 +24,7 @@ def test_a_board_of_a_file_leaves_that_alone(tmp_path: Path) -> None:
     printed = print_board(tmp_path / "print.svg", tmp_path / "mine.toml", "A3")
     assert printed.numbers == tmp_path / "mine.toml"
     assert sorted(printed.page_mm) == [297.0, 420.0]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "print.svg"]
+    assert results(tmp_path) == ["mine.toml", "print.svg"]
 
 
 def test_another_format_is_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from mirrorcam.optics.base.files import write_image
+from mirrorcam.console.reporter import TERMINAL
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -15,6 +17,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
+from mirrorcam.workflow.output_folder import output_folder
+from tests.mirrorcam.command_line import results
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import pictures
 
@@ -30,11 +34,15 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_light_fields_are_those_of_the_decoder(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def decoded(request: DecodeRequest, folder: Path) -> int:
+    with output_folder(folder, "decode") as output:
+        return decode_files(request, output, TERMINAL)
+
+
+def test_light_fields_are_those_of_the_decoder(folder: Path) -> None:
     request = DecodeRequest(folder / "layout.json", frames=(folder / "a.png", folder / "b.png"), width_px=60)
-    decode_files(request, folder / "out")
-    assert capsys.readouterr().out == ""
-    names = sorted(path.name for path in (folder / "out").iterdir())
+    assert decoded(request, folder / "out") == 0
+    names = results(folder / "out")
     assert names == ["a.npz", "a_views.png", "b.npz", "b_views.png"]
     decoder = Decoder(Layout.load(folder / "layout.json"), width_px=60)
     expected = decoder.decode(pictures(2, 320, 192)[1])
@@ -44,10 +52,10 @@ def test_light_fields_are_those_of_the_decoder(folder: Path, capsys: pytest.Capt
 def test_factors_are_written_where_they_are_measured_and_read_where_they_are_given(folder: Path) -> None:
     write_image(folder / "a.png", np.full((192, 320, 3), 180, np.uint8))
     frames = (folder / "a.png",)
-    decode_files(DecodeRequest(folder / "layout.json", frames=frames, equalise=frames), folder / "one")
+    decoded(DecodeRequest(folder / "layout.json", frames=frames, equalise=frames), folder / "one")
     assert (folder / "one" / EQUALISATION).exists()
     known = (folder / "one" / EQUALISATION,)
-    decode_files(DecodeRequest(folder / "layout.json", frames=frames, equalise=known), folder / "two")
+    decoded(DecodeRequest(folder / "layout.json", frames=frames, equalise=known), folder / "two")
     assert not (folder / "two" / EQUALISATION).exists()
     assert (folder / "one" / "a.npz").read_bytes() == (folder / "two" / "a.npz").read_bytes()
 
@@ -56,5 +64,35 @@ def test_one_bad_frame_stops_all_before_anything_is_written(folder: Path) -> Non
     write_image(folder / "small.png", np.zeros((10, 10, 3), np.uint8))
     request = DecodeRequest(folder / "layout.json", frames=(folder / "a.png", folder / "small.png"))
     with pytest.raises(InputError, match=r"small\.png: 10x10 px, expected 320x192"):
-        decode_files(request, folder / "out")
+        decoded(request, folder / "out")
     assert not (folder / "out").exists()
+
+
+def test_a_damaged_picture_is_skipped_named_and_counted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    raw = (folder / "a.png").read_bytes()
+    (folder / "a.png").write_bytes(raw[: len(raw) // 2])
+    frames = (folder / "a.png", folder / "b.png")
+    assert decoded(DecodeRequest(folder / "layout.json", frames=frames), folder / "out") == 1
+    printed = capsys.readouterr().out
+    assert f"{folder / 'a.png'}: image is truncated; skipped" in printed
+    assert "1 of 2 pictures skipped as damaged" in printed
+    assert results(folder / "out") == ["b.npz", "b_views.png"]
+
+
+def test_nothing_but_damaged_pictures_is_refused(folder: Path) -> None:
+    for name in ("a", "b"):
+        (folder / f"{name}.png").write_bytes(b"")
+    frames = (folder / "a.png", folder / "b.png")
+    with pytest.raises(InputError, match=r"a\.png: not an image .*; no picture is left to decode"):
+        decoded(DecodeRequest(folder / "layout.json", frames=frames), folder / "out")
+    assert not (folder / "out").exists()
+
+
+def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> None:
+    turned = Image.fromarray(pictures(1, 192, 320)[0])
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    turned.save(folder / "turned.jpg", exif=exif)
+    request = DecodeRequest(folder / "layout.json", frames=(folder / "turned.jpg",))
+    with pytest.raises(InputError, match=r"192x320 px as stored \(its EXIF data turns it\), expected 320x192 of"):
+        decoded(request, folder / "out")

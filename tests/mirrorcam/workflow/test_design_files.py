@@ -29,7 +29,7 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
         raise InfeasibleDesign("spacing", "facets do not fit")
 
     monkeypatch.setattr("mirrorcam.optics.design.program.seeds.faceted_parabola", refuse)
-    found = write_design(spec, tmp_path)
+    found = write_design(spec, tmp_path / "without")
     assert found.parabola is None
     assert "facets do not fit" in found.no_parabola
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json"]
+    assert sorted(path.name for path in (tmp_path / "without").iterdir()) == ["before_after.png", "layout.json"]

@@ -64,6 +64,11 @@ def record_of(folder: Path) -> Path:
     return min((folder / "results").iterdir())
 
 
+def delete_both(folder: Path) -> None:
+    (folder / "layouts" / record_of(folder).name).unlink()
+    record_of(folder).unlink()
+
+
 def delete_record(folder: Path) -> None:
     record_of(folder).unlink()
 
@@ -91,16 +96,30 @@ def swap_records(folder: Path) -> None:
     first.write_bytes(second.read_bytes())
 
 
-@pytest.mark.parametrize(
-    "harm", [delete_record, truncate_record, delete_layout, alter_layout, age_record, swap_records]
-)
-def test_what_is_missing_altered_or_out_of_date_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
+@pytest.mark.parametrize("harm", [delete_both, delete_layout, age_record])
+def test_what_is_missing_or_out_of_date_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
     sweep(SPECS, tmp_path, Counting(solved))
     before = files_of(tmp_path)
     harm(tmp_path)
     runner = Counting(solved)
     sweep(SPECS, tmp_path, runner)
     assert len(runner.asked) == 1
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.parametrize("harm", [delete_record, truncate_record, alter_layout, swap_records])
+def test_what_was_changed_is_refused_until_it_is_deleted(harm: Callable[[Path], None], tmp_path: Path) -> None:
+    sweep(SPECS, tmp_path, Counting(solved))
+    before = files_of(tmp_path)
+    name = record_of(tmp_path).name
+    harm(tmp_path)
+    changed = files_of(tmp_path)
+    with pytest.raises(InputError, match=rf"{name}: .*, expected it as it was( written)?, or gone"):
+        sweep(SPECS, tmp_path, Counting(solved))
+    assert files_of(tmp_path) == changed
+    for folder in ("results", "layouts"):
+        (tmp_path / folder / name).unlink(missing_ok=True)
+    sweep(SPECS, tmp_path, Counting(solved))
     assert files_of(tmp_path) == before
 
 
@@ -229,10 +248,10 @@ def alive(group: int) -> bool:
     [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
 )
 def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
-    results = tmp_path / "out" / "results"
+    results, layouts = tmp_path / "out" / "results", tmp_path / "out" / "layouts"
     process = sweeping(tmp_path)
     try:
-        wait_until(lambda: results.is_dir() and len(list(results.glob("[!.]*"))) >= 1)
+        wait_until(lambda: len(list(layouts.glob("[!.]*"))) >= 1)
         if kill:
             process.kill()
         else:
@@ -247,7 +266,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     else:
         assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
-    before = {path.name: path.stat().st_mtime_ns for path in results.glob("[!.]*")}
+    before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8
     again = sweeping(tmp_path)
     printed, said = again.communicate(timeout=120)

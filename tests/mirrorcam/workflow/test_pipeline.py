@@ -19,6 +19,7 @@ from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import pipeline
+from mirrorcam.workflow.output_folder import output_folder
 from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, scaled, stages
 from mirrorcam.workflow.stages import Stage, perform, staleness
 
@@ -66,12 +67,12 @@ def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[s
         return Stage("design", design), Stage("cad", cad), Stage("validation", validation, parameters=values)
 
     monkeypatch.setattr(pipeline, "stages", fake)
-    monkeypatch.setattr(pipeline, "write_page", lambda root, **about: (root / "index.html").touch())
+    monkeypatch.setattr(pipeline, "write_page", lambda root, path, **about: path.touch())
     monkeypatch.setattr(pipeline, "require", lambda *extras: None)
     return truth
 
 
-def test_all_figures_of_the_rooms_are_written_together(short_chain: dict[str, Metric], tmp_path: Path) -> None:
+def test_all_figures_of_the_stages_are_written_together(short_chain: dict[str, Metric], tmp_path: Path) -> None:
     assert run_all(full_recipe(0), tmp_path / "out", "mirrorcam run").passed
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["validation.normal_error_max_deg"] == {
@@ -125,8 +126,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Stag
     root = tmp_path_factory.mktemp("run")
     every = stages(quick_recipe(0), root)
     done = tuple(replace(stage, work=lambda folder, progress: None, reads=()) for stage in every)
-    for stage in done:
-        perform(stage, root)
+    with output_folder(root, "run") as output:
+        for stage in done:
+            perform(stage, output)
     return root, done
 
 

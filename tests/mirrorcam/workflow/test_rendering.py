@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import run_local
 from mirrorcam.optics.geometry.layout import Layout

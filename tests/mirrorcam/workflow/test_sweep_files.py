@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -35,8 +35,8 @@ def test_a_table_and_a_figure_sum_up_the_outcomes_in_the_order_of_the_specs(tmp_
 def test_without_a_solved_spec_the_figure_of_an_earlier_sweep_is_removed(tmp_path: Path) -> None:
     write_sweep(SPECS[:2], tmp_path, Counting(solved))
     assert (tmp_path / "pareto.png").exists()
-    for record in (tmp_path / "results").iterdir():
-        record.unlink()
+    for path in (*(tmp_path / "results").iterdir(), *(tmp_path / "layouts").iterdir()):
+        path.unlink()
     swept = write_sweep(SPECS[:2], tmp_path, Counting())
     assert swept.files == (tmp_path / "sweep.csv",)
     assert not (tmp_path / "pareto.png").exists()

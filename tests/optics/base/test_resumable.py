@@ -44,6 +44,9 @@ def test_the_same_request_goes_on_with_what_is_intact(tmp_path: Path) -> None:
     assert list(written(tmp_path).files) == ["frames/0.png", "frames/1.png"]
     assert Pictures().continued(tmp_path) == Pictures.load(tmp_path) == written(tmp_path)
     (tmp_path / "frames/0.png").write_text("altered")
+    with pytest.raises(InputError, match=r"0\.png: was changed since it was written, expected it as it was, or gone"):
+        Pictures().continued(tmp_path)
+    (tmp_path / "frames/0.png").unlink()
     assert Pictures().continued(tmp_path).files == {"frames/1.png": digest(b"frames/1.png")}
     (tmp_path / "frames/1.png").unlink()
     assert Pictures().continued(tmp_path).files == {}
@@ -75,7 +78,7 @@ def test_another_request_is_refused_and_names_what_differs(
 
 def test_folders_of_somebody_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
-    with pytest.raises(InputError, match=r"has a folder 'frames' but no pictures\.json"):
+    with pytest.raises(InputError, match=r"has 'frames' but no pictures\.json"):
         Pictures().continued(tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"file: is a file, expected a folder for the set"):

@@ -30,7 +30,7 @@ class Thing(Value):
         ((None, 3), [[1.0, 2.0]], r"shape \(1, 2\), expected \(n, 3\)"),
         ((None, 3), [], r"shape \(0,\), expected \(n, 3\)"),
         ((3,), 4.0, r"shape \(\), expected \(3\)"),
-        ((3,), None, r"shape \(\), expected \(3\)"),
+        ((3,), None, r"not an array of numbers, expected shape \(3\)"),
         ((3,), [1.0, float("nan"), 3.0], "NaN or infinite, expected finite numbers"),
         ((3,), [1.0, float("inf"), 3.0], "NaN or infinite, expected finite numbers"),
         ((3,), ["a", "b", "c"], r"not an array of numbers, expected shape \(3\)"),

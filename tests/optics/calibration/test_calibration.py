@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import write_image
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -165,10 +165,25 @@ def test_same_pictures_same_bytes(
 def test_picture_files_are_read_as_they_are_needed(small_set: Set, tmp_path: Path) -> None:
     picture = tmp_path / "small.png"
     write_image(picture, np.zeros((30, 40), dtype=np.uint8))
-    with pytest.raises(InputError, match="frame 0 is 40x30 px, the layout's camera 960x540"):
+    with pytest.raises(InputError, match=r"small\.png: 40x30 px, expected 960x540 of the layout's camera"):
         calibrate([picture, tmp_path / "missing.png"], [], small_set.nominal, BOARD)
     with pytest.raises(InputError, match=r"missing\.png"):
         calibrate([tmp_path / "missing.png"], [], small_set.nominal, BOARD)
+
+
+def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_path: Path) -> None:
+    frames, base = list(small_set.frames), list(small_set.base)
+    paths = [tmp_path / "frame.png", tmp_path / "base.jpg"]
+    for path in paths:
+        write_image(path, frames[0])
+        path.write_bytes(path.read_bytes()[:-1000])
+    whole = calibrate(frames, base, small_set.nominal, BOARD)
+    found = calibrate([*frames[:2], paths[0], *frames[2:]], [paths[1], *base], small_set.nominal, BOARD)
+    assert found.metrics["damaged_pictures"].value == 2
+    assert "damaged_pictures" not in whole.metrics
+    for path in paths:
+        assert f"{path}: image is truncated; not used" in found.notes
+    assert np.array_equal(found.residuals_px, whole.residuals_px)
 
 
 def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.exports.conftest import Case
 from tests.optics.exports.read_back import as_opencv_does, assert_projects

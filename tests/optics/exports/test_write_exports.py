@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
 from tests.optics.exports.conftest import Case
@@ -38,7 +38,7 @@ def test_the_same_layout_makes_the_same_bytes(case: Case, tmp_path: Path) -> Non
 
 def test_a_picture_of_another_size_is_refused(case: Case, tmp_path: Path) -> None:
     write_image(tmp_path / "small.png", np.zeros((10, 20), dtype=np.uint8))
-    with pytest.raises(InputError, match=r"small.png: 20x10 px, expected \d+x\d+ as calibrated"):
+    with pytest.raises(InputError, match=r"small.png: 20x10 px, expected \d+x\d+ of the layout's camera"):
         write_exports(case.layout, tmp_path / "exports", [tmp_path / "small.png"])
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image
 from mirrorcam.optics.base.fingerprint import file_digest
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout

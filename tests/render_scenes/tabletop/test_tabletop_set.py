@@ -13,7 +13,7 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances

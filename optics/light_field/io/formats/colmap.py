@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_text
+from mirrorcam.optics.base.files import read_bytes, write_text
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid

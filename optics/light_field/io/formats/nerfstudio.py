@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes, read_image, write_image, write_json
+from mirrorcam.optics.base.files import read_bytes, write_json
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid

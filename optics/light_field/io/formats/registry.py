@@ -70,7 +70,7 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
         In one line for what cannot be read, and for a geometry that is neither stated nor assumed.
     """
     if decoder is not None:
-        from mirrorcam.optics.base.files import is_picture, read_image
+        from mirrorcam.optics.base.pictures import is_picture, read_image
 
         if is_picture(path):
             return Contents((decoder.decode(read_image(path)),))

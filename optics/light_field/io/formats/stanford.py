@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import is_picture, read_image, write_image
+from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.light_field_depth import best_stereo, our_disparity, render_hci, scores
-from mirrorcam.optics.base.files import read_image
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
 from mirrorcam.optics.light_field.io.pfm import read_pfm

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import read_image, write_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import format_of
 from mirrorcam.optics.light_field.io.formats.stanford import PLACED, read_stanford, write_stanford

@@ -1,0 +1,223 @@
+"""Pictures as files: PNG and JPEG by their content, of 8 bits a channel, whole or refused."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.files import read_bytes, write_bytes
+from mirrorcam.optics.base.values import InputError
+
+JPEG_ENDINGS = (".jpg", ".jpeg")
+PICTURE_ENDINGS = (".png", *JPEG_ENDINGS)
+"""What the names of pictures end in, in small letters, wherever pictures are read."""
+LARGEST_PICTURE_PX = 120_000_000
+"""Pixels of the largest picture that is decoded: more than any camera's, and at most 0.7 GB of memory."""
+LARGEST_FILE_BYTES = 1 << 30
+
+_PNG_BEGIN, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+_FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+_TABLES, _SCAN, _END = 0xC4, 0xDA, 0xD9
+_END_OF_BLOCK = 0x00
+# A run that no compressed picture holds, but a lost block of a disk does.
+_ZEROS = bytes(256)
+_ORIENTATION = 0x0112
+
+
+class DamagedPicture(InputError):
+    """A picture whose file is there, but not whole: the message says which, and what is wrong."""
+
+
+def is_picture(path: Path) -> bool:
+    """Return whether a file is named like a picture; capitals count as small letters."""
+    return path.suffix.lower() in PICTURE_ENDINGS
+
+
+def pictures_in(paths: Sequence[Path]) -> list[Path]:
+    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name."""
+    found: list[Path] = []
+    for path in paths:
+        inside = sorted(filter(is_picture, path.iterdir())) if path.is_dir() else [path]
+        if not inside:
+            raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
+        found += inside
+    return found
+
+
+def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
+    """Read a picture of 8 bits a channel, PNG or JPEG by its content.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    grey
+        Convert to grey.
+
+    Returns
+    -------
+    ndarray of uint8
+        (h, w, 3) in RGB, or (h, w) in grey, with rows as on the sensor: a rotation in the EXIF data is not applied.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or larger than any camera's picture.
+    DamagedPicture
+        If it is neither PNG nor JPEG, cut short, or its data are not what was written.
+    """
+    raw = read_bytes(path, LARGEST_FILE_BYTES)
+    header = _header_of(path, raw)
+    if header.jpeg is None:
+        return _read_png(path, raw, grey)
+    if header.jpeg.is_partly_zero(raw):
+        raise DamagedPicture(f"{path}: damaged, a block of zeros is where compressed data should be")
+    try:
+        image = simplejpeg.decode_jpeg(raw, colorspace="GRAY" if grey else "RGB")
+    except ValueError as error:
+        raise DamagedPicture(f"{path}: damaged, {str(error).rstrip('.')}") from None
+    return np.asarray(image[..., 0] if grey else image, dtype=np.uint8)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture in px, by its header alone; raises as `read_image`, but for what lies behind."""
+    return _header_of(path, read_bytes(path, LARGEST_FILE_BYTES)).size
+
+
+def orientation(path: Path) -> int:
+    """EXIF orientation of a picture, 1 to 8: 1, also where the file states none, is as on the sensor."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(BytesIO(read_bytes(path, LARGEST_FILE_BYTES))) as image:
+            found = image.getexif().get(_ORIENTATION, 1)
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+        return 1
+    return found if isinstance(found, int) and 1 <= found <= 8 else 1
+
+
+def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], whose: str) -> None:
+    """Raise InputError for a picture or video of another width and height, px, than `whose`.
+
+    The message names a rotation in the EXIF data, which other programs apply.
+    """
+    if size != expected:
+        turned = " as stored (its EXIF data turns it)" if is_picture(path) and orientation(path) > 1 else ""
+        raise InputError(f"{path}: {size[0]}x{size[1]} px{turned}, expected {expected[0]}x{expected[1]} of {whose}")
+
+
+@dataclass(frozen=True)
+class _Jpeg:
+    """Marker, begin and end of the content of each segment of a JPEG, and whether it reaches its end marker.
+
+    The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
+    """
+
+    segments: tuple[tuple[int, int, int], ...]
+    whole: bool
+
+    @classmethod
+    def of(cls, raw: bytes) -> _Jpeg:
+        found, at = [], 2
+        while marker := _JPEG_MARKER.search(raw, at):
+            kind, begin = raw[marker.end() - 1], marker.end() + 2
+            if kind == _END:
+                return cls(tuple(found), True)
+            at = marker.end() + int.from_bytes(raw[marker.end() : begin])
+            found.append((kind, begin, at))
+        return cls(tuple(found), False)
+
+    def size(self, raw: bytes) -> tuple[int, int]:
+        """Width and height in px; zeros where no header states them."""
+        for kind, begin, end in self.segments:
+            if kind in _FRAME_HEADERS and end - begin >= 5 and len(raw) >= end:
+                height, width = struct.unpack(">HH", raw[begin + 1 : begin + 5])
+                return width, height
+        return 0, 0
+
+    def is_partly_zero(self, raw: bytes) -> bool:
+        """Return whether a long run of zeros stands in the compressed data where no encoder can have written it.
+
+        Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
+        they stand for blocks of nothing but the highest frequencies.
+        """
+        scan = next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
+        if raw.find(_ZEROS, scan) < 0:
+            return False
+        return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
+
+
+def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
+    """The symbols that zeros stand for in the Huffman tables of AC coefficients of a segment."""
+    symbols = []
+    while kind == _TABLES and at + 17 < min(end, len(raw)):
+        if raw[at] >> 4 == 1:
+            symbols.append(raw[at + 17])
+        at += 17 + sum(raw[at + 1 : at + 17])
+    return symbols
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Width and height of a picture in px, and the segments of a JPEG; None for a PNG."""
+
+    size: tuple[int, int]
+    jpeg: _Jpeg | None = None
+
+
+def _header_of(path: Path, raw: bytes) -> _Header:
+    if raw.startswith(_PNG_BEGIN):
+        size = struct.unpack(">II", raw[16:24]) if raw[12:16] == b"IHDR" and len(raw) >= 24 else (0, 0)
+        header, whole = _Header(size), _PNG_END in raw
+    elif raw.startswith(b"\xff\xd8"):
+        jpeg = _Jpeg.of(raw)
+        header, whole = _Header(jpeg.size(raw), jpeg), jpeg.whole
+    else:
+        raise DamagedPicture(f"{path}: not an image that can be decoded, expected PNG or JPEG")
+    if not whole:
+        raise DamagedPicture(f"{path}: image is truncated")
+    width, height = header.size
+    if not width * height:
+        raise DamagedPicture(f"{path}: damaged, its header states no size")
+    if width * height > LARGEST_PICTURE_PX:
+        most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
+        raise InputError(f"{path}: {width}x{height} px, expected a picture of at most {most}")
+    return header
+
+
+def _read_png(path: Path, raw: bytes, grey: bool) -> NDArray[np.uint8]:
+    flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB) | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise DamagedPicture(f"{path}: damaged, its data cannot be decoded")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
+    """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
+    encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
+    if not encoded:
+        raise ValueError(f"no encoder for {image.shape=}")
+    return buffer.tobytes()
+
+
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
+    if not is_picture(path):
+        raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
+    write_bytes(path, encoded_image(image, path.suffix.lower()))

@@ -1,0 +1,188 @@
+"""Folders that commands write their results into: one command at a time, and nothing of the user's is lost in them.
+
+In a folder of results, the hidden folder `.mirrorcam` holds the record of what commands have written there and, while
+one works, its lock and the files that it has not finished.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+from pydantic import Field
+
+from mirrorcam.optics.base.files import inside, write_text
+from mirrorcam.optics.base.resumable import read_record
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.written_files import FolderRecord, WrittenFiles
+
+HIDDEN = ".mirrorcam"
+RECORD, LOCK, HOLDER, UNFINISHED = "written.jsonl", "lock", "holder.json", "unfinished"
+
+
+class Holder(Value):
+    """The process that writes into a folder."""
+
+    command: str = Field(max_length=40)
+    process: int
+    host: str = Field(max_length=255)
+    since: datetime
+
+    def __str__(self) -> str:
+        return (
+            f"mirrorcam {self.command}, process {self.process} on {self.host} since {self.since:%Y-%m-%d %H:%M:%S} UTC"
+        )
+
+
+@dataclass(frozen=True)
+class OutputFolder:
+    """A folder that a command writes into while it holds its lock: get one from `output_folder`.
+
+    Attributes
+    ----------
+    root
+        The folder that is locked.
+    record
+        What commands have written into it.
+    command
+        Name of the command; only what it wrote itself is its to replace.
+    part
+        Subfolder that is written, with a record of its own; empty for the root itself.
+    force
+        Whether any file may be replaced.
+    """
+
+    root: Path
+    record: FolderRecord
+    command: str
+    part: str = ""
+    force: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The folder that is written."""
+        return self.root / self.part
+
+    def subfolder(self, name: str) -> OutputFolder:
+        """Return a subfolder, with a record of its own; raises InputError for a link that leads out of the folder."""
+        inside(self.root, name)
+        return replace(self, part=name)
+
+    @property
+    def unfinished(self) -> Path:
+        """Folder for files that are not finished, which may hold what a killed run has left."""
+        return self.root / HIDDEN / UNFINISHED / (self.part or "files")
+
+    def refuse_others(self, *patterns: str) -> None:
+        """Raise InputError where a file of these names is there that this command has not written, or that was changed.
+
+        Called before long work, it saves the user from waiting for results that cannot be put in their place. Patterns
+        are those of `Path.glob`.
+        """
+        if not self.force:
+            matching = (path for pattern in patterns for path in sorted(self.path.glob(pattern)))
+            found = (path for path in matching if path.is_symlink() or not path.is_dir())
+            self._written.refuse_others(self.path, (path.relative_to(self.path).as_posix() for path in found))
+
+    def refuse_unknown(self) -> None:
+        """Raise InputError where the folder holds files, and none that this command has written."""
+        if not self.force and not self._written.names and _has_files(self.path):
+            raise InputError(
+                f"{self.path}: holds files that this command did not write, expected a new folder, or --force"
+            )
+
+    def refuse_changed(self) -> None:
+        """Raise InputError where a file that this command has written was changed since."""
+        if not self.force:
+            self._written.refuse_others(self.path, sorted(self._written.names))
+
+    @contextmanager
+    def staged(self, *, complete: bool = True) -> Iterator[Path]:
+        """Yield an empty folder whose files are put in their places when the block ends well, as `adopt` says."""
+        self.discard()
+        self.unfinished.mkdir(parents=True)
+        try:
+            yield self.unfinished
+            self.adopt(complete=complete)
+        finally:
+            self.discard()
+
+    def discard(self) -> None:
+        """Remove the unfinished files."""
+        for folder in (self.unfinished.parent, self.unfinished):
+            if folder.is_symlink():
+                folder.unlink()
+        if self.unfinished.exists():
+            shutil.rmtree(self.unfinished)
+        with suppress(OSError):
+            self.unfinished.parent.rmdir()
+
+    def adopt(self, *, complete: bool = True) -> None:
+        """Put the unfinished files in their places, as `FolderRecord.adopt` says."""
+        self.record.adopt(self._key, self.unfinished, self.path, complete=complete, force=self.force)
+
+    @property
+    def _key(self) -> str:
+        return f"{self.command} {self.part}".rstrip()
+
+    @property
+    def _written(self) -> WrittenFiles:
+        return self.record.of(self._key)
+
+
+@contextmanager
+def output_folder(path: Path, command: str, *, force: bool = False) -> Iterator[OutputFolder]:
+    """Lock a folder for a command that writes into it, and make it where there is none.
+
+    Raises InputError where another process holds the lock, and where the folder cannot be written. A folder in which
+    the block leaves nothing is removed again, if it was made here.
+    """
+    hidden = path / HIDDEN
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file, expected a folder")
+    if hidden.is_symlink() or (hidden.exists() and not hidden.is_dir()):
+        raise InputError(f"{hidden}: is no folder of this program, expected none or a new --out")
+    made = [parent for parent in (hidden, *hidden.parents) if not parent.exists()]
+    lock = FileLock(hidden / LOCK, timeout=0)
+    try:
+        hidden.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        holder = read_record(Holder, hidden / HOLDER)
+        raise InputError(f"{path}: in use by {holder or 'another mirrorcam'}, expected it to end first") from None
+    except OSError as error:
+        _remove_made(made)
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    try:
+        write_text(hidden / HOLDER, _this_process(command).model_dump_json() + "\n")
+        yield OutputFolder(path, FolderRecord(hidden / RECORD), command, force=force)
+    finally:
+        # Removed while they are still locked: whoever has just opened them sees that they are gone, and makes new ones.
+        for name in (HOLDER, LOCK):
+            with suppress(OSError):
+                (hidden / name).unlink()
+        lock.release()
+        _remove_made(made)
+
+
+def _this_process(command: str) -> Holder:
+    now = datetime.now(UTC).replace(microsecond=0)
+    return Holder(command=command, process=os.getpid(), host=socket.gethostname()[:255], since=now)
+
+
+def _remove_made(folders: Iterable[Path]) -> None:
+    """Remove those of the folders, inner ones first, that are empty."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _has_files(folder: Path) -> bool:
+    return folder.is_dir() and any(path.name != HIDDEN for path in folder.iterdir())
