@@ -129,7 +129,8 @@ class _Jpeg:
 
     @classmethod
     def of(cls, raw: bytes) -> _Jpeg:
-        found, at = [], 2
+        found: list[tuple[int, int, int]] = []
+        at = 2
         while marker := _JPEG_MARKER.search(raw, at):
             kind, begin = raw[marker.end() - 1], marker.end() + 2
             if kind == _END:

@@ -17,6 +17,7 @@ import pytest
 
 from mirrorcam.optics.base.fingerprint import file_digests
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.output_folder import HIDDEN, output_folder
 from mirrorcam.workflow.pipeline import SETTINGS, finish, quick_recipe, stages
 from mirrorcam.workflow.stages import MANIFEST
 from mirrorcam.workflow.validation import calibrate_set
@@ -111,7 +112,7 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
     out = tmp_path / "quick"
     for stage in ("design", "cad"):
         shutil.copytree(first[0] / stage, out / stage)
-    unfinished = out / ".set-unfinished"
+    unfinished = out / HIDDEN / "unfinished" / "set"
     command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
     environment = os.environ | {"PATH": path_without_slicer()}
     with subprocess.Popen(
@@ -130,7 +131,8 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
     assert len(frames) >= 3
 
     (unfinished_stage,) = (stage for stage in stages(quick_recipe(seed=0), out) if stage.name == "set")
-    finish(unfinished_stage, out)
+    with output_folder(out, "run") as output:
+        finish(unfinished_stage, output)
     now = {name: (out / "set" / "frames" / name).stat().st_mtime_ns for name in frames}
     assert now == frames
     assert file_digests(out / "set", without=MANIFEST) == file_digests(first[0] / "set", without=MANIFEST)

@@ -18,7 +18,7 @@ class DecodeOptions(Value):
 
     frames: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[FRAME|VIDEO...]", help_behavior_hint="")
-    ] = Field(default=(), description="frames of the camera (PNG, JPEG or WebP), or videos (such as MP4 or AVI)")
+    ] = Field(default=(), description="frames of the camera (PNG or JPEG), or videos (such as MP4 or AVI)")
     layout: Path = Field(description="layout.json, calibrated where there is one")
     out: Path = Field(
         default=Path("output/decoded"),
@@ -84,7 +84,6 @@ class DecodeOptions(Value):
 def run(options: DecodeOptions) -> int:
     """Decode the frames; 1 where a damaged one was left out."""
     from mirrorcam.workflow.decoding import DecodeRequest, decode_files
-    from mirrorcam.workflow.output_folder import output_folder
 
     request = DecodeRequest(
         layout=options.layout,
@@ -98,6 +97,4 @@ def run(options: DecodeOptions) -> int:
         regular_grid_at_mm=options.regular_grid_at_mm,
         equalise=options.equalise,
     )
-    with output_folder(options.out, "decode", force=options.force) as output:
-        left_out = decode_files(request, output, TERMINAL)
-    return 1 if left_out else 0
+    return 1 if decode_files(request, options.out, TERMINAL, force=options.force) else 0

@@ -37,14 +37,12 @@ class DepthOptions(LightFieldsOptions):
 def run(options: DepthOptions) -> int:
     """Measure and write depths."""
     from mirrorcam.workflow.light_field_results import write_depths
-    from mirrorcam.workflow.output_folder import output_folder
 
     inputs = options.inputs()
-    with (
-        output_folder(options.out, "depth", force=options.force) as output,
-        long_work("depth", options.counted, "files") as advance,
-    ):
-        found = write_depths(inputs, output, near_mm=options.near_mm, far_mm=options.far_mm, progress=advance)
+    with long_work("depth", options.counted, "files") as advance:
+        found = write_depths(
+            inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, force=options.force, progress=advance
+        )
     lines = []
     for each in found:
         median = f", median {each.median_mm:.0f} mm" if each.sure else ""

@@ -36,15 +36,17 @@ class EpiOptions(LightFieldsOptions):
 def run(options: EpiOptions) -> int:
     """Cut and write epipolar-plane images."""
     from mirrorcam.workflow.light_field_results import write_epipolar_images
-    from mirrorcam.workflow.output_folder import output_folder
 
     inputs = options.inputs()
-    with (
-        output_folder(options.out, "epi", force=options.force) as output,
-        long_work("epi", options.counted, "files") as advance,
-    ):
+    with long_work("epi", options.counted, "files") as advance:
         write_epipolar_images(
-            inputs, output, axis=options.axis, line=options.line, depth_mm=options.depth_mm, progress=advance
+            inputs,
+            options.out,
+            axis=options.axis,
+            line=options.line,
+            depth_mm=options.depth_mm,
+            force=options.force,
+            progress=advance,
         )
     say("epi", f"pictures and arrays (.npz) written to {options.out}")
     return 0

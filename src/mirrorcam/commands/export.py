@@ -49,12 +49,16 @@ class ExportOptions(GeometryOptions):
 def run(options: ExportOptions) -> int:
     """Read, and write in the other format."""
     from mirrorcam.workflow.exporting import export_light_field
-    from mirrorcam.workflow.output_folder import output_folder
 
-    with output_folder(options.out, "export", force=options.force) as output:
-        exported = export_light_field(
-            options.light_field, options.to, output, frame=options.frame, depth=options.depth, assumed=options.assumed
-        )
+    exported = export_light_field(
+        options.light_field,
+        options.to,
+        options.out,
+        frame=options.frame,
+        depth=options.depth,
+        assumed=options.assumed,
+        force=options.force,
+    )
     if exported.measured is not None:
         say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field

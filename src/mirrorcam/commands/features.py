@@ -52,7 +52,6 @@ class FeaturesOptions(LightFieldsOptions):
 def run(options: FeaturesOptions) -> int:
     """Find and write features."""
     from mirrorcam.workflow.light_field_results import FeatureSearch, write_features
-    from mirrorcam.workflow.output_folder import output_folder
 
     search = FeatureSearch(
         detector=options.detector,
@@ -64,11 +63,8 @@ def run(options: FeaturesOptions) -> int:
         two_slope_sigma=options.two_slope_sigma,
     )
     inputs = options.inputs()
-    with (
-        output_folder(options.out, "features", force=options.force) as output,
-        long_work("features", options.counted, "files") as advance,
-    ):
-        found = write_features(inputs, output, search, advance)
+    with long_work("features", options.counted, "files") as advance:
+        found = write_features(inputs, options.out, search, force=options.force, progress=advance)
     lines = []
     for each in found:
         sigma = f", median sigma {each.median_sigma_mm:.2f} mm" if each.count else ""

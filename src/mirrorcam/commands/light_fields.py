@@ -71,7 +71,7 @@ class LightFieldsOptions(GeometryOptions):
         min_length=1,
         description=(
             "light fields: .npz or .zarr of mirrorcam decode, a file or folder in a format of mirrorcam export, or, "
-            "with --layout, frames of the camera (PNG, JPEG or WebP)"
+            "with --layout, frames of the camera (PNG or JPEG)"
         ),
     )
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(

@@ -81,7 +81,6 @@ class RefocusOptions(LightFieldsOptions):
 
 def run(options: RefocusOptions) -> int:
     """Focus and write pictures."""
-    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.refocusing_files import RefocusRequest, write_refocused
 
     request = RefocusRequest(
@@ -98,11 +97,8 @@ def run(options: RefocusOptions) -> int:
         far_mm=options.far_mm,
     )
     inputs = options.inputs()
-    with (
-        output_folder(options.out, "refocus", force=options.force) as output,
-        long_work("refocus", options.counted, "files") as advance,
-    ):
-        grey = write_refocused(inputs, output, request, advance)
+    with long_work("refocus", options.counted, "files") as advance:
+        grey = write_refocused(inputs, options.out, request, force=options.force, progress=advance)
     say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in grey])
     say("refocus", f"pictures and arrays (.npz) written to {options.out}")
     return 0

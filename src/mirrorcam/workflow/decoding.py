@@ -22,7 +22,7 @@ from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame, Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames
-from mirrorcam.workflow.output_folder import OutputFolder
+from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder
 
 EQUALISATION = "equalisation.json"
@@ -70,13 +70,18 @@ class DecodeRequest:
     equalise: tuple[Path, ...] = ()
 
 
-def decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter = SILENT) -> int:
+def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILENT, *, force: bool = False) -> int:
     """Decode pictures, videos and a camera into a folder; of each, the views in one picture beside the light field.
 
     Every input is checked before anything is written. A video whose decoding was interrupted is resumed. A damaged
     picture or frame is left out and reported; returns their number. Raises InputError for an input that is missing, or
-    not of the layout's camera, and where no picture is left.
+    not of the layout's camera, where no picture is left, and, without `force`, where a file of others is in the way.
     """
+    with output_folder(folder, "decode", force=force) as output:
+        return _decode_files(request, output, reporter)
+
+
+def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter) -> int:
     layout = Layout.load(request.layout)
     check_frames(request.frames, layout, request.layout)
     decoder = _decoder(request, layout)
@@ -98,19 +103,19 @@ def decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporte
 
 def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter) -> int:
     """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are."""
-    damaged: list[DamagedPicture] = []
+    damaged: list[str] = []
     with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
         for done, path in enumerate(images, start=1):
             try:
                 with output.staged(complete=False) as folder:
                     decode_picture(path, decoder, folder)
             except DamagedPicture as error:
-                damaged.append(error)
+                damaged.append(str(error))
             advance(done, len(images))
-    for error in damaged:
-        reporter.note("decode", f"{error}; skipped")
+    for reason in damaged:
+        reporter.note("decode", f"{reason}; skipped")
     if len(damaged) == len(images):
-        raise InputError(f"{damaged[0]}; no picture is left to decode" if len(images) > 1 else str(damaged[0]))
+        raise InputError(f"{damaged[0]}; no picture is left to decode" if len(images) > 1 else damaged[0])
     if damaged:
         reporter.note("decode", f"{len(damaged)} of {len(images)} pictures skipped as damaged")
     reporter.note("decode", f"light fields (.npz) and tiled views (_views.png) written to {output.path}")

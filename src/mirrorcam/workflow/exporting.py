@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.io.formats.registry import (
 )
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.workflow.output_folder import OutputFolder
+from mirrorcam.workflow.output_folder import output_folder
 
 SURE = 0.5
 """Confidence above which a measured depth is exported."""
@@ -43,11 +43,12 @@ class Exported:
 def export_light_field(
     source: Path,
     to: str,
-    output: OutputFolder,
+    folder: Path,
     *,
     frame: int = 0,
     depth: Path | None = None,
     assumed: Assumed = NOTHING,
+    force: bool = False,
 ) -> Exported:
     """Read a light field from any format and write it into a folder in another.
 
@@ -57,7 +58,7 @@ def export_light_field(
         File or folder of a light field.
     to
         Name of the format to write.
-    output
+    folder
         Folder of the file or folder that is written, which is called as the light field.
     frame
         Frame of a recording, counted from 0.
@@ -65,6 +66,8 @@ def export_light_field(
         Depth map of the light field, NAME_depth.npz of `mirrorcam depth`; PLY measures depth without it.
     assumed
         Geometry of the views for files that do not state it.
+    force
+        Whether files of others may be replaced, too.
     """
     contents = open_light_fields(source, assumed=assumed)
     light_field, depth_mm = frame_of(contents, frame, source), contents.depth_mm
@@ -78,8 +81,9 @@ def export_light_field(
         if not measured:
             raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
     name = f"{name_of(source)}{formats()[to].ending}"
-    # Files of others in the folder of a format would be read as part of it.
-    output.refuse_others(glob.escape(name), f"{glob.escape(name)}/**/*")
-    with output.staged(complete=False) as folder:
-        write_light_field(folder / name, light_field, to, depth_mm)
-    return Exported(output.path / name, format_of(source).name, light_field, measured)
+    with output_folder(folder, "export", force=force) as output:
+        # Files of others in the folder of a format would be read as part of it.
+        output.refuse_others(glob.escape(name), f"{glob.escape(name)}/**/*")
+        with output.staged(complete=False) as staged:
+            write_light_field(staged / name, light_field, to, depth_mm)
+    return Exported(folder / name, format_of(source).name, light_field, measured)

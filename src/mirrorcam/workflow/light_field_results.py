@@ -23,7 +23,7 @@ from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
-from mirrorcam.workflow.output_folder import OutputFolder
+from mirrorcam.workflow.output_folder import output_folder
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
@@ -40,31 +40,33 @@ class DepthSummary:
 
 def write_depths(
     inputs: LightFieldInputs,
-    output: OutputFolder,
+    folder: Path,
     *,
     near_mm: float | None = None,
     far_mm: float | None = None,
+    force: bool = False,
     progress: Progress = no_progress,
 ) -> list[DepthSummary]:
     """Measure depth in light fields, between the depths given or those that their files state.
 
-    Writes NAME_depth.npz, .pfm and .png into a folder.
+    Writes NAME_depth.npz, .pfm and .png into a folder, where `force` also replaces files of others.
     """
     estimator: DepthEstimator | None = None
     summaries = []
-    for each in inputs.each(progress):
-        if estimator is None or not estimator.fits(each.light_field):
-            near, far = each.depths_to_search(near_mm, far_mm)
-            estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
-        output.refuse_others(f"{glob.escape(each.name)}_depth.*")
-        depth = estimator.estimate(each.light_field)
-        with output.staged(complete=False) as folder:
-            save_depth(folder / f"{each.name}_depth.npz", depth)
-            write_pfm(folder / f"{each.name}_depth.pfm", depth.depth_mm)
-            draw_depth(folder / f"{each.name}_depth.png", each.light_field, depth)
-        sure = depth.valid & (depth.confidence > SURE)
-        median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
-        summaries.append(DepthSummary(each.name, float(sure.mean()), median))
+    with output_folder(folder, "depth", force=force) as output:
+        for each in inputs.each(progress):
+            if estimator is None or not estimator.fits(each.light_field):
+                near, far = each.depths_to_search(near_mm, far_mm)
+                estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
+            output.refuse_others(f"{glob.escape(each.name)}_depth.*")
+            depth = estimator.estimate(each.light_field)
+            with output.staged(complete=False) as staged:
+                save_depth(staged / f"{each.name}_depth.npz", depth)
+                write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
+                draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
+            sure = depth.valid & (depth.confidence > SURE)
+            median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
+            summaries.append(DepthSummary(each.name, float(sure.mean()), median))
     return summaries
 
 
@@ -92,62 +94,70 @@ class FeatureSearch:
 
 
 def write_features(
-    inputs: LightFieldInputs, output: OutputFolder, search: FeatureSearch, progress: Progress = no_progress
+    inputs: LightFieldInputs,
+    folder: Path,
+    search: FeatureSearch,
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
 ) -> list[FeaturesSummary]:
     """Find features in light fields, up to infinity where neither the search nor a file states a depth.
 
-    Writes NAME_features.npz, .csv and .png into a folder.
+    Writes NAME_features.npz, .csv and .png into a folder, where `force` also replaces files of others.
     """
     finder: FeatureFinder | None = None
     depth_range_mm: tuple[float, float] | None = None
     summaries = []
-    for each in inputs.each(progress):
-        if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
-            depth_range_mm = each.depth_range_mm
-            near, far = each.depths_to_search(search.near_mm, search.far_mm)
-            finder = FeatureFinder(
-                each.light_field,
-                search.detector,
-                keypoints=search.keypoints,
-                max_distance_px=search.max_distance_px,
-                min_views=search.min_views,
-                nearest_mm=near,
-                farthest_mm=np.inf if far is None else far,
-                two_slope_sigma=search.two_slope_sigma,
-            )
-        output.refuse_others(f"{glob.escape(each.name)}_features.*")
-        found = finder.find(each.light_field)
-        with output.staged(complete=False) as folder:
-            save_npz(folder / f"{each.name}_features.npz", found)
-            save_csv(folder / f"{each.name}_features.csv", found)
-            draw_features(folder / f"{each.name}_features.png", each.light_field, found)
-        sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
-        summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
+    with output_folder(folder, "features", force=force) as output:
+        for each in inputs.each(progress):
+            if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
+                depth_range_mm = each.depth_range_mm
+                near, far = each.depths_to_search(search.near_mm, search.far_mm)
+                finder = FeatureFinder(
+                    each.light_field,
+                    search.detector,
+                    keypoints=search.keypoints,
+                    max_distance_px=search.max_distance_px,
+                    min_views=search.min_views,
+                    nearest_mm=near,
+                    farthest_mm=np.inf if far is None else far,
+                    two_slope_sigma=search.two_slope_sigma,
+                )
+            output.refuse_others(f"{glob.escape(each.name)}_features.*")
+            found = finder.find(each.light_field)
+            with output.staged(complete=False) as staged:
+                save_npz(staged / f"{each.name}_features.npz", found)
+                save_csv(staged / f"{each.name}_features.csv", found)
+                draw_features(staged / f"{each.name}_features.png", each.light_field, found)
+            sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
+            summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
     return summaries
 
 
 def write_epipolar_images(
     inputs: LightFieldInputs,
-    output: OutputFolder,
+    folder: Path,
     *,
     axis: Axis = "s",
     line: int | None = None,
     depth_mm: float | None = None,
+    force: bool = False,
     progress: Progress = no_progress,
 ) -> None:
     """Cut epipolar-plane images out of light fields, at a line of the central view or in its middle.
 
     Points at `depth_mm` (by default the reference depth) form vertical lines. Writes NAME_epi.npz and .png.
     """
-    for each in inputs.each(progress):
-        light_field = each.light_field
-        lines = light_field.height_px if axis == "s" else light_field.width_px
-        found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
-        reference = light_field.reference_depth_mm
-        depths_mm = each.depth_range_mm or (0.75 * reference, 2.0 * reference)
-        with output.staged(complete=False) as folder:
-            _save_epi(folder / f"{each.name}_epi.npz", found, light_field.layout_identity)
-            draw_epi(folder / f"{each.name}_epi.png", light_field, found, depths_mm)
+    with output_folder(folder, "epi", force=force) as output:
+        for each in inputs.each(progress):
+            light_field = each.light_field
+            lines = light_field.height_px if axis == "s" else light_field.width_px
+            found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
+            reference = light_field.reference_depth_mm
+            depths_mm = each.depth_range_mm or (0.75 * reference, 2.0 * reference)
+            with output.staged(complete=False) as staged:
+                _save_epi(staged / f"{each.name}_epi.npz", found, light_field.layout_identity)
+                draw_epi(staged / f"{each.name}_epi.png", light_field, found, depths_mm)
 
 
 def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:

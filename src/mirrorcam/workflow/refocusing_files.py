@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit,
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
-from mirrorcam.workflow.output_folder import OutputFolder
+from mirrorcam.workflow.output_folder import output_folder
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
@@ -84,13 +84,22 @@ class GreyPicture:
 
 
 def write_refocused(
-    inputs: LightFieldInputs, output: OutputFolder, request: RefocusRequest, progress: Progress = no_progress
+    inputs: LightFieldInputs,
+    folder: Path,
+    request: RefocusRequest,
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
 ) -> list[GreyPicture]:
-    """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey."""
+    """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey.
+
+    With `force`, files of others in the folder are replaced, too.
+    """
     grey = []
-    for each in inputs.each(progress):
-        with output.staged(complete=False) as folder:
-            grey += _write(each, folder, request)
+    with output_folder(folder, "refocus", force=force) as output:
+        for each in inputs.each(progress):
+            with output.staged(complete=False) as staged:
+                grey += _write(each, staged, request)
     return grey
 
 

@@ -26,7 +26,7 @@ class Runs:
         self.figures = RunFigures({}, parts, TRUTH)
         self.asked: list[tuple[Recipe, Path, str]] = []
 
-    def __call__(self, recipe: Recipe, root: Path, command: str, reporter: Reporter) -> RunFigures:
+    def __call__(self, recipe: Recipe, root: Path, command: str, reporter: Reporter, *, force: bool) -> RunFigures:
         self.asked.append((recipe, root, command))
         return self.figures
 

@@ -17,7 +17,6 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
-from mirrorcam.workflow.output_folder import output_folder
 from tests.mirrorcam.command_line import results
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import pictures
@@ -35,8 +34,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def decoded(request: DecodeRequest, folder: Path) -> int:
-    with output_folder(folder, "decode") as output:
-        return decode_files(request, output, TERMINAL)
+    return decode_files(request, folder, TERMINAL)
 
 
 def test_light_fields_are_those_of_the_decoder(folder: Path) -> None:

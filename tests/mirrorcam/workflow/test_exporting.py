@@ -12,7 +12,6 @@ from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.exporting import export_light_field
-from mirrorcam.workflow.output_folder import output_folder
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -23,8 +22,7 @@ def wall() -> LightField:
 
 def test_what_was_written_is_named(wall: LightField, tmp_path: Path) -> None:
     save_npz(tmp_path / "wall.npz", wall)
-    with output_folder(tmp_path / "out", "export") as output:
-        found = export_light_field(tmp_path / "wall.npz", "lftoolbox", output, assumed=NOTHING)
+    found = export_light_field(tmp_path / "wall.npz", "lftoolbox", tmp_path / "out", assumed=NOTHING)
     assert found.path == tmp_path / "out" / "wall.mat"
     assert found.path.exists()
     assert found.source_format == "npz"
@@ -34,9 +32,6 @@ def test_what_was_written_is_named(wall: LightField, tmp_path: Path) -> None:
 def test_depth_without_a_sure_pixel_is_no_point_cloud(wall: LightField, tmp_path: Path) -> None:
     blank = LightField.of(wall, np.full_like(wall.samples, 90), wall.weights)
     save_npz(tmp_path / "blank.npz", blank)
-    with (
-        pytest.raises(InputError, match=r"no depth with confidence above 0\.5"),
-        output_folder(tmp_path, "export") as output,
-    ):
-        export_light_field(tmp_path / "blank.npz", "ply", output, assumed=NOTHING)
+    with pytest.raises(InputError, match=r"no depth with confidence above 0\.5"):
+        export_light_field(tmp_path / "blank.npz", "ply", tmp_path, assumed=NOTHING)
     assert not (tmp_path / "blank.ply").exists()

@@ -15,7 +15,6 @@ from mirrorcam.workflow.light_field_results import (
     write_epipolar_images,
     write_features,
 )
-from mirrorcam.workflow.output_folder import output_folder
 from tests.mirrorcam.command_line import results
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -28,8 +27,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> LightFieldInputs:
 
 
 def test_depth_is_that_of_the_wall_and_summed_up(inputs: LightFieldInputs, tmp_path: Path) -> None:
-    with output_folder(tmp_path, "depth") as output:
-        (found,) = write_depths(inputs, output)
+    (found,) = write_depths(inputs, tmp_path)
     assert results(tmp_path) == ["wall_depth.npz", "wall_depth.pfm", "wall_depth.png"]
     with np.load(tmp_path / "wall_depth.npz") as arrays:
         sure = arrays["confidence"] > 0.5
@@ -40,8 +38,7 @@ def test_depth_is_that_of_the_wall_and_summed_up(inputs: LightFieldInputs, tmp_p
 
 
 def test_features_are_counted_as_they_are_written(inputs: LightFieldInputs, tmp_path: Path) -> None:
-    with output_folder(tmp_path, "features") as output:
-        (found,) = write_features(inputs, output, FeatureSearch(detector="ORB"))
+    (found,) = write_features(inputs, tmp_path, FeatureSearch(detector="ORB"))
     assert results(tmp_path) == ["wall_features.csv", "wall_features.npz", "wall_features.png"]
     with np.load(tmp_path / "wall_features.npz") as arrays:
         assert found.count == len(arrays["pixels"]) > 0
@@ -54,7 +51,6 @@ def test_an_epipolar_image_is_cut_in_the_middle_unless_a_line_is_given(
 ) -> None:
     light_field = next(inputs.each()).light_field
     for line, expected in ((None, light_field.width_px // 2), (7, 7)):
-        with output_folder(tmp_path, "epi") as output:
-            write_epipolar_images(inputs, output, axis="t", line=line)
+        write_epipolar_images(inputs, tmp_path, axis="t", line=line)
         with np.load(tmp_path / "wall_epi.npz") as arrays:
             assert (str(arrays["axis"]), int(arrays["line"])) == ("t", expected)

@@ -9,7 +9,6 @@ import pytest
 
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
-from mirrorcam.workflow.output_folder import output_folder
 from mirrorcam.workflow.refocusing_files import RefocusRequest, stills, write_refocused
 from tests.mirrorcam.command_line import results
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -43,8 +42,7 @@ def test_a_picture_and_its_array_are_written_under_the_name_of_the_light_field(t
     light_field = photograph(grid_views(), [Surface(500.0)])[0]
     save_npz(tmp_path / "wall.npz", light_field)
     inputs = LightFieldInputs((tmp_path / "wall.npz",))
-    with output_folder(tmp_path / "out", "refocus") as output:
-        grey = write_refocused(inputs, output, RefocusRequest(depths_mm=(500.0,)))
+    grey = write_refocused(inputs, tmp_path / "out", RefocusRequest(depths_mm=(500.0,)))
     names = results(tmp_path / "out")
     assert names == ["wall_focus_500mm.npz", "wall_focus_500mm.png"]
     with np.load(tmp_path / "out" / "wall_focus_500mm.npz") as arrays:

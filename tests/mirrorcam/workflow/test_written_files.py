@@ -121,7 +121,8 @@ def test_writing_that_was_cut_off_goes_on_another_time(
     stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(tmp_path, a="1", b="1", c="1")
-    moved, replace = [], Path.replace
+    moved: list[Path] = []
+    replace = Path.replace
 
     def cut_off(source: Path, target: Path) -> Path:
         if source.parent.name != "staging":

@@ -190,7 +190,9 @@ def test_what_the_decoder_warns_of_is_damage_and_is_not_printed(
 def test_pixels_of_a_jpeg_are_those_of_opencv(grey: bool, tmp_path: Path) -> None:
     path, raw = noisy(tmp_path)
     flags = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB
-    assert np.array_equal(pictures.read_image(path, grey=grey), cv2.imdecode(np.frombuffer(raw, np.uint8), flags))
+    expected = cv2.imdecode(np.frombuffer(raw, np.uint8), flags)
+    assert expected is not None
+    assert np.array_equal(pictures.read_image(path, grey=grey), expected)
 
 
 def test_the_orientation_is_stated_and_not_applied(tmp_path: Path) -> None:
