@@ -1,0 +1,37 @@
+"""`python -m benchmarks.robustness [CATEGORY ...] [--part 0.01] [--seed 0]`: the table of all categories."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib import import_module
+
+from benchmarks.robustness.guard import Category, lines, tally
+from mirrorcam.optics.base.worker_pool import cores
+
+MODULES = ("layouts",)
+
+
+def categories() -> dict[str, Category]:
+    """All categories by name."""
+    found = (import_module(f"benchmarks.robustness.{name}").CATEGORY for name in MODULES)
+    return {category.name: category for category in found}
+
+
+def main() -> int:
+    every = categories()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.robustness", description=__doc__)
+    parser.add_argument("category", nargs="*", choices=[*every, []], default=[])
+    parser.add_argument("--part", type=float, default=1.0, help="share of the attempts of the full table")
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    options = parser.parse_args()
+    tallies = []
+    for name in options.category or every:
+        count = max(round(options.part * every[name].count), 1)
+        tallies.append(tally(every[name], range(options.seed, options.seed + count), cores()))
+    print("\n".join(lines(tallies)))
+    return 1 if any(each.wrong for each in tallies) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""Damage to bytes and to structured values, drawn from a random generator."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+ODD_VALUES: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2, 0.5, 1e-300, 1e308, -1e308, 10**400, float("nan"), float("inf"), -float("inf")),
+    *("", "1", "nan", "a" * 5000, "../../etc/passwd", "/etc/passwd", "\x00", "<img src=x onerror=alert(1)>", "=1+1"),
+    *([], {}, [[]], [None], {"": ""}, [1, 2, 3], [[1.0] * 3] * 3),
+)
+
+
+def damaged_bytes(raw: bytes, random: np.random.Generator) -> bytes:
+    """The bytes with one kind of damage: cut, a block of zeros or noise, flipped bits, repeated, inserted or lost."""
+    data, length = bytearray(raw), max(len(raw), 1)
+    at = int(random.integers(length))
+    size = int(random.integers(1, max(length // 4, 2)))
+    kind = random.choice(["cut", "zeros", "noise", "flips", "repeat", "insert", "lose"])
+    if kind == "cut":
+        return bytes(data[:at])
+    if kind == "zeros":
+        data[at : at + size] = bytes(len(data[at : at + size]))
+    elif kind == "noise":
+        data[at : at + size] = random.bytes(len(data[at : at + size]))
+    elif kind == "flips":
+        for place in random.integers(len(data) or 1, size=int(random.integers(1, 9))) if data else ():
+            data[place] ^= 1 << int(random.integers(8))
+    elif kind == "repeat":
+        data[at:at] = data[at : at + size]
+    elif kind == "insert":
+        data[at:at] = random.bytes(min(size, 64))
+    else:
+        del data[at : at + size]
+    return bytes(data)
+
+
+def damaged_value(value: Any, random: np.random.Generator) -> Any:
+    """A deep copy of nested dicts and lists with one to three places changed, removed, added or renamed."""
+    value = copy.deepcopy(value)
+    for _ in range(int(random.integers(1, 4))):
+        places = list(_places(value))
+        if not places:
+            return ODD_VALUES[int(random.integers(len(ODD_VALUES)))]
+        container, key = places[int(random.integers(len(places)))]
+        odd = copy.deepcopy(ODD_VALUES[int(random.integers(len(ODD_VALUES)))])
+        kind = random.choice(["replace", "scale", "remove", "add", "rename"], p=[0.45, 0.25, 0.1, 0.1, 0.1])
+        if kind == "scale" and _is_scalable(container[key]):
+            container[key] = container[key] * float(random.choice([-1.0, 0.0, 1e-3, 0.5, 2.0, 1e3, 1e9]))
+        elif kind == "remove":
+            del container[key]
+        elif kind == "add" and isinstance(container, list):
+            container.insert(key, odd)
+        elif kind in ("add", "rename") and isinstance(container, dict):
+            container[f"{key}s"] = container.pop(key) if kind == "rename" else odd
+        else:
+            container[key] = odd
+    return value
+
+
+def _is_scalable(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _places(value: Any) -> Any:
+    """Every place in nested dicts and lists, as its container and key."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield value, key
+        yield from _places(inner)

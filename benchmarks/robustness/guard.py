@@ -1,0 +1,108 @@
+"""Attempts with bad input, each watched: what it raises, how long it takes and how much memory it needs."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import signal
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+LONGEST_S = 20.0
+LARGEST_BYTES = 1 << 30
+LONGEST_MESSAGE = 300
+
+Attempt = Callable[[int, Path], str]
+"""Makes the bad input of a seed in an empty folder and uses it: returns what is wrong with the outcome, or nothing."""
+
+
+@dataclass(frozen=True)
+class Category:
+    """A kind of bad input: how many attempts the full table makes, and the attempt of a seed."""
+
+    name: str
+    count: int
+    attempt: Attempt
+
+
+@dataclass
+class Tally:
+    """Outcome of the attempts of a category: how many were made, and what was wrong, by seed."""
+
+    category: str
+    tried: int = 0
+    wrong: dict[int, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def right(self) -> int:
+        return self.tried - len(self.wrong)
+
+
+def tally(category: Category, seeds: Sequence[int], workers: int) -> Tally:
+    """Make the attempts of a category with these seeds, in worker processes."""
+    begun, found = time.monotonic(), Tally(category.name)
+    # Each worker starts anew: a crash or memory of one attempt is not that of another's.
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for seed, wrong in zip(
+            seeds, pool.map(_watched, [(category, seed) for seed in seeds], chunksize=16), strict=True
+        ):
+            found.tried += 1
+            if wrong:
+                found.wrong[seed] = wrong
+    found.seconds = time.monotonic() - begun
+    return found
+
+
+class _TookTooLong(BaseException):
+    """Raised in an attempt that does not end."""
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise _TookTooLong
+
+
+def _watched(task: tuple[Category, int]) -> str:
+    category, seed = task
+    return watched(category.attempt, seed)
+
+
+def watched(attempt: Attempt, seed: int) -> str:
+    """Make one attempt in a folder of its own; returns what is wrong with its outcome, or nothing."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    signal.signal(signal.SIGALRM, _interrupt)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            wrong = attempt(seed, Path(folder))
+    except _TookTooLong:
+        return f"took longer than {LONGEST_S:g} s"
+    except Exception:
+        return "traceback: " + traceback.format_exc().strip().splitlines()[-1]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    return wrong or (f"took {grown / 2**20:.0f} MB of memory" if grown > LARGEST_BYTES else "")
+
+
+def refused_well(message: str) -> str:
+    """What is wrong with the message of a refusal, or nothing."""
+    if "\n" in message:
+        return f"message of {message.count(chr(10)) + 1} lines: {message[:80]!r}"
+    return f"message of {len(message)} characters" if len(message) > LONGEST_MESSAGE else ""
+
+
+def lines(tallies: Sequence[Tally], shown: int = 5) -> Iterator[str]:
+    """The table of the tallies, and the first wrong outcomes of each."""
+    yield f"{'category':<28}{'tried':>8}{'right':>8}{'wrong':>8}{'s':>8}"
+    for each in tallies:
+        yield f"{each.category:<28}{each.tried:>8}{each.right:>8}{len(each.wrong):>8}{each.seconds:>8.0f}"
+    for each in tallies:
+        for seed, wrong in list(each.wrong.items())[:shown]:
+            yield f"{each.category}, seed {seed}: {wrong[:200]}"

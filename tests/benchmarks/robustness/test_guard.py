@@ -1,0 +1,75 @@
+"""The guard sees what a bad attempt does, and the small part of every category has no wrong outcome."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import benchmarks.robustness.damage
+from benchmarks.robustness import guard
+from benchmarks.robustness.__main__ import categories
+from benchmarks.robustness.guard import Category, Tally, lines, refused_well, tally, watched
+
+PART = 8
+"""Attempts of each category in these tests."""
+
+
+def test_an_attempt_without_fault_is_right() -> None:
+    seen: list[Path] = []
+
+    def attempt(seed: int, folder: Path) -> str:
+        seen.append(folder)
+        (folder / "file").write_text("x")
+        return ""
+
+    assert watched(attempt, 0) == ""
+    assert not seen[0].exists()
+
+
+def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "LONGEST_S", 0.2)
+    monkeypatch.setattr(guard, "LARGEST_BYTES", 50_000_000)
+
+    def fails(seed: int, folder: Path) -> str:
+        raise KeyError("no such key")
+
+    def hangs(seed: int, folder: Path) -> str:
+        time.sleep(30)
+        return ""
+
+    def grows(seed: int, folder: Path) -> str:
+        np.ones(1_000_000_000 // 8).sum()
+        return ""
+
+    assert watched(fails, 0) == "traceback: KeyError: 'no such key'"
+    assert watched(hangs, 0) == "took longer than 0.2 s"
+    monkeypatch.setattr(guard, "LONGEST_S", 20.0)
+    assert "MB of memory" in watched(grows, 0)
+
+
+def test_messages_are_one_short_line() -> None:
+    assert refused_well("layout.json: no such file") == ""
+    assert "2 lines" in refused_well("a\nb")
+    assert "301 characters" in refused_well("a" * 301)
+
+
+def test_the_table_counts_and_shows_what_is_wrong() -> None:
+    table = list(lines([Tally("layouts", 10, {3: "traceback: KeyError"}, 2.0)]))
+    assert table[1].split() == ["layouts", "10", "9", "1", "2"]
+    assert table[2] == "layouts, seed 3: traceback: KeyError"
+
+
+def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
+    # Processes find an attempt by its name in an importable module: any function serves, this one as a faulty attempt.
+    found = tally(Category("odd", 100, benchmarks.robustness.damage.damaged_value), range(4), workers=2)  # type: ignore[arg-type]
+    assert (found.tried, found.right) == (4, 0)
+    assert "traceback: AttributeError" in found.wrong[3]
+
+
+@pytest.mark.parametrize("name", categories())
+def test_a_part_of_every_category_has_no_wrong_outcome(name: str) -> None:
+    attempt = categories()[name].attempt
+    assert {seed: wrong for seed in range(PART) if (wrong := watched(attempt, seed))} == {}
