@@ -20,7 +20,7 @@ FOLDERS = {
     "mirrorcam.render_scenes": ROOT / "render_scenes",
     "mirrorcam": ROOT / "src" / "mirrorcam",
 }
-OPTICS = {"numpy", "scipy", "cv2", "casadi", "pydantic", "pydantic_core", "shapely"}
+OPTICS = {"numpy", "scipy", "cv2", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
 # `render_scenes` import comes with the extras of these names, distributed and pyarrow with `cluster` and `parquet`;
 # everything else is in the base installation.
@@ -32,7 +32,7 @@ MAY_IMPORT = {
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
-    "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe"},
+    "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock"},
 }
 # Inside each package, from the ground up: a folder may import those before it, never those after it. The package's own
 # modules, beside the folders, stand where its name stands.
@@ -285,4 +285,4 @@ def test_plans_of_parts_are_numbers_without_a_cad_kernel() -> None:
 
 
 def test_the_check_of_loaded_modules_sees_a_heavy_one() -> None:
-    assert "cv2" in loaded_by("import mirrorcam.optics.base.files")
+    assert "cv2" in loaded_by("import mirrorcam.optics.base.pictures")

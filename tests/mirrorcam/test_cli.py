@@ -24,7 +24,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from tests.mirrorcam.command_line import assert_refused, assert_refused_here, mirrorcam
+from tests.mirrorcam.command_line import assert_refused, assert_refused_here, mirrorcam, results
 
 HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
 
@@ -129,7 +129,7 @@ def unknown_schema(data: dict[str, Any]) -> None:
         (not_a_number, "mirrors.1.virtual_centre_in_rig_mm: holds a value that is NaN"),
         (crossing_outline, "mirrors.1: outline crosses itself, expected a convex polygon"),
         (overlapping_outlines, "outlines of mirrors 0-0 and 0-1 overlap"),
-        (unknown_key, "mirrors.1.curvature: Extra inputs are not permitted"),
+        (unknown_key, "mirrors.1.curvature: not known, did you mean curvature_per_m?"),
         (unknown_schema, "schema: Input should be 'mirrorcam.layout/1'"),
     ],
 )
@@ -162,14 +162,6 @@ def frame(tmp_path: Path, layout_data: dict[str, Any]) -> Path:
     return tmp_path / "frame.png"
 
 
-def truncate(frame: Path) -> None:
-    frame.write_bytes(frame.read_bytes()[:-2000])
-
-
-def empty(frame: Path) -> None:
-    frame.write_bytes(b"")
-
-
 def another_size(frame: Path) -> None:
     write_image(frame, np.zeros((540, 960, 3), dtype=np.uint8))
 
@@ -182,8 +174,6 @@ def a_folder(frame: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "expected"),
     [
-        (truncate, "bad.png: image is truncated"),
-        (empty, "bad.png: not an image that can be decoded"),
         (another_size, "bad.png: 960x540 px, expected 1920x1080 of layout.json's camera"),
         (a_folder, "bad.png: is a folder, expected a file"),
         (Path.unlink, "bad.png: no such file"),
@@ -205,7 +195,7 @@ def test_two_frames_of_one_name_are_refused(tmp_path: Path, frame: Path) -> None
 def test_decode_writes_every_view_and_a_picture_of_them(tmp_path: Path, frame: Path) -> None:
     result = mirrorcam(tmp_path, "decode frame.png --layout layout.json --out out")
     assert (result.returncode, result.stderr) == (0, "")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frame.npz", "frame_views.png"]
+    assert results(tmp_path / "out") == ["frame.npz", "frame_views.png"]
     with np.load(tmp_path / "out" / "frame.npz", allow_pickle=False) as light_field:
         rows, cols, height, width, colours = light_field["samples"].shape
         assert (rows, cols, colours) == (1, 2, 3)

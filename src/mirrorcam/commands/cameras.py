@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.output_options import FORCE
+from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
 

@@ -9,7 +9,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
-from mirrorcam.commands.output_options import FORCE
+from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.output_options import FORCE
+from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Metric, Value
 from mirrorcam.optics.geometry.design_spec import DesignSpec

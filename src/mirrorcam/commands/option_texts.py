@@ -1,4 +1,4 @@
-"""Values of options that are written as short texts."""
+"""Options that commands share, and values of options that are written as short texts."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
+FORCE = Field(
+    default=False, description="also replace files that this command did not write, or that were changed since"
+)
 SensorOption = Annotated[
     str,
     tyro.conf.arg(metavar="NAME|PATH"),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.output_options import FORCE
+from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value

@@ -7,7 +7,7 @@ from pathlib import Path
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.output_options import FORCE
+from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Value
 

@@ -24,6 +24,7 @@ from mirrorcam.figures.board_print import (
 )
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, save_board
+from tests.mirrorcam.command_line import results
 
 MM_PER_POINT = 25.4 / 72.0
 PX_PER_MM = 20
@@ -134,7 +135,7 @@ def test_words_name_the_board_and_its_numbers(tmp_path: Path, monkeypatch: pytes
         "markers of 14.1 mm, DICT_5X5_100",
         "printed at 100 %, its squares span 142.1 x 101.5 mm",
     ]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["wall.svg", "wall.toml"]
+    assert results(tmp_path) == ["wall.svg", "wall.toml"]
 
 
 def test_words_stay_on_the_smallest_page(tmp_path: Path) -> None:

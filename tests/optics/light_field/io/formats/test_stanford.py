@@ -58,7 +58,7 @@ def test_stanfords_own_unit_is_scaled_to_a_step(tmp_path: Path) -> None:
         ("out_{t:02d}_{s:02d}_{y:.0f}_{x:.0f}.png", 0, True),
         ("2067_{t:02d}_{s:02d}.png", 1, False),
         ("IMG_2067_5_{t:02d}_{s:02d}.PNG", 0, False),
-        ("{t}_{s}.webp", 1, False),
+        ("{t}_{s}.jpeg", 1, False),
         ("view_{t:03d}_{s:03d}.JPG", 0, False),
     ],
 )
@@ -74,7 +74,7 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     assert format_of(tmp_path).name == "stanford"
     found = read_stanford(tmp_path, given)
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
-    assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JPG" in name else 1e-9)
+    assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JP" in name.upper() else 1e-9)
     if not places:
         with pytest.raises(InputError, match="does not state its step_mm"):
             read_stanford(tmp_path, replace(given, step_mm=None))
