@@ -17,6 +17,7 @@ from mirrorcam.cad.plan.hardware import CameraBody
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.names import markdown_text
 
 WEB = Path(__file__).parents[1] / "web"
 
@@ -29,6 +30,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
     environment.filters["number"] = lambda value: f"{value:.2f}".rstrip("0").rstrip(".")
     environment.filters["counted"] = counted
     environment.filters["toml"] = camera_toml
+    environment.filters["text"] = markdown_text
     hardware = device.hardware
     text = environment.get_template("guide.md").render(
         layout=device.layout,

@@ -46,7 +46,7 @@ def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
 
 @cache
 def _width_of_size_1(text: str, bold: bool) -> float:
-    corners = TextPath((0.0, 0.0), text, size=100.0, prop=BOLD if bold else FONT).vertices
+    corners = TextPath((0.0, 0.0), text.replace("$", r"\$"), size=100.0, prop=BOLD if bold else FONT).vertices
     return float(np.ptp(corners[:, 0])) / 100.0
 
 
@@ -113,6 +113,7 @@ class DrawingSheet:
             float(at[0]),
             float(at[1]),
             text,
+            parse_math=False,
             fontproperties=BOLD if bold else FONT,
             fontsize=height_mm / CAPITALS * POINTS_PER_MM,
             ha=align,

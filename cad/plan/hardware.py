@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.names import Link, Name
 from mirrorcam.optics.base.values import InputError, Value
 
 CAMERAS = Path(__file__).parents[1] / "cameras"
@@ -38,7 +39,7 @@ class Printer(Value):
     wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
     overhang_deg: float = Field(default=45.0, gt=0, lt=90, description="steepest overhang from upright without support")
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
-    plastic: str = Field(default="PLA", description="what is printed")
+    plastic: Name = Field(default="PLA", description="what is printed")
     plastic_g_per_cm3: float = _positive(1.24, "its density")
     plastic_mpa: float = _positive(2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)")
 
@@ -159,7 +160,7 @@ class CameraBody(Value):
     Everything marked "measure me" is not published: the fit coupon and the assembly guide say how to measure it.
     """
 
-    name: str = Field(description="maker and model")
+    name: Name = Field(description="maker and model")
     width_mm: float = Field(gt=0, description="length of the body along the image's x")
     height_mm: float = Field(gt=0, description="length of the body along the image's y")
     depth_mm: float = Field(gt=0, description="length of the body along the lens axis, without lens ring and hinge")
@@ -183,8 +184,8 @@ class CameraBody(Value):
 class Wrist(Value):
     """The last shell of the robot's arm that the adapter is clamped to: Kinova MICO, which has no published bolts."""
 
-    name: str = Field(default="Kinova MICO", description="the arm")
-    link: str = Field(default="mico_link_hand", description="the link of the arm's URDF that the shell belongs to")
+    name: Name = Field(default="Kinova MICO", description="the arm")
+    link: Link = Field(default="mico_link_hand", description="the link of the arm's URDF that the shell belongs to")
     diameter_mm: float = _positive(63.0, "diameter of the shell")
     band_mm: float = _positive(8.0, "width of the clamp: the joint ring leaves 7 mm and a taper")
     ring_mm: float = _positive(4.0, "thickness of the clamp's ring")

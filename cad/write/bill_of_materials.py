@@ -17,6 +17,7 @@ from mirrorcam.cad.assembly.pieces import item_title
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.files import write_json, write_text
+from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
 
 # What the titles of `item_title` end in.
@@ -191,7 +192,7 @@ def as_markdown(bom: Bom) -> str:
             for line in bom.printed
         ),
         "",
-        f"{bom.plastic}: {bom.plastic_g:.0f} g {how}.",
+        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {how}.",
         "",
         "## Mirrors",
         "",
@@ -208,7 +209,10 @@ def as_markdown(bom: Bom) -> str:
         "",
         "| count | what | standard | for |",
         "|---:|---|---|---|",
-        *(f"| {_or_dash(line.count, 'd')} | {line.title} | {line.standard} | {line.note} |" for line in bom.bought),
+        *(
+            f"| {_or_dash(line.count, 'd')} | {markdown_text(line.title)} | {line.standard} | {line.note} |"
+            for line in bom.bought
+        ),
     ]
     return "\n".join(lines) + "\n"
 
@@ -220,14 +224,14 @@ def as_csv(bom: Bom) -> str:
     writer.writerow(("kind", "number", "item", "count", "file", "solid_g", "print_g", "print_minutes", "note"))
     for part in bom.printed:
         printed = (part.solid_g, part.print_g, part.print_minutes)
-        note = f"{bom.plastic}, {part.volume_cm3:g} cm3"
+        note = spreadsheet_text(f"{bom.plastic}, {part.volume_cm3:g} cm3")
         writer.writerow(("printed", part.number, part.title, 1, part.file, *printed, note))
     for mirror in bom.mirrors:
         note = f"{mirror.sheets} sheets of {mirror.sheet_mm[0]:g} x {mirror.sheet_mm[1]:g} mm, {mirror.area_cm2:g} cm2"
         writer.writerow(("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", note))
     for line in bom.bought:
         note = ", ".join(text for text in (line.standard, line.note) if text)
-        writer.writerow(("bought", "", line.title, line.count, "", "", "", "", note))
+        writer.writerow(("bought", "", spreadsheet_text(line.title), line.count, "", "", "", "", note))
     return stream.getvalue()
 
 

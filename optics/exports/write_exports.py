@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.names import word
 from mirrorcam.optics.base.pictures import check_size, read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports.colmap_cameras import rig_cameras
@@ -33,7 +34,7 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     where a picture has another size or shares its name with another.
     """
     views = virtual_cameras(layout)
-    names = [f"{path.stem}.png" for path in pictures]
+    names = [word(f"{path.stem}.png") for path in pictures]  # a name in COLMAP's files ends at a blank
     if len(set(names)) < len(names):
         raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
     colmap, nerfstudio = folder / "colmap", folder / "nerfstudio"

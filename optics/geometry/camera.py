@@ -8,6 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field
 
+from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
 
 INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
@@ -31,7 +32,7 @@ class Camera(Value):
         (k1, k2, p1, p2, k3), in the order of OpenCV.
     """
 
-    name: str = "camera"
+    name: Name = "camera"
     width_px: int = Field(gt=0)
     height_px: int = Field(gt=0)
     fx_px: float = Field(gt=0)

@@ -157,13 +157,18 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
         lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
     for number, line in enumerate(lines):
-        axes.text(left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM, line, fontsize=POINTS, va="baseline")
+        place = left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM
+        axes.text(*place, line, fontsize=POINTS, va="baseline", parse_math=False)
 
 
 def _shortened(text: str, width_mm: float) -> str:
     """A text, cut and ended by "..." where it is wider than `width_mm`."""
     width_points = width_mm / MM_PER_INCH * 72.0
     kept, end = text, ""
-    while kept and TextPath((0.0, 0.0), kept + end, size=POINTS).get_extents().width > width_points:
+
+    def width_of(words: str) -> float:
+        return float(TextPath((0.0, 0.0), words.replace("$", r"\$"), size=POINTS).get_extents().width)
+
+    while kept and width_of(kept + end) > width_points:
         kept, end = kept[:-1], "..."
     return kept + end

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from mirrorcam.optics.base.files import atomic, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing, value_digest
+from mirrorcam.optics.base.names import spreadsheet_text
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.resumable import intact, read_record
 from mirrorcam.optics.base.values import InputError
@@ -137,6 +138,8 @@ def write_table(path: Path, rows: Sequence[dict[str, Cell]]) -> None:
 
 
 def _cell_text(value: Cell) -> Cell:
+    if isinstance(value, str):
+        return spreadsheet_text(value)
     return " ".join(f"{number:g}" for number in value) if isinstance(value, list) else value
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
@@ -35,6 +37,22 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "Slide each nut" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
+
+
+def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None:
+    name = "<img src=x onerror=alert(1)> [a](javascript:b) ```"
+    hardware = made.device.hardware
+    hardware = hardware.replaced(
+        camera=hardware.camera.replaced(name=name),
+        printer=hardware.printer.replaced(plastic=name),
+        wrist=hardware.wrist.replaced(name=name),
+    )
+    write_guide(tmp_path, replace(made.device, hardware=hardware), made.parts, made.pieces)
+    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    page = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
+    assert "onerror" not in re.sub(r"&lt;img src=x onerror=alert\(1\)&gt;", "", page)
+    assert 'href="javascript' not in page
+    assert html.unescape(page).count(name) == 4  # the fourth as TOML, to copy
 
 
 def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> None:

@@ -31,6 +31,14 @@ def test_a_text_covers_its_width_from_where_it_is_aligned(align: str, left: floa
     assert np.ptp(words.corners[:, 1 - along]) == pytest.approx(1.3 * 2.5)
 
 
+def test_a_text_is_no_mathematics(tmp_path: Path) -> None:
+    sheet = DrawingSheet(100.0, 80.0)
+    sheet.text((40.0, 30.0), r"<b>$\frac$ & \"x\"", 2.5)
+    svg, _ = sheet.write(tmp_path / "part", "<script> & more")
+    ET.parse(svg)
+    assert sheet.words[0].corners[:, 0].min() == pytest.approx(40.0)
+
+
 def test_a_sheet_is_written_in_its_size_with_the_same_bytes(tmp_path: Path) -> None:
     def written(folder: str) -> tuple[bytes, bytes]:
         sheet = DrawingSheet(100.0, 50.0)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.device_plan import Device
@@ -49,6 +52,27 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
     assert bom.bought[2].note == "adapter cap, mirror holder, mount"
+
+
+def test_a_hostile_name_is_text_in_every_file(
+    device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    name = '=HYPERLINK("http://x") <img src=x onerror=alert(1)> | a'
+    hardware = device.hardware.replaced(
+        camera=device.hardware.camera.replaced(name=name), printer=device.hardware.printer.replaced(plastic=name)
+    )
+    bill = bill_of(replace(device, hardware=hardware), [built_block], plan_sheets(device.layout, HARDWARE.cutting))
+    write_bom(tmp_path, bill)
+    markdown = (tmp_path / "bom.md").read_text(encoding="utf-8")
+    assert "<img" not in markdown
+    page = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
+    assert "<img" not in page
+    assert html.unescape(page).count(name) == 2
+    rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row[2] for row in rows if row[8] == "the camera"] == [f"'{name}"]
+    assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "@"))]
+    assert json.loads((tmp_path / "bom.json").read_text(encoding="utf-8"))["plastic"] == name
 
 
 def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: BuiltPart) -> None:

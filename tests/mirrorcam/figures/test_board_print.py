@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import zlib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -189,3 +190,11 @@ def test_a_page_as_small_as_it_is_said_to_need_fits() -> None:
     assert page_for(CHECKERS, "196x124.5") == (196.0, 124.5)
     assert board_in_page_mm(CHECKERS, (196.0, 124.5))[1] == EDGE_MM
     assert 124.5 - EDGE_MM - FOOTER_MM - EDGE_MM - 88.5 == EDGE_MM
+
+
+def test_a_name_is_no_mathematics(tmp_path: Path) -> None:
+    name = r"board $\frac$ <b>.toml"
+    board = Checkerboard(cols=8, rows=6, square_mm=20.0)
+    for suffix in (".svg", ".pdf"):
+        write_board(board, tmp_path / f"board{suffix}", page_for(board, ""), name)
+    assert name in [element.text for element in ElementTree.parse(tmp_path / "board.svg").iter()]

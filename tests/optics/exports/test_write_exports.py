@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 
 from mirrorcam.optics.base.pictures import read_image, write_image
@@ -55,3 +56,16 @@ def test_the_readme_names_flip_and_every_view(case: Case, folder: Path) -> None:
     assert len({line.split("|")[1] for line in lines}) == len(lines)
     for before, after in pairwise(lines):
         assert before < after
+
+
+def test_colmap_reads_the_names_of_pictures_with_blanks(case: Case, tmp_path: Path) -> None:
+    camera = case.layout.camera
+    picture = tmp_path / "my photo 1.png"
+    write_image(picture, np.zeros((camera.height_px, camera.width_px), dtype=np.uint8))
+    write_exports(case.layout, tmp_path / "exports", [picture])
+    model = pycolmap.Reconstruction(tmp_path / "exports" / "colmap" / "sparse")
+    names = sorted(image.name for image in model.images.values())
+    assert names == [f"{view.name}/my_photo_1.png" for view in case.views]
+    assert all((tmp_path / "exports" / "colmap" / "images" / name).is_file() for name in names)
+    with pytest.raises(InputError, match="pictures share a name"):
+        write_exports(case.layout, tmp_path / "exports", [picture, tmp_path / "my_photo_1.png"])
