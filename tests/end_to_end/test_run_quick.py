@@ -54,7 +54,8 @@ def test_it_ends_well_and_says_so_in_plain_lines(first: tuple[Path, subprocess.C
     assert result.stderr == ""
     assert "\x1b" not in result.stdout
     assert reused(result) == set()
-    assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
+    assert [path.name for path in out.iterdir() if path.name.startswith(".")] == [HIDDEN]
+    assert [path.name for path in (out / HIDDEN).iterdir()] == ["written.jsonl"]
 
 
 def test_every_link_of_the_page_leads_to_a_file(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
