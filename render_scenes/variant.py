@@ -19,6 +19,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from mirrorcam.optics.base.child_program import run_program
 from mirrorcam.optics.base.values import InputError
 
 CUDA, LLVM, SCALAR = "cuda_ad_mono", "llvm_ad_mono", "scalar_rgb"
@@ -81,7 +82,7 @@ def renders(variant: str, library: Path | None = None) -> bool:
         environment[LIBRARY_VARIABLE] = str(library)
     command = [sys.executable, "-c", _PROBE, variant]
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False)
+        done = run_program(command, timeout_s=120, environment=environment)
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 0

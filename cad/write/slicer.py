@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -22,6 +21,7 @@ from tempfile import TemporaryDirectory
 
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.optics.base.child_program import run_program
 from mirrorcam.optics.base.values import Metric
 
 PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
@@ -82,10 +82,9 @@ def slicer_version() -> str | None:
     program = find_slicer()
     if program is None:
         return None
-    helped = subprocess.run(
-        [program, "--help"], capture_output=True, encoding="utf-8", errors="replace", check=True, timeout=LONGEST_S
-    )
-    found = re.search(r"PrusaSlicer-[\d.]+", helped.stdout)
+    helped = run_program([program, "--help"], timeout_s=LONGEST_S)
+    helped.check_returncode()
+    found = re.search(r"PrusaSlicer-[\d.]+", helped.stdout.decode("utf-8", "replace"))
     return found.group() if found else program
 
 
@@ -108,7 +107,7 @@ def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
         gcode = Path(folder) / "part.gcode"
         named = [word for name, value in options.items() for word in (f"--{name}", value)]
         command = [program, *SWITCHES, *named, "--datadir", folder, "--output", str(gcode), str(path.resolve())]
-        done = subprocess.run(command, capture_output=True, check=False, timeout=LONGEST_S)
+        done = run_program(command, timeout_s=LONGEST_S)
         if done.returncode != 0 or not gcode.exists():
             return None
         return read_gcode(gcode.read_text(encoding="utf-8", errors="replace"))

@@ -5,17 +5,21 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_all_start_methods, get_context, resource_tracker
+from multiprocessing import get_all_start_methods, get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from typing import Any, Generic, TypeVar
 
 from mirrorcam.optics.base.values import InputError
+
+if sys.platform == "linux":
+    import fcntl
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -228,6 +232,7 @@ def _ended(worker: _Worker) -> str:
 
 def _serve(connection: Connection, work: Work[Any, Any]) -> None:
     """Answer tasks until the other end closes; with the error where the work raises one."""
+    _end_with_parent()
     while True:
         try:
             task = connection.recv()
@@ -244,6 +249,26 @@ def _serve(connection: Connection, work: Work[Any, Any]) -> None:
             connection.send(done)
         except OSError:
             return
+
+
+def _end_with_parent() -> None:
+    """End this worker at once when its parent ends, however that ends, in the middle of a task too.
+
+    A thread waits for the other end of a pipe to close, which only the parent holds. Native code may keep Python, and
+    that thread, from running for long; on Linux the system itself kills the worker when the pipe closes.
+    """
+    parent = parent_process()
+    assert parent is not None
+
+    def end() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    if sys.platform == "linux":
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, os.O_ASYNC)
+    threading.Thread(target=end, name="end with parent", daemon=True).start()
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -44,11 +45,11 @@ from mirrorcam.commands import (
     sweep,
     validate,
 )
-from mirrorcam.console import interruption
+from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 
-DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 RUNNERS: dict[type, Callable[[Any], int]] = {
     run.RunOptions: run.run,
@@ -177,11 +178,11 @@ def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted."""
+    """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        command = parse(arguments)
         with interruption.remembered():
+            command = parse(arguments)
             return RUNNERS[type(command.command)](command.command)
     except InputError as error:
         return _refuse(str(error), BAD_INPUT, arguments)
@@ -194,4 +195,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)
     except KeyboardInterrupt:
+        if interruption.asked() == signal.SIGTERM:
+            return _refuse("terminated; finished files are whole", TERMINATED, arguments)
         return _refuse("interrupted; finished files are whole", INTERRUPTED, arguments)

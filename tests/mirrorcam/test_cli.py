@@ -277,6 +277,15 @@ def test_an_interruption_that_a_library_swallows_still_ends_the_command(
     assert cli.main(["cad", "layout.json"]) == 0
 
 
+def test_sigterm_ends_a_command_as_ctrl_c_does(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
+    monkeypatch.setitem(cli.RUNNERS, options, lambda options: signal.raise_signal(signal.SIGTERM))
+    assert cli.main(["cad", "layout.json"]) == 143
+    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
+
+
 def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -> None:
     options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
     monkeypatch.setitem(cli.RUNNERS, options, raising(KeyError("bug")))

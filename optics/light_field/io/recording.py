@@ -12,6 +12,7 @@ from typing import Any, Protocol, TextIO
 
 from mirrorcam.optics.base.files import read_bytes, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing
+from mirrorcam.optics.base.interruption import deferred
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
@@ -156,7 +157,9 @@ class Recording:
     def _writing(self) -> Iterator[None]:
         kept = "before are whole, and the same command goes on after them"
         try:
-            yield
+            # Zarr leaves what it has begun unfinished where a signal's exception strikes it.
+            with deferred():
+                yield
         except InputError as error:
             raise InputError(f"{error}; {len(self.entries.numbers)} frames {kept}") from None
         except OSError as error:

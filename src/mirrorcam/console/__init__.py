@@ -1,1 +1,1 @@
-"""Progress of long work on a terminal, and its interruption."""
+"""Progress of long work on a terminal."""

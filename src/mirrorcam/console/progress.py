@@ -16,7 +16,7 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from mirrorcam.console import interruption
+from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.figure_texts import figure_text, label_text, limit_text, unit_text
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric

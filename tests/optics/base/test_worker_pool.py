@@ -6,6 +6,8 @@ import multiprocessing
 import operator
 import os
 import signal
+import subprocess
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -16,6 +18,7 @@ from hypothesis import strategies as st
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import ATTEMPTS, ONE_THREAD, Call, Died, _Queue, call_all, run_local
+from tests.optics.base.processes import ended, first_line
 
 TASKS = [f"{40 + number}" for number in range(6)]
 
@@ -177,3 +180,34 @@ def test_a_call_that_kills_its_workers_is_no_hang() -> None:
 
 def test_preloaded_workers_compute_in_one_thread_and_leave_interruptions_to_their_parent() -> None:
     assert call_all([(environment, ("",)), (pow, (2, 5))], 2, preload=PRELOADED) == ["1 1 1 1 True", 32]
+
+
+OWNER = """
+import sys
+from mirrorcam.optics.base.worker_pool import call_all
+from tests.optics.base.test_worker_pool import PRELOADED, busy
+if __name__ == "__main__":
+    call_all([(busy, (name,)) for name in sys.argv[2:]], 2, preload=PRELOADED if sys.argv[1] == "fork" else ())
+"""
+
+
+def busy(path: str) -> None:
+    """Note the process, then compute without letting another thread of it run."""
+    Path(path).write_text(f"{os.getpid()}\n")
+    sys.setswitchinterval(1000.0)
+    while True:
+        pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="native code is ended in the middle on Linux only")
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+def test_workers_end_with_a_parent_that_is_killed(start: str, tmp_path: Path) -> None:
+    (tmp_path / "owner.py").write_text(OWNER)
+    names = [tmp_path / "0", tmp_path / "1"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    process = subprocess.Popen([sys.executable, tmp_path / "owner.py", start, *names], env=environment)
+    workers = [int(first_line(name)) for name in names]
+    process.kill()
+    process.wait()
+    for worker in workers:
+        assert ended(worker)

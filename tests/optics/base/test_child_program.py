@@ -1,0 +1,63 @@
+"""Programs run as children: their output is theirs, and they end with whoever started them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.base.child_program import run_program
+from tests.optics.base.processes import ended, first_line
+
+SLEEPS = "import os, sys, time; open(sys.argv[1], 'w').write(f'{os.getpid()}\\n'); time.sleep(300)"
+
+
+def test_output_exit_code_and_environment_are_those_of_the_program() -> None:
+    program = "import os, sys; print(os.environ['WHO'], sys.stdin.read()); print('no', file=sys.stderr); sys.exit(3)"
+    done = run_program([sys.executable, "-c", program], timeout_s=60, environment=os.environ | {"WHO": "it"})
+    assert (done.returncode, done.stdout.split(), done.stderr.split()) == (3, [b"it"], [b"no"])
+
+
+def test_a_program_that_is_killed_has_no_good_exit_code() -> None:
+    done = run_program([sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"], timeout_s=60)
+    assert done.returncode == 137
+
+
+def test_a_program_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    with pytest.raises(subprocess.TimeoutExpired):
+        run_program([sys.executable, "-c", SLEEPS, str(tmp_path / "pid")], timeout_s=2)
+    assert ended(int(first_line(tmp_path / "pid")))
+
+
+def test_a_program_ends_with_a_starter_that_is_killed(tmp_path: Path) -> None:
+    starter = (
+        "import sys; from mirrorcam.optics.base.child_program import run_program; "
+        "run_program([sys.executable, '-c', *sys.argv[1:]], timeout_s=300)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", starter, SLEEPS, str(tmp_path / "pid")])
+    pid = int(first_line(tmp_path / "pid"))
+    assert not ended(pid, within_s=0.0)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert ended(pid)
+
+
+def test_an_exception_of_the_starter_ends_the_program(tmp_path: Path) -> None:
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 2.0)
+    began = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_program([sys.executable, "-c", SLEEPS, str(tmp_path / "pid")], timeout_s=300)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert time.monotonic() - began < 60
+    assert ended(int(first_line(tmp_path / "pid")))
