@@ -22,13 +22,14 @@ from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_imag
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     fit_metrics,
     spatial_rms_mm,
     uncertainty,
 )
+from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
@@ -206,13 +207,16 @@ def _concluded(
     """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
-    if extremes is not None:
-        calibrated, moved = outlined(calibrated, extremes)
+    edges = [] if extremes is None else seen_edges(calibrated, extremes)
+    square_mm = float(selection.model.board.corners_in_board_mm[0, 0])
+    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, square_mm)
+    if edges:
+        calibrated, moved = outlined(calibrated, edges)
         notes += moved
-    diagnostics = diagnose(selection, observations, calibrated)
+    diagnostics = diagnose(selection, observations, calibrated, mismatches=mismatches)
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution
-    notes += check_solution(solution, layout, mirrored_frames=mirrored_frames)
+    notes += (*doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")

@@ -7,6 +7,7 @@ outline is not. The edges of such a mirror are moved to where the change ends.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -60,12 +61,35 @@ class Extremes:
         return whole, bright - dark, other_bright - other_dark
 
 
-def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...]]:
-    """Move the mirrors' outlines to where the frames show them.
+@dataclass(frozen=True)
+class SeenEdge:
+    """Where the frames show an edge of a mirror.
 
-    Edges are searched within `REACH_PX`. An edge stays where it is not visible (off the sensor, or where another
+    Attributes
+    ----------
+    line
+        nx x + ny y = d in the mirror's own frame, mm.
+    off_px
+        Offsets (2,) of its ends from the layout's edge, outwards.
+    off_mm
+        Mean offset within the mirror's plane, outwards.
+    middle_in_rig_mm, outward_in_rig
+        Middle (3,) of the layout's edge, and its normal (3,) within the mirror's plane, away from the mirror.
+    """
+
+    line: FloatArray
+    off_px: FloatArray
+    off_mm: float
+    middle_in_rig_mm: FloatArray
+    outward_in_rig: FloatArray
+
+
+def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
+    """The edges of each mirror that the frames show, by their number in the outline.
+
+    Edges are searched within `REACH_PX`. An edge is left out where it is not visible (off the sensor, or where another
     sub-image begins without a gap), and where it differs between the halves of the frames, as when a board was held in
-    front of the mirror's edge. A mirror stays as it is where the new edges would make the layout invalid.
+    front of the mirror's edge.
 
     Parameters
     ----------
@@ -73,30 +97,50 @@ def outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...
         A layout whose mirror planes are right.
     extremes
         Extremes of the frames.
+    """
+    changes = extremes.changes()
+    if changes is None:
+        return [{} for _ in layout.mirrors]
+    found = []
+    for index in range(len(layout.mirrors)):
+        whole, first, second = (
+            _edges(change, layout, index, least) for change, least in zip(changes, MIN_VISIBLE, strict=True)
+        )
+        agreeing = {
+            edge: seen
+            for edge, seen in whole.items()
+            if edge in first and edge in second
+            if np.abs(first[edge].off_px - second[edge].off_px).max() < HALVES_PX
+        }
+        found.append(agreeing)
+    return found
+
+
+def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layout, tuple[str, ...]]:
+    """Move the mirrors' outlines to where the frames show them.
+
+    An edge stays where it was not seen. A mirror stays as it is where the new edges would make the layout invalid.
+
+    Parameters
+    ----------
+    layout
+        A layout whose mirror planes are right.
+    edges
+        Its `seen_edges`.
 
     Returns
     -------
     layout, notes
         The layout with moved outlines, and a note on each mirror whose edges are beside their places.
     """
-    changes, waiting = extremes.changes(), {}
-    if changes is None:
-        return layout, ()
-    for index, mirror in enumerate(layout.mirrors):
-        whole, *halves = (
-            _edges(change, layout, index, least) for change, least in zip(changes, MIN_VISIBLE, strict=True)
-        )
-        moves = {
-            edge: seen
-            for edge, seen in whole.items()
-            if np.abs(seen[1]).max() > AGREES_PX and all(edge in half for half in halves)
-            if np.abs(halves[0][edge][1] - halves[1][edge][1]).max() < HALVES_PX
-        }
+    waiting = {}
+    for index, (mirror, seen) in enumerate(zip(layout.mirrors, edges, strict=True)):
+        moves = {number: edge for number, edge in seen.items() if np.abs(edge.off_px).max() > AGREES_PX}
         if moves:
-            far = max(float(np.abs(off_px).max()) for _, off_px in moves.values())
+            far = max(float(np.abs(edge.off_px).max()) for edge in moves.values())
             count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
-            edges = f"mirror {layout.mirror_names[index]}: {count} edges are seen up to {far:.0f} px"
-            waiting[index] = {edge: line for edge, (line, _) in moves.items()}, edges
+            text = f"mirror {layout.mirror_names[index]}: {count} edges are seen up to {far:.0f} px"
+            waiting[index] = {number: edge.line for number, edge in moves.items()}, text
     return _moved(layout, waiting)
 
 
@@ -121,23 +165,20 @@ def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]
     return layout, tuple(notes)
 
 
-def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, tuple[FloatArray, FloatArray]]:
-    """The visible edges of an outline, by number: the line, and its offsets in pixels (2,) at its ends.
-
-    A line (3,) is nx x + ny y = d in the mirror's own frame, mm.
-    """
+def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, SeenEdge]:
+    """The visible edges of an outline, by number."""
     mirror, camera = layout.mirrors[index], layout.camera
     seen, shown = mirror.apparent, _shown_in_plane_mm(mirror)
     found = {}
-    sides = [_Side.of(shown, edge) for edge in range(len(shown))]
+    sides = [Side.of(shown, edge) for edge in range(len(shown))]
     for edge in range(len(mirror.outline_in_rig_mm)):
         # The image in a second-surface mirror ends before the edge of its coating, almost parallel to it.
-        own = _Side.of(mirror.outline_in_plane_mm, edge)
+        own = Side.of(mirror.outline_in_plane_mm, edge)
         side = max(sides, key=lambda side: float(side.outward @ own.outward), default=None)
         if side is None or side.outward @ own.outward < ALONG:
             continue
 
-        def pixels(s: FloatArray, d: FloatArray, side: _Side = side) -> FloatArray:
+        def pixels(s: FloatArray, d: FloatArray, side: Side = side) -> FloatArray:
             """Pixels (..., 2) at `s` along a side and `d` out of it, in mm."""
             flat = side.start + s[..., None] * side.along + d[..., None] * side.outward
             points = seen.rig_from_plane[:3, 3] + flat @ seen.rig_from_plane[:3, :2].T
@@ -161,12 +202,19 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
         ends = np.array([0.0, side.length_mm])
         off_mm = (line[0] * ends + line[1]) / px_per_mm
         off_px = np.sign(off_mm) * np.linalg.norm(pixels(ends, off_mm) - pixels(ends, np.zeros(2)), axis=1)
-        found[edge] = own.moved(side, off_mm), off_px
+        frame = mirror.rig_from_plane
+        found[edge] = SeenEdge(
+            line=own.moved(side, off_mm),
+            off_px=off_px,
+            off_mm=float(off_mm.mean()),
+            middle_in_rig_mm=frame[:3, 3] + frame[:3, :2] @ (own.start + own.length_mm / 2.0 * own.along),
+            outward_in_rig=frame[:3, :2] @ own.outward,
+        )
     return found
 
 
 @dataclass(frozen=True)
-class _Side:
+class Side:
     """An edge of a polygon in a mirror's own frame, in mm, from `start` (2,) on; `outward` is its normal."""
 
     start: FloatArray
@@ -175,14 +223,14 @@ class _Side:
     length_mm: float
 
     @classmethod
-    def of(cls, polygon: FloatArray, edge: int) -> _Side:
+    def of(cls, polygon: FloatArray, edge: int) -> Side:
         start, end = polygon[edge], polygon[(edge + 1) % len(polygon)]
         length_mm = float(np.linalg.norm(end - start))
         along = (end - start) / length_mm
         outward = np.array([along[1], -along[0]])
         return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
 
-    def moved(self, other: _Side, off_mm: FloatArray) -> FloatArray:
+    def moved(self, other: Side, off_mm: FloatArray) -> FloatArray:
         """The line (3,), nx x + ny y = d, of this edge moved by the offsets (2,) at the ends of the nearby `other`."""
         ends = np.array([other.start, other.start + other.length_mm * other.along])
         at = (ends - self.start) @ self.along
@@ -219,7 +267,7 @@ def _shown_in_plane_mm(mirror: Mirror) -> FloatArray:
 def _with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
     """The mirror with some edges on other lines of its plane frame; raises ValidationError where that is impossible."""
     corners = mirror.outline_in_plane_mm
-    unmoved = [side.moved(side, np.zeros(2)) for side in (_Side.of(corners, edge) for edge in range(len(corners)))]
+    unmoved = [side.moved(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))]
     edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
     pairs = zip([edges[-1], *edges[:-1]], edges, strict=True)
     found = np.array([np.linalg.solve([before[:2], line[:2]], [before[2], line[2]]) for before, line in pairs])

@@ -61,6 +61,8 @@ class Diagnostics:
         What contradicts the model, one sentence each.
     notes
         What could not be determined, one sentence each.
+    mismatches
+        Those alarms that say that the pictures are not of the board or layout that was given.
     """
 
     level: str
@@ -76,6 +78,7 @@ class Diagnostics:
     widened: float
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
+    mismatches: tuple[str, ...] = ()
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -115,7 +118,9 @@ def reference_of(observations: Observations, layout: Layout) -> int:
     return DIRECT if len(both) else layout.central_index
 
 
-def diagnose(selection: ModelSelection, observations: Observations, layout: Layout) -> Diagnostics:
+def diagnose(
+    selection: ModelSelection, observations: Observations, layout: Layout, *, mismatches: tuple[str, ...] = ()
+) -> Diagnostics:
     """Determine the uncertainty of a calibration and test its model.
 
     Where halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider
@@ -129,6 +134,8 @@ def diagnose(selection: ModelSelection, observations: Observations, layout: Layo
         The corners that were fitted.
     layout
         The calibrated layout, with the covariance of the fit.
+    mismatches
+        Alarms on the board or the nominal layout, which are known before.
     """
     solution = selection.solution
     mirrored = observations.view != DIRECT
@@ -154,6 +161,7 @@ def diagnose(selection: ModelSelection, observations: Observations, layout: Layo
         reference=reference,
         range_mm=range_mm,
         widened=widened,
-        alarms=(*selection.alarms, *(split.alarm for split in halves if split.alarm is not None)),
+        alarms=(*mismatches, *selection.alarms, *(split.alarm for split in halves if split.alarm is not None)),
         notes=(*selection.notes, *notes),
+        mismatches=mismatches,
     )

@@ -87,6 +87,8 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     """Advice on alarms: the model that the data ask for where one was tried, else to look for what moved."""
     if diagnostics is None or not diagnostics.alarms:
         return []
+    if diagnostics.mismatches:  # whatever else is amiss may follow from these
+        return ["Correct the board or layout as the alarm says, and calibrate again."]
     wanted = [
         comparison
         for comparison in diagnostics.comparisons

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, _with_edges, outlined
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, _with_edges, outlined, seen_edges
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -113,8 +113,12 @@ def seen_in(pictures: list[Grey]) -> Extremes:
     return extremes
 
 
+def _outlined(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...]]:
+    return outlined(layout, seen_edges(layout, extremes))
+
+
 def test_mirrors_cut_and_glued_elsewhere_get_the_outlines_that_are_seen() -> None:
-    found, notes = outlined(MEANT, seen_in(frames(12)))
+    found, notes = _outlined(MEANT, seen_in(frames(12)))
     for index in range(3):
         assert worst_px(MEANT, index) > 8.0
         assert worst_px(found, index) < 1.0
@@ -132,14 +136,14 @@ def test_mirrors_cut_and_glued_elsewhere_get_the_outlines_that_are_seen() -> Non
 
 def test_where_a_board_ends_the_mirror_does_not() -> None:
     frames_of_boards = frames(8, MEANT, inner=BUILT)
-    assert outlined(MEANT, seen_in(frames_of_boards)) == (MEANT, ())
-    assert outlined(MEANT, seen_in(frames_of_boards[1::2]))[1], "the boards' own ends would be believed"
+    assert _outlined(MEANT, seen_in(frames_of_boards)) == (MEANT, ())
+    assert _outlined(MEANT, seen_in(frames_of_boards[1::2]))[1], "the boards' own ends would be believed"
 
 
 def test_where_nothing_changes_nothing_is_moved() -> None:
-    assert outlined(MEANT, Extremes()) == (MEANT, ())
-    assert outlined(MEANT, seen_in([np.full((1080, 1920), 90, np.uint8)] * 5)) == (MEANT, ())
-    assert outlined(MEANT, seen_in(frames(3))) == (MEANT, ())
+    assert _outlined(MEANT, Extremes()) == (MEANT, ())
+    assert _outlined(MEANT, seen_in([np.full((1080, 1920), 90, np.uint8)] * 5)) == (MEANT, ())
+    assert _outlined(MEANT, seen_in(frames(3))) == (MEANT, ())
 
 
 def widened(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float = 0.0) -> Layout:
@@ -156,7 +160,7 @@ def test_an_outline_over_another_mirror_is_not_believed() -> None:
     seen = seen_in(frames(6, widened(MEANT, 0, right_px=30.0)))
     # Mirror 1 is described where mirror 0 is seen, and too far off to be found in its own place.
     wrong = widened(MEANT, 1, left_px=88.0)
-    found, notes = outlined(wrong, seen)
+    found, notes = _outlined(wrong, seen)
     assert found == wrong
     assert [note[: note.index(",")] for note in notes] == [
         "mirror 0-0: 1 of 4 edges are seen up to 31 px beside their places"
@@ -170,7 +174,7 @@ def test_a_mirror_waits_until_another_has_made_room() -> None:
     built = widened(widened(MEANT, 0, right_px=30.0), 1, left_px=58.0)
     with pytest.raises(ValidationError, match="overlap"):
         widened(meant, 0, right_px=30.0)
-    found, notes = outlined(meant, seen_in(frames(6, built)))
+    found, notes = _outlined(meant, seen_in(frames(6, built)))
     assert len(notes) == 2
     assert all("moved there" in note for note in notes)
     for index in (0, 1):
@@ -217,8 +221,8 @@ def as_second_surface(layout: Layout) -> Layout:
 
 def test_the_coating_of_second_surface_mirrors_is_moved_as_far_as_its_image() -> None:
     meant, built = as_second_surface(MEANT), as_second_surface(BUILT)
-    assert outlined(meant, seen_in(frames(6, meant))) == (meant, ())
-    found, _ = outlined(meant, seen_in(frames(8, built)))
+    assert _outlined(meant, seen_in(frames(6, meant))) == (meant, ())
+    found, _ = _outlined(meant, seen_in(frames(8, built)))
     for index in range(3):
         true = built.outline_px(index, 1)
         on_sensor = ((true > 40) & (true < [1880, 1040])).all(axis=1)

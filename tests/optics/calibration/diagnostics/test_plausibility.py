@@ -12,43 +12,11 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.diagnostics.plausibility import (
     camera_note,
     check_solution,
-    common_scale,
     pose_notes,
     refuse_implausible,
-    scale_note,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.geometry.layout import Layout
-
-
-def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(default_layout: Layout) -> None:
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        centres = default_layout.virtual_centres_in_rig_mm
-        moved = centres + 4.0 * random.standard_normal(centres.shape)  # mirrors tilted by 1.4 deg and 2 mm off
-        factor, sigma = common_scale(default_layout, moved)
-        assert abs(factor - 1.0) < 4.0 * sigma
-        scale_note(default_layout, moved)
-        bare, _ = common_scale(default_layout, 1.2 * centres)
-        assert bare == pytest.approx(1.2, abs=0.02)
-
-
-def test_the_scale_is_noted_then_refused(default_layout: Layout) -> None:
-    centres = default_layout.virtual_centres_in_rig_mm
-    assert scale_note(default_layout, centres) == ()
-    (note,) = scale_note(default_layout, 1.035 * centres)
-    assert "square_mm may have to be 0.966 times its value" in note
-    with pytest.raises(InputError, match=r"square_mm may have to be 0\.8"):
-        scale_note(default_layout, 1.2 * centres)
-
-
-def test_a_camera_that_sits_elsewhere_is_no_scale(default_layout: Layout) -> None:
-    """A pupil moved by t sees every virtual centre moved by 2 (n.t) n, and the scale stays 1."""
-    centres = default_layout.virtual_centres_in_rig_mm
-    normals = -centres / np.linalg.norm(centres, axis=1, keepdims=True)
-    shift = np.array([0.4, -0.3, 0.5])
-    factor, sigma = common_scale(default_layout, centres + 2.0 * (normals @ shift)[:, None] * normals)
-    assert abs(factor - 1.0) < sigma
 
 
 def test_one_pose_and_parallel_poses_are_noted() -> None:

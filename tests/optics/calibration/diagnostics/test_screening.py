@@ -10,8 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics import consistency, plausibility
 from mirrorcam.optics.calibration.diagnostics.screening import screen
+from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
+from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -134,13 +137,15 @@ def test_one_picture_given_several_times_counts_once(good: Views, default_layout
     np.testing.assert_allclose(often.covariance, once.covariance, rtol=1e-9)
 
 
-def test_a_wrong_square_size_is_refused_and_the_right_one_named(good: Views, default_layout: Layout) -> None:
-    with pytest.raises(InputError, match=r"come out 1\.0[67]\d .*square_mm may have to be 0\.9[34]\d times"):
-        solved(good.seen, good.base, default_layout, 1.07 * CORNERS)
-    with pytest.raises(InputError, match=r"come out 0\.9[23]\d "):
-        solved(good.seen, good.base, default_layout, 0.93 * CORNERS)
-    _, notes = solved(good.seen, good.base, default_layout, 1.035 * CORNERS)
-    assert any("square_mm" in note for note in notes)
+def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, default_layout: Layout) -> None:
+    found = calibrate_corners(good.seen, good.base, default_layout, 1.05 * CORNERS, level="joint")
+    square_mm = float(CORNERS[0, 0])
+    assert found.diagnostics is not None
+    (alarm,) = found.diagnostics.mismatches
+    assert found.diagnostics.alarms[0] == alarm
+    assert float(alarm.removeprefix("the board's squares look like ").split()[0]) == pytest.approx(square_mm, rel=0.03)
+    assert f"board.toml says square_mm = {1.05 * square_mm:g}" in alarm
+    assert check_solution(found, view_figures(found)).advice[0].startswith("Correct the board or layout")
 
 
 def test_swapped_rows_and_columns_are_refused(good: Views, default_layout: Layout) -> None:
