@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.documents import write_drawing
@@ -17,6 +17,7 @@ from mirrorcam.optics.base.fingerprint import NOT_INSTALLED, Fingerprint, file_d
 from mirrorcam.optics.base.resumable import intact, read_record
 from mirrorcam.optics.base.values import Value
 
+FOLDERS = ("parts", "drawings")
 # Our code that a part's files depend on.
 SOURCES = ("mirrorcam.cad", "mirrorcam.optics.base", "mirrorcam.optics.geometry")
 
@@ -58,14 +59,25 @@ def _take_over(part: PartPlan, key: str, out: Path, previous: Path) -> BuiltPart
     """The part as it lies in `previous`, copied, where it was made of the same and no file has changed since."""
     path = _record_path(previous, part)
     record = read_record(_Record, path)
-    if record is None or record.key != key or intact(previous, record.files) != record.files:
+    if (
+        record is None
+        or record.key != key
+        or not all(_is_of(part, name) for name in record.files)
+        or intact(previous, record.files) != record.files
+    ):
         return None
     places = [previous / name for name in record.files]
     for place in (*places, path):
         copy = out / place.relative_to(previous)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(place, copy)
-    return record.part.replaced(folder=out / "parts")
+    return BuiltPart.of(part, out / "parts", record.part.mass, record.part.checks)
+
+
+def _is_of(part: PartPlan, name: str) -> bool:
+    """Whether a name in a record is of a file of the part: what else it lists is nothing to take over."""
+    folder, _, file = name.partition("/")
+    return folder in FOLDERS and "/" not in file and PurePosixPath(file).stem == part.name
 
 
 def _record_path(out: Path, part: PartPlan) -> Path:

@@ -23,6 +23,9 @@ Model = TypeVar("Model", bound=BaseModel)
 LARGEST_FILE_BYTES = 100_000_000
 """Bytes of the largest file that is read whole: layouts, boards, manifests and tables are smaller by far."""
 LONGEST_MESSAGE = 300
+TEMPORARY = ".mirrorcam-"
+"""What the names of files begin with that are not finished."""
+_LONGEST_NAME = 255
 
 
 @contextmanager
@@ -32,7 +35,7 @@ def atomic(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: is a folder, expected a file to write")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     os.close(handle)
@@ -73,7 +76,12 @@ def is_inside(folder: Path, name: str) -> bool:
     path = PureWindowsPath(name)  # every part and drive that any system sees in it
     if not path.parts or path.anchor or ".." in path.parts or "\x00" in name:
         return False
-    return (folder / name).resolve().is_relative_to(folder.resolve())
+    try:
+        if any(len(os.fsencode(part)) > _LONGEST_NAME for part in path.parts):
+            return False
+    except UnicodeEncodeError:
+        return False
+    return Path(os.path.realpath(folder / name)).is_relative_to(os.path.realpath(folder))
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -81,6 +89,15 @@ def inside(folder: Path, name: str) -> Path:
     if not is_inside(folder, name):
         raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
     return folder / name
+
+
+def linked(folder: Path) -> Path | None:
+    """The first link to a file or folder in a folder, however deep; None without one."""
+    for place, folders, files in os.walk(folder):
+        for name in sorted((*folders, *files)):
+            if (path := Path(place, name)).is_symlink():
+                return path
+    return None
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:

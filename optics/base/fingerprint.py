@@ -17,6 +17,7 @@ from typing import Any
 
 from pydantic import Field
 
+from mirrorcam.optics.base.files import inside
 from mirrorcam.optics.base.values import Value
 
 OURS = "mirrorcam"
@@ -47,12 +48,13 @@ def file_digest(path: Path) -> str:
 def file_digests(path: Path, *, without: str = "") -> dict[str, str]:
     """Return the sha256 of a file by its name, or of every file below a folder by its path in it, sorted.
 
-    Files named `without` are left out.
+    Files named `without` are left out. Raises InputError for a link that leads out of the folder.
     """
     if path.is_file():
         return {path.name: file_digest(path)}
     below = sorted(file for file in path.rglob("*") if file.is_file() and file.name != without)
-    return {file.relative_to(path).as_posix(): file_digest(file) for file in below}
+    names = (file.relative_to(path).as_posix() for file in below)
+    return {name: file_digest(inside(path, name)) for name in names}
 
 
 @cache

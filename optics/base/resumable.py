@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import Model, inside, read_model, write_text
+from mirrorcam.optics.base.files import TEMPORARY, Model, inside, linked, read_bytes, read_model, write_text
 from mirrorcam.optics.base.fingerprint import differing, file_digest
 from mirrorcam.optics.base.values import InputError, Value
 
@@ -24,10 +24,15 @@ def _is_intact(path: Path, sha256: str) -> bool:
 
 
 def read_record(model: type[Model], path: Path) -> Model | None:
-    """Read a record as JSON; None where there is none, or none that is whole and of this version."""
+    """Read a record as JSON; None where there is none, or none that is whole and of this version.
+
+    Raises InputError where something else is in its place, or more than a record can be.
+    """
+    if not path.exists():
+        return None
     try:
-        return model.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError, ValidationError):
+        return model.model_validate_json(read_bytes(path))
+    except ValidationError:
         return None
 
 
@@ -64,7 +69,7 @@ class FolderManifest(Value):
 
     def intact(self, folder: Path, name: str) -> bool:
         """Return whether a file of the folder exists with the checksum of what was written."""
-        return name in self.files and _is_intact(folder / name, self.files[name])
+        return name in self.files and _is_intact(inside(folder, name), self.files[name])
 
     def continued(self, folder: Path) -> Self:
         """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
@@ -77,7 +82,7 @@ class FolderManifest(Value):
             foreign = [name for name in (*self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
             if foreign:
                 raise InputError(f"{folder}: has {foreign[0]!r} but no {self.FILE}, expected a new or empty folder")
-            _remove_temporaries(folder, (self.FILE,), ())
+            _remove_temporaries(folder, ())
             self.save(folder)
             return self
         before = self.load(folder)
@@ -88,7 +93,11 @@ class FolderManifest(Value):
             raise InputError(
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
-        _remove_temporaries(folder, (self.FILE, *self.FILES), self.FOLDERS)
+        for name in self.FOLDERS:
+            link = folder / name if (folder / name).is_symlink() else linked(folder / name)
+            if link is not None:
+                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
+        _remove_temporaries(folder, self.FOLDERS)
         whole = intact(folder, before.files)
         for name in before.files.keys() - whole.keys():
             if os.path.lexists(folder / name):
@@ -104,9 +113,8 @@ class FolderManifest(Value):
         return manifest
 
 
-def _remove_temporaries(folder: Path, files: tuple[str, ...], folders: tuple[str, ...]) -> None:
+def _remove_temporaries(folder: Path, folders: tuple[str, ...]) -> None:
     """Remove what a killed run could not: the temporary files of `optics.base.files.atomic`."""
-    named = [f".{Path(name).stem}-*{Path(name).suffix}" for name in files]
-    for pattern in (*named, *(f"{name}/**/.*-*" for name in folders)):
+    for pattern in (f"{TEMPORARY}*", *(f"{name}/**/{TEMPORARY}*" for name in folders)):
         for leftover in list(folder.glob(pattern)):
             leftover.unlink(missing_ok=True)

@@ -24,6 +24,11 @@ from mirrorcam.optics.geometry.colmap_rig import rig_config, sparse_model
 from mirrorcam.optics.geometry.layout import Layout
 
 PICTURE = "0000.png"
+FILES = (
+    *("README.md", "opencv.yaml", "kalibr_camchain.yaml", "mirrorcam_calibrated.urdf", "ros/view_*.yaml"),
+    *("colmap/rig_config.json", "colmap/sparse/*.txt", "nerfstudio/transforms.json"),
+)
+"""Files of the exports beside their pictures."""
 
 
 def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:

@@ -14,6 +14,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
+MOST_FRAMES = 100_000
 
 
 class Reach(Value):
@@ -39,8 +40,8 @@ class Dataset(FolderManifest):
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
     layout_identity: str
     target: Target
-    frames: int = Field(ge=0)
-    base_frames: int = Field(ge=0)
+    frames: int = Field(ge=0, le=MOST_FRAMES)
+    base_frames: int = Field(ge=0, le=MOST_FRAMES)
     width_px: int
     height_px: int
     tolerances: Tolerances

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mirrorcam.cad import part_files
 from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.optics.base.fingerprint import distributions
+from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties, PartPlan
+from mirrorcam.optics.base.fingerprint import distributions, file_digest
 
 PART = PartPlan("wedge", "Wedge", "7", (1.0, 2.0), repr, np.eye(4), np.zeros(3), (0.5, 0.5, 0.5))  # type: ignore[arg-type]
 
@@ -37,3 +38,30 @@ def test_other_numbers_are_another_part_and_the_same_numbers_the_same(key: str) 
     assert part_files._key(replace(PART), Printer()) == key
     assert part_files._key(replace(PART, plan=(1.0, 2.5)), Printer()) != key
     assert part_files._key(PART, Printer(plastic_g_per_cm3=1.0)) != key
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [
+        ("parts/wedge.step", True),
+        ("drawings/wedge.svg", True),
+        ("thesis.docx", False),
+        ("parts/thesis.docx", False),
+        ("mirrors/wedge.dxf", False),
+        ("parts/deep/wedge.step", False),
+        ("../wedge.step", False),
+    ],
+)
+def test_a_record_hands_over_files_of_its_part_alone(name: str, taken: bool, key: str, tmp_path: Path) -> None:
+    previous, out = tmp_path / "previous", tmp_path / "out"
+    path = previous / name
+    (previous / "parts").mkdir(parents=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("content")
+    mass = MassProperties(volume_mm3=1.0, mass_g=1.0, centre_in_rig_mm=[0.0] * 3, inertia_g_mm2=np.eye(3).tolist())
+    built = BuiltPart.of(PART, Path("parts"), mass, {})
+    record = part_files._Record(key=key, files={name: file_digest(path)}, part=built)
+    (previous / "parts" / ".wedge.json").write_text(record.model_dump_json())
+    found = part_files._take_over(PART, key, out, previous)
+    assert (found is not None) == taken
+    assert (out / name).exists() == taken

@@ -113,7 +113,7 @@ def detect_frames(
         if folder is None:
             return find(grey)
         name = detection_cache.key(grey, target, layout if mirrored else None)
-        seen = detection_cache.load(folder, name)
+        seen = detection_cache.load(folder, name, views=len(layout.mirrors), corners=len(target.corners_in_board_mm))
         if seen is None:
             seen = find(grey)
             detection_cache.save(folder, name, seen)

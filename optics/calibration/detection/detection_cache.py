@@ -8,19 +8,23 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.fingerprint import Fingerprint, digest, source_digest, versions
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
 FIELDS = ("view", "corner", "pixels")
+MOST_BYTES = 10_000_000
+"""Bytes of the largest file: a corner takes 32."""
 
 
 @cache
@@ -36,20 +40,29 @@ def key(grey: Grey, target: Target, layout: Layout | None) -> str:
     return digest(asked.encode(), np.ascontiguousarray(grey).data)
 
 
-def load(folder: Path, name: str) -> Observations | None:
-    """Load the detections under a key, as frame 0; None where no file holds them whole."""
+def load(folder: Path, name: str, *, views: int, corners: int) -> Observations | None:
+    """Load the detections under a key, as frame 0; None where no file holds them whole.
+
+    `views` and `corners` are the numbers of mirrors and of corners on the target that they may be of.
+    """
     try:
-        with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
+        content = io.BytesIO(read_bytes(folder / f"{name}.npz", MOST_BYTES))
+        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
+            return None
+        with np.load(content, allow_pickle=False) as file:
             view, corner, pixels = (np.asarray(file[field]) for field in FIELDS)
-            return Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
+    except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
         return None  # cut short or written by something else: found again, and written anew
+
+    known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
+    return seen if known.all() else None
 
 
 def save(folder: Path, name: str, seen: Observations) -> None:
     """Keep what was found in a picture under a key; written whole or not at all."""
+    if folder.is_symlink():
+        raise InputError(f"{folder}: is a link, expected a folder for found corners, or nothing")
     content = io.BytesIO()
     np.savez(content, **{field: getattr(seen, field) for field in FIELDS})
     write_bytes(folder / f"{name}.npz", content.getvalue())

@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, Protocol, Self, TextIO
 
-from mirrorcam.optics.base.files import read_bytes, write_json, write_text
+from pydantic import ConfigDict, Field, ValidationError, model_validator
+
+from mirrorcam.optics.base.files import linked, one_line, read_bytes, read_json, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -28,6 +30,22 @@ def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, An
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
+class _Frame(Value):
+    """A line of the journal: a frame that is kept, with its time, or lost, with the reason."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    number: int = Field(ge=0)
+    time_s: float | None = None
+    lost: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.time_s is None) == (self.lost is None):
+            raise ValueError("expected time_s or lost")
+        return self
+
+
 @dataclass
 class Entries:
     """The frames that a recording holds, in order: numbers in the source, times in s; and those lost, with reasons."""
@@ -36,13 +54,18 @@ class Entries:
     times_s: list[float] = field(default_factory=list)
     lost: dict[int, str] = field(default_factory=dict)
 
-    def note(self, line: dict[str, Any]) -> None:
-        """Take in a line of the journal."""
-        if "lost" in line:
-            self.lost[line["number"]] = line["lost"]
+    def note(self, line: Any, where: Path) -> None:
+        """Take in a line of the journal; raises InputError where it is none."""
+        try:
+            frame = _Frame.model_validate(line)
+        except ValidationError as error:
+            raise InputError(f"{where}: no list of frames: {one_line(error)}") from None
+        if frame.lost is not None:
+            self.lost[frame.number] = frame.lost
         else:
-            self.numbers.append(line["number"])
-            self.times_s.append(line["time_s"])
+            assert frame.time_s is not None
+            self.numbers.append(frame.number)
+            self.times_s.append(frame.time_s)
 
     @property
     def last(self) -> int:
@@ -93,18 +116,22 @@ class Recording:
         self._journal: TextIO | None = None
         self.entries = Entries()
         self.complete = path.exists()
+        for place in (path, self._folder):
+            link = place if place.is_symlink() else linked(place)
+            if link is not None:
+                raise InputError(f"{link}: is a link, expected only files and folders in a recording, or a new name")
         if self.complete:
-            # There still where a run was cut off between its last two steps.
-            (path / JOURNAL).unlink(missing_ok=True)
             attributes, self.entries = sink.read(path)
             if other := differing(attributes, self._about):
                 raise InputError(
                     f"{path}: exists and holds something else, expected a new name or the same job again: "
                     f"{' and '.join(other)} differ"
                 )
+            # There still where a run was cut off between its last two steps.
+            (path / JOURNAL).unlink(missing_ok=True)
             return
         journal = self._folder / JOURNAL
-        lines = _whole_lines(journal)
+        lines = whole_lines(journal)
         if lines and (other := differing(lines[0], self._about)):
             raise InputError(
                 f"{self._folder}: begins something else, expected the same job again, or no such folder: "
@@ -113,7 +140,7 @@ class Recording:
         if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:
             raise InputError(f"{self._folder}: exists, expected the beginning of {path.name} or nothing")
         for line in lines[1:]:
-            self.entries.note(line)
+            self.entries.note(line, journal)
         with self._writing():
             self._folder.mkdir(parents=True, exist_ok=True)
             write_text(journal, "".join(json.dumps(line) + "\n" for line in lines or [self._about]))
@@ -151,7 +178,7 @@ class Recording:
         assert self._journal is not None
         self._journal.write(json.dumps(line) + "\n")
         self._journal.flush()
-        self.entries.note(line)
+        self.entries.note(line, self._folder / JOURNAL)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -169,16 +196,21 @@ class Recording:
             ) from None
 
 
-def _whole_lines(journal: Path) -> list[dict[str, Any]]:
-    """The journal's lines up to the first that was not written to its end; none where there is no journal."""
+def whole_lines(journal: Path) -> list[dict[str, Any]]:
+    """The journal's lines up to the first that was not written to its end; none where there is no journal.
+
+    Raises InputError for a line that is no JSON object.
+    """
     if not journal.exists():
         return []
     whole = []
     for line in read_bytes(journal).split(b"\n")[:-1]:
         try:
             whole.append(json.loads(line))
-        except ValueError:
+        except (ValueError, RecursionError):
             break
+        if not isinstance(whole[-1], dict):
+            raise InputError(f"{journal}: holds {str(whole[-1])[:40]!r}, expected lines of a journal")
     return whole
 
 
@@ -222,8 +254,13 @@ class Folders:
         """Read `frames.json`."""
         if not path.is_dir() or not (path / INDEX).exists():
             raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
-        attributes = json.loads(read_bytes(path / INDEX))
-        entries = Entries()
-        for line in (*attributes.pop("frames"), *attributes.pop("lost")):
-            entries.note(line)
+        attributes, entries = read_json(path / INDEX), Entries()
+        if not isinstance(attributes, dict):
+            raise InputError(f"{path / INDEX}: no list of frames, expected an object")
+        for name in ("frames", "lost"):
+            lines = attributes.pop(name, None)
+            if not isinstance(lines, list):
+                raise InputError(f"{path / INDEX}: no list of frames, expected {name!r} in it")
+            for line in lines:
+                entries.note(line, path / INDEX)
         return attributes, entries

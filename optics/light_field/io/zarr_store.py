@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries
+from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, whole_lines
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -114,10 +112,12 @@ class StoredLightFields(Sequence[LightField]):
         self.path = path
         journal = path / JOURNAL
         if journal.exists():
-            lines = [json.loads(line) for line in read_bytes(journal).split(b"\n")[:-1]]
+            lines = whole_lines(journal)
+            if not lines:
+                raise InputError(f"{journal}: holds no line, expected the journal of a recording")
             self.about, entries = lines[0], Entries()
             for line in lines[1:]:
-                entries.note(line)
+                entries.note(line, journal)
         else:
             self.about, entries = ZarrSink().read(path)
         self.numbers, self.times_s, self.lost = tuple(entries.numbers), tuple(entries.times_s), entries.lost

@@ -27,12 +27,14 @@ class CamerasOptions(Value):
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
     from mirrorcam.optics.base.pictures import pictures_in
-    from mirrorcam.optics.exports.write_exports import write_exports
+    from mirrorcam.optics.exports.write_exports import FILES, write_exports
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.workflow.output_folder import output_folder
 
     layout, pictures = Layout.load(options.layout), pictures_in(options.pictures)
-    with output_folder(options.out, "cameras", force=options.force) as output, output.staged() as folder:
-        write_exports(layout, folder, pictures)
+    with output_folder(options.out, "cameras", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with output.staged() as folder:
+            write_exports(layout, folder, pictures)
     say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")
     return 0

@@ -8,7 +8,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirrorcam.optics.base.files import atomic, write_json, write_text
+from mirrorcam.optics.base.files import atomic, inside, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing, value_digest
 from mirrorcam.optics.base.names import spreadsheet_text
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -31,6 +31,7 @@ class Results:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         for part in ("results", "layouts"):
+            inside(folder, part)
             (folder / part).mkdir(parents=True, exist_ok=True)
 
     @staticmethod

@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.io.formats.registry import (
     open_light_fields,
     write_light_field,
 )
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Depth
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.output_folder import output_folder
 
@@ -69,6 +69,21 @@ def export_light_field(
     force
         Whether files of others may be replaced, too.
     """
+    name = f"{name_of(source)}{formats()[to].ending}"
+    with output_folder(folder, "export", force=force) as output:
+        # Files of others in the folder of a format would be read as part of it.
+        within = f"{glob.escape(name)}/**/*"
+        output.refuse_others(*([within] if output.path.joinpath(name).is_dir() else [within, glob.escape(name)]))
+        light_field, depth_mm, measured = _read(source, to, frame, depth, assumed)
+        with output.staged(complete=False) as staged:
+            write_light_field(staged / name, light_field, to, depth_mm)
+    return Exported(folder / name, format_of(source).name, light_field, measured)
+
+
+def _read(
+    source: Path, to: str, frame: int, depth: Path | None, assumed: Assumed
+) -> tuple[LightField, Depth | None, float | None]:
+    """The light field, its depth where there is one, and the share of pixels where that was measured for the export."""
     contents = open_light_fields(source, assumed=assumed)
     light_field, depth_mm = frame_of(contents, frame, source), contents.depth_mm
     if depth is not None:
@@ -80,10 +95,4 @@ def export_light_field(
         measured = float(np.isfinite(depth_mm).mean())
         if not measured:
             raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
-    name = f"{name_of(source)}{formats()[to].ending}"
-    with output_folder(folder, "export", force=force) as output:
-        # Files of others in the folder of a format would be read as part of it.
-        output.refuse_others(glob.escape(name), f"{glob.escape(name)}/**/*")
-        with output.staged(complete=False) as staged:
-            write_light_field(staged / name, light_field, to, depth_mm)
-    return Exported(folder / name, format_of(source).name, light_field, measured)
+    return light_field, depth_mm, measured

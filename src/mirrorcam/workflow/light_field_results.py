@@ -150,6 +150,7 @@ def write_epipolar_images(
     """
     with output_folder(folder, "epi", force=force) as output:
         for each in inputs.each(progress):
+            output.refuse_others(f"{glob.escape(each.name)}_epi.*")
             light_field = each.light_field
             lines = light_field.height_px if axis == "s" else light_field.width_px
             found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)

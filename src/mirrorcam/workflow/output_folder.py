@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from glob import has_magic
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -21,7 +22,7 @@ from pydantic import Field
 from mirrorcam.optics.base.files import inside, write_text
 from mirrorcam.optics.base.resumable import read_record
 from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.written_files import FolderRecord, WrittenFiles
+from mirrorcam.workflow.written_files import FolderRecord, WrittenFiles, refuse_blocked
 
 HIDDEN = ".mirrorcam"
 RECORD, LOCK, HOLDER, UNFINISHED = "written.jsonl", "lock", "holder.json", "unfinished"
@@ -52,7 +53,8 @@ class OutputFolder:
     record
         What commands have written into it.
     command
-        Name of the command; only what it wrote itself is its to replace.
+        Name of the command; only what it wrote itself is its to replace. A record that came with a shared folder says
+        so of files whose checksum its author knew: files that came with it, never those that the user adds.
     part
         Subfolder that is written, with a record of its own; empty for the root itself.
     force
@@ -84,10 +86,11 @@ class OutputFolder:
         """Raise InputError where a file of these names is there that this command has not written, or that was changed.
 
         Called before long work, it saves the user from waiting for results that cannot be put in their place. Patterns
-        are those of `Path.glob`.
+        are those of `Path.glob`; a folder in the place of a name is refused with `force`, too.
         """
+        refuse_blocked(self.path, (pattern for pattern in patterns if not has_magic(pattern)))
         if not self.force:
-            matching = (path for pattern in patterns for path in sorted(self.path.glob(pattern)))
+            matching = [path for pattern in patterns for path in sorted(self.path.glob(pattern))]
             found = (path for path in matching if path.is_symlink() or not path.is_dir())
             self._written.refuse_others(self.path, (path.relative_to(self.path).as_posix() for path in found))
 
@@ -149,6 +152,9 @@ def output_folder(path: Path, command: str, *, force: bool = False) -> Iterator[
         raise InputError(f"{path}: is a file, expected a folder")
     if hidden.is_symlink() or (hidden.exists() and not hidden.is_dir()):
         raise InputError(f"{hidden}: is no folder of this program, expected none or a new --out")
+    link = next((hidden / name for name in (RECORD, LOCK, HOLDER) if (hidden / name).is_symlink()), None)
+    if link is not None:
+        raise InputError(f"{link}: is a link, expected a file of this program, or a new --out")
     made = [parent for parent in (hidden, *hidden.parents) if not parent.exists()]
     lock = FileLock(hidden / LOCK, timeout=0)
     try:

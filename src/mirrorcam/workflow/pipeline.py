@@ -222,6 +222,10 @@ def run_all(
     with output_folder(root, "run", force=force) as output:
         output.refuse_others("metrics.json", "index.html")
         for stage in stages(recipe, root):
+            place = output.subfolder(stage.name)
+            place.refuse_unknown()
+            place.refuse_changed()
+        for stage in stages(recipe, root):
             finish(stage, output, reporter)
         figures = _figures(root)
         named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}

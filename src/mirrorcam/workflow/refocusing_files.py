@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,16 @@ SHOWN_GREY = 0.01
 """Share of a picture that no view shows, above which it is worth a remark."""
 
 LoopFormat = Literal["gif", "mp4"]
+ENDINGS = tuple(
+    f"{title}.{ending}"
+    for titles, endings in (
+        (("focus_*mm", "all_in_focus", "from"), ("npz", "png")),
+        (("orbit", "sweep"), ("gif", "mp4")),
+    )
+    for title in titles
+    for ending in endings
+)
+"""What the names of the files of a light field end in."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +109,7 @@ def write_refocused(
     grey = []
     with output_folder(folder, "refocus", force=force) as output:
         for each in inputs.each(progress):
+            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in ENDINGS))
             with output.staged(complete=False) as staged:
                 grey += _write(each, staged, request)
     return grey

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_model, write_metrics
+from mirrorcam.optics.base.files import inside, read_model, write_metrics
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
@@ -67,7 +67,8 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
 
-    frames, base_frames = ([folder / name for name in names] for names in (dataset.frame_names, dataset.base_names))
+    frames = [inside(folder, name) for name in dataset.frame_names]
+    base_frames = [inside(folder, name) for name in dataset.base_names]
     return calibrate(frames, base_frames, layout, board, workers=cores(), on_frame=on_frame)
 
 
@@ -100,10 +101,12 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
     metrics = mirror_errors(calibration.layout, truth)
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
+    if len(poses) != dataset.frames:
+        raise InputError(f"{folder}: {len(poses)} true poses of {dataset.frames} frames, expected one for each")
     decoder = Decoder(calibration.layout)
     errors = []
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
-        light_field = decoder.decode(read_image(folder / name))
+        light_field = decoder.decode(read_image(inside(folder, name)))
         errors.append(decoded_errors(light_field, truth, board, rig_from_board))
         progress(pictures + done, total)
     found = np.concatenate(errors)

@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
-from mirrorcam.optics.base.files import inside, is_inside, read_bytes, write_text
+from mirrorcam.optics.base.files import is_inside, read_bytes, write_text
 from mirrorcam.optics.base.fingerprint import file_digest, file_digests
 from mirrorcam.optics.base.values import InputError, Value
 
@@ -47,11 +47,9 @@ class WrittenFiles:
         One that holds already what is to be written, by the checksums of `new`, is none to lose.
         """
         for name in names:
-            path = inside(folder, name)
+            path = folder / name
             if not os.path.lexists(path) or (new is not None and _is(folder, name, new[name])):
                 continue
-            if path.is_dir():
-                raise InputError(f"{path}: is a folder, expected a file to write")
             if not self.holds(folder, name):
                 what = (
                     "was changed since this command wrote it"
@@ -59,6 +57,18 @@ class WrittenFiles:
                     else "was not written by this command"
                 )
                 raise InputError(f"{path}: {what}, expected another --out, or --force to replace it")
+
+
+def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
+    """Raise InputError where no file can be put: in the place of a folder, or below a file or a link that leads out."""
+    for name in names:
+        path = folder / name
+        if path.is_dir() and not path.is_symlink():
+            raise InputError(f"{path}: is a folder, expected a file to write")
+        for parent in path.relative_to(folder).parents[:-1]:
+            place = folder / parent
+            if os.path.lexists(place) and not (place.is_dir() and is_inside(folder, parent.as_posix())):
+                raise InputError(f"{place}: is a file or a link out of {folder}, expected a folder")
 
 
 def _is(folder: Path, name: str, sha256: str) -> bool:
@@ -132,9 +142,11 @@ class FolderRecord:
         Raises
         ------
         InputError
-            Where such a file would be replaced without `force`; nothing is moved then.
+            Where such a file would be replaced without `force`, or a folder or a link out of the folder is in the way;
+            nothing is moved then.
         """
         staged, before = file_digests(staging), self.of(command).settled(folder)
+        refuse_blocked(folder, staged)
         if not force:
             before.refuse_others(folder, staged, staged)
         rewritten = {name.partition("/")[0] for name in staged if "/" in name}
@@ -150,7 +162,7 @@ class FolderRecord:
                 (folder / name).unlink()
                 _remove_empty((folder / name).parent, folder)
         for name in staged:
-            place = inside(folder, name)
+            place = folder / name
             place.parent.mkdir(parents=True, exist_ok=True)
             (staging / name).replace(place)
         self._append(_Line(command=command, now=staged, gone=tuple(stale)))

@@ -53,6 +53,9 @@ def test_names_are_refused_before_the_work(tmp_path: Path) -> None:
             output.refuse_others("*.yaml", "README.md")
     with output_folder(tmp_path, "cameras", force=True) as output:
         output.refuse_others("README.md")
+    (tmp_path / "folder").mkdir()
+    with output_folder(tmp_path, "cameras", force=True) as output, pytest.raises(InputError, match="is a folder"):
+        output.refuse_others("folder")
 
 
 def test_a_folder_of_others_is_refused_before_the_work(tmp_path: Path) -> None:
@@ -139,3 +142,13 @@ def test_unfinished_files_that_a_link_hides_are_not_removed(link: str, tmp_path:
         (folder / "a").write_text("a")
     assert contents(tmp_path / "theirs") == ["files", "files/thesis", "thesis"]
     assert (tmp_path / "out" / "a").read_text() == "a"
+
+
+@pytest.mark.parametrize("name", ["written.jsonl", "lock", "holder.json"])
+def test_nothing_is_written_through_a_link_in_the_hidden_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / "thesis").write_text("mine")
+    (tmp_path / "out" / HIDDEN).mkdir(parents=True)
+    (tmp_path / "out" / HIDDEN / name).symlink_to(tmp_path / "thesis")
+    with pytest.raises(InputError, match=f"{name}: is a link"), output_folder(tmp_path / "out", "cad"):
+        pass
+    assert (tmp_path / "thesis").read_text() == "mine"

@@ -178,3 +178,36 @@ def test_the_record_grows_by_what_is_new(tmp_path: Path) -> None:
     FolderRecord(tmp_path / "record")
     assert len((tmp_path / "record").read_text().splitlines()) == 1
     assert FolderRecord(tmp_path / "record").of("depth").now == record.of("depth").now
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("blocked", ["file", "folder", "link"])
+def test_what_is_in_the_way_is_refused_before_anything_is_moved(blocked: str, force: bool, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    put(folder, a="1", stale="1")
+    if blocked == "file":
+        (folder / "parts").write_text("mine")
+    elif blocked == "folder":
+        (folder / "parts" / "x").mkdir(parents=True)
+        (folder / "parts" / "x" / "mine").write_text("mine")
+    else:
+        (tmp_path / "theirs").mkdir()
+        (folder / "parts").symlink_to(tmp_path / "theirs")
+    before = tree(folder)
+    with pytest.raises(InputError, match=r"parts: is a file or a link out of|parts/x: is a folder, expected a file"):
+        put(folder, a="2", parts__x="2", force=force)
+    assert tree(folder) == before
+    assert not (tmp_path / "theirs").exists() or not list((tmp_path / "theirs").iterdir())
+
+
+def test_a_link_is_replaced_by_force_and_what_it_leads_to_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "mine").write_text("mine")
+    folder.mkdir()
+    (folder / "a").symlink_to(tmp_path / "theirs")
+    with pytest.raises(InputError, match="a: was not written by this command"):
+        put(folder, a="1")
+    assert put(folder, a="1", force=True) == {"a": "1"}
+    assert tree(tmp_path / "theirs") == {"mine": "mine"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +55,13 @@ def test_the_same_request_goes_on_with_what_is_intact(tmp_path: Path) -> None:
 
 def test_temporary_files_of_a_killed_run_are_removed_and_others_stay(tmp_path: Path) -> None:
     written(tmp_path)
-    temporary = ("frames/.0-abc.png", ".board-abc.toml", ".pictures-abc.json")
-    for name in (*temporary, ".mine-1.json", "notes.txt"):
+    temporary = ("frames/.mirrorcam-0abc.png", ".mirrorcam-1abc.toml", ".mirrorcam-2abc.json")
+    mine = (".pictures-original.json", ".board-mine.toml", "frames/.0-mine.png", "notes.txt")
+    for name in (*temporary, *mine):
         (tmp_path / name).touch()
     Pictures().continued(tmp_path)
     assert not any((tmp_path / name).exists() for name in temporary)
-    assert (tmp_path / ".mine-1.json").exists() and (tmp_path / "notes.txt").exists()
+    assert all((tmp_path / name).exists() for name in mine)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +87,32 @@ def test_folders_of_somebody_else_are_refused(tmp_path: Path) -> None:
         Pictures().continued(tmp_path / "file")
 
 
+@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "link/secret", "a\x00b", "x" * 5000, "\ud800"])
+def test_no_name_of_a_manifest_leads_out_of_its_folder(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    folder.mkdir()
+    (tmp_path / "secret").write_text("theirs")
+    (folder / "link").symlink_to(tmp_path)
+    manifest = Pictures(files={name: digest(b"theirs")})
+    for use in (lambda: manifest.intact(folder, name), lambda: intact(folder, manifest.files)):
+        with pytest.raises(InputError, match="expected the name of a file in this folder"):
+            use()
+
+
+@pytest.mark.parametrize("link", ["frames", "frames/deep"])
+def test_nothing_is_written_through_a_link(link: str, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    written(folder)
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / ".mirrorcam-1.png").touch()
+    if link == "frames":
+        (folder / "frames").rename(tmp_path / "moved")
+    (folder / link).symlink_to(tmp_path / "theirs")
+    with pytest.raises(InputError, match=f"{link}: is a link, expected only files and folders in a set"):
+        Pictures().continued(folder)
+    assert (tmp_path / "theirs" / ".mirrorcam-1.png").exists()
+
+
 def test_intact_files_are_there_with_their_content(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).write_text(name)
@@ -97,3 +125,12 @@ def test_a_record_that_is_not_whole_is_none(content: str | None, tmp_path: Path)
     if content is not None:
         (tmp_path / "record.json").write_text(content)
     assert read_record(Pictures, tmp_path / "record.json") is None
+
+
+def test_what_is_no_record_of_a_readable_size_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    for name, reason in (("folder", "is a folder"), ("fifo", "is no regular file"), ("endless", "is no regular file")):
+        with pytest.raises(InputError, match=f"{name}: {reason}"):
+            read_record(Pictures, tmp_path / name)

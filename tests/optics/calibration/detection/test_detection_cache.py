@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mirrorcam.optics.base.fingerprint import distributions
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import detection_cache
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.targets import Charuco
@@ -36,12 +38,45 @@ def test_the_key_follows_pixels_shape_and_board() -> None:
     assert len({key, *(detection_cache.key(grey, board, None) for grey, board in others)}) == 4
 
 
+def loaded(folder: Path) -> Observations | None:
+    return detection_cache.load(folder, "a", views=2, corners=5)
+
+
 def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
     seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
-    assert detection_cache.load(tmp_path, "a") is None
+    assert loaded(tmp_path) is None
     detection_cache.save(tmp_path, "a", seen)
-    found = detection_cache.load(tmp_path, "a")
+    found = loaded(tmp_path)
     assert found is not None and found.pixels.tobytes() == seen.pixels.tobytes()
     content = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(content[: len(content) // 2])
-    assert detection_cache.load(tmp_path, "a") is None
+    assert loaded(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"view": np.array([0, 2])},
+        {"view": np.array([-2, 0])},
+        {"corner": np.array([3, 5])},
+        {"corner": np.array([-1, 0])},
+        {"pixels": np.full((2, 2), np.nan)},
+        {"pixels": np.zeros((3, 2))},
+        {"view": np.array(["a", "b"])},
+        {"view": np.zeros(2_000_000, np.int64)},
+    ],
+)
+def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_path: Path) -> None:
+    right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
+    np.savez_compressed(tmp_path / "a.npz", **right)
+    assert loaded(tmp_path) is not None
+    np.savez_compressed(tmp_path / "a.npz", **(right | arrays))
+    assert loaded(tmp_path) is None
+
+
+def test_nothing_is_kept_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "detections").symlink_to(tmp_path / "theirs")
+    with pytest.raises(InputError, match="detections: is a link"):
+        detection_cache.save(tmp_path / "detections", "a", Observations.none())
+    assert list((tmp_path / "theirs").iterdir()) == []

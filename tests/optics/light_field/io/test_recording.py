@@ -177,3 +177,58 @@ def test_a_video_of_which_nothing_can_be_used_leaves_nothing(tmp_path: Path, dec
     with pytest.raises(InputError, match=r"^a.zarr: not one frame could be decoded, expected at least one$"):
         recording.finish()
     assert [path.name for path in tmp_path.iterdir()] == ["a.avi"]
+
+
+def test_a_folder_of_somebody_else_keeps_its_journal(
+    tmp_path: Path, decoder: Decoder, new_sink: Callable[[], Sink]
+) -> None:
+    (tmp_path / "clip").mkdir()
+    (tmp_path / "clip" / "journal.jsonl").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="clip: "):
+        begin(tmp_path / "clip", decoder, new_sink())
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="file: "):
+        begin(tmp_path / "file", decoder, new_sink())
+    assert content(tmp_path) == {"clip/journal.jsonl": b"mine", "file": b"mine"}
+
+
+@pytest.mark.parametrize("place", ["clip.partial", "clip.partial/samples", "clip.partial/000001", "clip"])
+def test_nothing_is_written_through_a_link(
+    tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink], place: str
+) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    begun = begin(tmp_path / "clip", decoder, new_sink())
+    record(decoder, video, begun, limit=1)
+    begun.close()
+    if (tmp_path / place).exists():
+        (tmp_path / place).rename(tmp_path / "moved")
+    (tmp_path / place).symlink_to(theirs)
+    with pytest.raises(InputError, match=f"{place}: is a link"):
+        begin(tmp_path / "clip", decoder, new_sink())
+    assert content(theirs) == {}
+
+
+@pytest.mark.parametrize(
+    "line", ["3", "null", '{"number": "../x", "time_s": 0.0}', '{"number": -1, "time_s": 0.0}', '{"number": 1}', "[]"]
+)
+def test_a_journal_of_somebody_else_is_refused(
+    tmp_path: Path, decoder: Decoder, video: Video, new_sink: Callable[[], Sink], line: str
+) -> None:
+    begun = begin(tmp_path / "clip", decoder, new_sink())
+    record(decoder, video, begun, limit=1)
+    begun.close()
+    with (tmp_path / "clip.partial" / "journal.jsonl").open("a") as journal:
+        journal.write(f"{line}\n")
+    with pytest.raises(InputError, match=r"journal\.jsonl: "):
+        begin(tmp_path / "clip", decoder, new_sink())
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "{}", '{"frames": 3, "lost": []}', '{"frames": [{}], "lost": []}', '{"frames": [']
+)
+def test_an_index_of_somebody_else_is_refused(tmp_path: Path, decoder: Decoder, text: str) -> None:
+    (tmp_path / "clip").mkdir()
+    (tmp_path / "clip" / "frames.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"frames\.json: "):
+        begin(tmp_path / "clip", decoder, npz_folders())
