@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -236,3 +237,12 @@ def test_type_checkers_see_the_types_of_the_installed_package(installed: Install
         "(spec: mirrorcam.optics.geometry.design_spec.DesignSpec) -> mirrorcam.optics.geometry.layout.Layout" in design
     )
     assert 'snippet.py:4: error: Module has no attribute "x"' in printed
+
+
+def test_the_lock_has_the_tested_versions_with_hashes() -> None:
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").replace("\\\n", "").splitlines()
+    locked = [line for line in lines if not line.startswith("#")]
+    assert all(re.fullmatch(r"\S+==[^;]*(;.*?)?(\s+--hash=sha256:[0-9a-f]{64})+", line) for line in locked)
+    pinned = {re.sub(r"[-_.]+", "-", line.split()[0].lower()) for line in locked}
+    tested = [line for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").split() if "==" in line]
+    assert {re.sub(r"[-_.]+", "-", each.lower()) for each in tested} <= pinned
