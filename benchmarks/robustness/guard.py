@@ -24,11 +24,21 @@ Attempt = Callable[[int, Path], str]
 
 @dataclass(frozen=True)
 class Category:
-    """A kind of bad input: how many attempts the full table makes, and the attempt of a seed."""
+    """A kind of bad input: how many attempts the full table makes, and the attempt of a seed.
+
+    Attributes
+    ----------
+    longest_s
+        Time that an attempt may take.
+    tested
+        Number of attempts in the default tests.
+    """
 
     name: str
     count: int
     attempt: Attempt
+    longest_s: float = LONGEST_S
+    tested: int = 8
 
 
 @dataclass
@@ -70,19 +80,19 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _watched(task: tuple[Category, int]) -> str:
     category, seed = task
-    return watched(category.attempt, seed)
+    return watched(category.attempt, seed, category.longest_s)
 
 
-def watched(attempt: Attempt, seed: int) -> str:
+def watched(attempt: Attempt, seed: int, longest_s: float = LONGEST_S) -> str:
     """Make one attempt in a folder of its own; returns what is wrong with its outcome, or nothing."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGALRM, _interrupt)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    signal.setitimer(signal.ITIMER_REAL, longest_s)
     try:
         with tempfile.TemporaryDirectory() as folder:
             wrong = attempt(seed, Path(folder))
     except _TookTooLong:
-        return f"took longer than {LONGEST_S:g} s"
+        return f"took longer than {longest_s:g} s"
     except Exception:
         return "traceback: " + traceback.format_exc().strip().splitlines()[-1]
     finally:
