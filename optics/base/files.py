@@ -25,7 +25,7 @@ LARGEST_FILE_BYTES = 100_000_000
 LONGEST_MESSAGE = 300
 TEMPORARY = ".mirrorcam-"
 """What the names of files begin with that are not finished."""
-_LONGEST_NAME = 255
+_LONGEST_NAME, _LONGEST_PATH = 255, 1000
 
 
 @contextmanager
@@ -77,7 +77,8 @@ def is_inside(folder: Path, name: str) -> bool:
     if not path.parts or path.anchor or ".." in path.parts or "\x00" in name:
         return False
     try:
-        if any(len(os.fsencode(part)) > _LONGEST_NAME for part in path.parts):
+        sizes = [len(os.fsencode(part)) for part in path.parts]
+        if max(sizes) > _LONGEST_NAME or sum(sizes) + len(sizes) > _LONGEST_PATH:
             return False
     except UnicodeEncodeError:
         return False

@@ -26,7 +26,8 @@ from mirrorcam.optics.geometry.layout import Layout
 PICTURE = "0000.png"
 FILES = (
     *("README.md", "opencv.yaml", "kalibr_camchain.yaml", "mirrorcam_calibrated.urdf", "ros/view_*.yaml"),
-    *("colmap/rig_config.json", "colmap/sparse/*.txt", "nerfstudio/transforms.json"),
+    *("colmap/rig_config.json", "nerfstudio/transforms.json"),
+    *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
 """Files of the exports beside their pictures."""
 

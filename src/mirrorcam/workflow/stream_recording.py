@@ -45,6 +45,8 @@ class StreamRecorder:
         sink, suffix = _sink(self.to)
         path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
         equalisation = self.decoder.equalisation
+        if not path.exists():
+            self.output.refuse_others(glob.escape(picture))
         recording = Recording(
             path,
             about(
@@ -90,7 +92,6 @@ class StreamRecorder:
         self, source: Video | CaptureDevice, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
         shown = bool(recording.entries.numbers)
-        self.output.refuse_others(glob.escape(picture))
         with self.reporter.work("decode", name, "frames") as advance:
 
             def on_frame(done: int, light_field: LightField | None) -> None:

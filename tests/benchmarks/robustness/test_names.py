@@ -1,0 +1,37 @@
+"""Attempts with odd names notice where a guard is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.robustness import names
+from benchmarks.robustness.guard import watched
+from mirrorcam.cad.write import bill_of_materials
+from mirrorcam.optics.base import resumable
+
+
+def wrong(use: Callable[[Path, np.random.Generator], str], monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(names, "USES", (use,))
+    return " ".join(watched(names.attempt, seed) for seed in range(60))
+
+
+def unchecked(folder: Path, name: str) -> Path:
+    return folder / name
+
+
+def test_reading_outside_of_a_folder_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "dataset" not in wrong(names.dataset, monkeypatch)
+    monkeypatch.setattr(resumable, "inside", unchecked)
+    assert "dataset read a file outside of the folder" in wrong(names.dataset, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["markdown_text", "spreadsheet_text"])
+def test_a_name_that_is_no_text_is_wrong(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain: Any = str
+    monkeypatch.setattr(bill_of_materials, name, plain)
+    assert "profile: " in wrong(names.profile, monkeypatch)
