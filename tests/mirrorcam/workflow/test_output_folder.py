@@ -6,13 +6,22 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mirrorcam import cli
+from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import default_board, save_board
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.output_folder import HIDDEN, output_folder
 
+LAYOUT = Path(__file__).parents[2] / "data" / "default_layout.json"
 STAGED = ("", "/parts", "/parts/a.stl")
 
 
@@ -152,3 +161,54 @@ def test_nothing_is_written_through_a_link_in_the_hidden_folder(name: str, tmp_p
     with pytest.raises(InputError, match=f"{name}: is a link"), output_folder(tmp_path / "out", "cad"):
         pass
     assert (tmp_path / "thesis").read_text() == "mine"
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """A folder that another process holds, with inputs beside it, and what is said of its holder."""
+    folder = tmp_path_factory.mktemp("held")
+    Layout.load(LAYOUT).save(folder / "layout.json")
+    save_board(folder / "board.toml", default_board())
+    light_field = folder / "picture.npz"
+    save_npz(light_field, Decoder(Layout.load(LAYOUT), width_px=16).decode(np.zeros((1080, 1920, 3), np.uint8)))
+    write_image(folder / "picture.png", np.zeros((1080, 1920, 3), np.uint8))
+    holder = subprocess.Popen([sys.executable, "-c", HOLDS, str(folder / "out")], stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    yield folder, f"out: in use by mirrorcam decode, process {holder.pid} on "
+    holder.kill()
+    holder.communicate()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "design --out out",
+        "sweep --counts 1x2 --out out",
+        "cad layout.json --out out",
+        "picture layout.json --out out/picture.jpg",
+        "board --out out/board.pdf",
+        "render layout.json --frames 1 --base-frames 0 --renderer fast --out out",
+        "scene layout.json --out out",
+        "calibrate picture.png --board board.toml --layout layout.json --out out",
+        "cameras layout.json --out out",
+        "decode picture.png --layout layout.json --out out",
+        "refocus picture.npz --out out",
+        "epi picture.npz --out out",
+        "depth picture.npz --out out",
+        "features picture.npz --out out",
+        "export picture.npz --to hci --out out",
+        "validate set --out out",
+        "run --quick --out out",
+    ],
+)
+def test_every_command_says_who_holds_its_folder(
+    command: str, held: tuple[Path, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, says = held
+    monkeypatch.chdir(folder)
+    before = contents(folder)
+    assert cli.main(command.split()) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"mirrorcam: {says}") and said.count("\n") == 1
+    assert contents(folder) == before
