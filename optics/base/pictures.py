@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -80,7 +82,7 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     raw = read_bytes(path, LARGEST_FILE_BYTES)
     header = _header_of(path, raw)
     if header.jpeg is None:
-        return _read_png(path, raw, grey)
+        return _read_png(path, raw, cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB).astype(np.uint8, copy=False)
     if header.jpeg.is_partly_zero(raw):
         raise DamagedPicture(f"{path}: damaged, a block of zeros is where compressed data should be")
     try:
@@ -88,6 +90,15 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     except ValueError as error:
         raise DamagedPicture(f"{path}: damaged, {str(error).rstrip('.')}") from None
     return np.asarray(image[..., 0] if grey else image, dtype=np.uint8)
+
+
+def read_opacity(path: Path) -> NDArray[np.uint8] | None:
+    """Read the opacity (h, w) of a PNG of 8 bits a channel; None of a picture without. Raises as `read_image`."""
+    raw = read_bytes(path, LARGEST_FILE_BYTES)
+    if _header_of(path, raw).jpeg is not None:
+        return None
+    image = _read_png(path, raw, cv2.IMREAD_UNCHANGED)
+    return np.ascontiguousarray(image[..., 3]) if image.dtype == np.uint8 and image.shape[2:] == (4,) else None
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -197,15 +208,32 @@ def _header_of(path: Path, raw: bytes) -> _Header:
     return header
 
 
-def _read_png(path: Path, raw: bytes, grey: bool) -> NDArray[np.uint8]:
-    flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB) | cv2.IMREAD_IGNORE_ORIENTATION
+def _png_chunks(raw: bytes) -> Iterator[tuple[int, int]]:
+    """Begin and end of the name and content of each chunk of a PNG that is there in full, up to its last."""
+    at = len(_PNG_BEGIN)
+    while (end := at + 8 + int.from_bytes(raw[at : at + 4])) + 4 <= len(raw):
+        yield at + 4, end
+        if raw[at + 4 : at + 8] == b"IEND":
+            return
+        at = end + 4
+
+
+def _read_png(path: Path, raw: bytes, flags: int) -> NDArray[Any]:
+    """Decode a PNG whose checksums are all right: the decoder itself would write of others to standard error."""
+    content, last = memoryview(raw), b""
+    for begin, end in _png_chunks(raw):
+        last = raw[begin : begin + 4]
+        if zlib.crc32(content[begin:end]) != int.from_bytes(raw[end : end + 4]):
+            raise DamagedPicture(f"{path}: damaged, a checksum of its data is wrong")
+    if last != b"IEND":
+        raise DamagedPicture(f"{path}: damaged, a part of it is missing")
     try:
-        image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags)
+        image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         image = None
     if image is None:
         raise DamagedPicture(f"{path}: damaged, its data cannot be decoded")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:

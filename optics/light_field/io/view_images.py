@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.pictures import read_image, read_opacity
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
@@ -53,11 +53,8 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
 
 def read_rgba(path: Path) -> tuple[Bytes, Bytes]:
     """Colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 throughout where it has none."""
-    colours = read_image(path)
-    raw = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    if raw is None or raw.ndim < 3 or raw.shape[2] < 4 or raw.dtype != np.uint8:
-        return colours, np.full(colours.shape[:2], 255, np.uint8)
-    return np.ascontiguousarray(raw[..., 2::-1]), np.ascontiguousarray(raw[..., 3])
+    colours, opacity = read_image(path), read_opacity(path)
+    return colours, np.full(colours.shape[:2], 255, np.uint8) if opacity is None else opacity
 
 
 def light_field_of(views: Views, colours: Bytes, opacity: Bytes, channels: int = 3) -> LightField:

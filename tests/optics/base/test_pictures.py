@@ -99,13 +99,34 @@ def test_progressive_and_restarting_jpegs_are_read_and_refused_alike(tmp_path: P
     assert refusal(pictures.read_image, path) == f"{path}: image is truncated"
 
 
-def test_a_png_with_a_broken_byte_is_refused(tmp_path: Path) -> None:
+def test_a_png_with_a_broken_byte_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.png"
     pictures.write_image(path, np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8))
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 2] ^= 0xFF
     path.write_bytes(raw)
-    assert "damaged, its data cannot be decoded" in refusal(pictures.read_image, path)
+    assert "damaged, a checksum of its data is wrong" in refusal(pictures.read_image, path)
+    assert "damaged, a checksum of its data is wrong" in refusal(pictures.read_opacity, path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_png_that_ends_before_its_data_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    pictures.write_image(path, picture())
+    raw = path.read_bytes()
+    path.write_bytes(raw[:-12] + b"\x00\x00\xff\xff" + raw[-8:])
+    assert "damaged, a part of it is missing" in refusal(pictures.read_image, path)
+
+
+def test_opacity_is_that_of_pictures_with_one(tmp_path: Path) -> None:
+    opacity = np.arange(60 * 90, dtype=np.uint8).reshape(60, 90)
+    Image.fromarray(np.dstack([picture(), opacity])).save(tmp_path / "a.png")
+    Image.fromarray(np.dstack([opacity, opacity]), "LA").save(tmp_path / "grey.png")
+    for name in ("a.png", "grey.png"):
+        assert np.array_equal(pictures.read_opacity(tmp_path / name), opacity)
+    for name in ("b.png", "b.jpg"):
+        pictures.write_image(tmp_path / name, picture())
+        assert pictures.read_opacity(tmp_path / name) is None
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"GIF89a"])
