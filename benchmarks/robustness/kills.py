@@ -7,6 +7,7 @@ result of a run that was left alone, and runs the command again: a seed says whe
 from __future__ import annotations
 
 import atexit
+import json
 import os
 import shutil
 import signal
@@ -44,20 +45,17 @@ class Killed:
     ----------
     arguments
         Its arguments, without `--out`.
-    appending
-        Endings of files that grow while they are written, at their places: of a recording that is gone on with.
     """
 
     name: str
     arguments: tuple[str, ...]
-    appending: tuple[str, ...] = ()
 
 
 COMMANDS = (
     Killed("run", ("run", "--quick")),
     Killed("render", ("render", "layout.json", "--renderer", "fast", "--frames", "4", "--base-frames", "2")),
     Killed("sweep", ("sweep", "--counts", "1x2", "2x2", "--scales-mm", "60", "--tradeoffs", "0.1", "0.3")),
-    Killed("decode", ("decode", "video.avi", "--layout", "layout.json"), (".partial",)),
+    Killed("decode", ("decode", "video.avi", "--layout", "layout.json")),
     Killed("cad", ("cad", "layout.json")),
     Killed("scene", ("scene", "layout.json", "--spp", "4")),
 )
@@ -125,7 +123,7 @@ def _command(arguments: list[str]) -> list[str]:
 
 
 def killed_after(command: Killed, folder: Path, seconds: float) -> list[int]:
-    """Run a command in a folder, kill it after a time, and return its processes that are there 1 s later."""
+    """Run a command in a folder, kill it after a time, and return its processes that still run SECONDS_TO_END later."""
     mark = f"{os.getpid()}-{folder.name}"
     process = subprocess.Popen(
         _command([*command.arguments, "--out", str(folder / OUT)]),
@@ -139,8 +137,10 @@ def killed_after(command: Killed, folder: Path, seconds: float) -> list[int]:
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    time.sleep(SECONDS_TO_END)
-    return processes_with(mark)
+    deadline = time.monotonic() + SECONDS_TO_END
+    while (left := processes_with(mark)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return left
 
 
 def processes_with(mark: str) -> list[int]:
@@ -168,7 +168,7 @@ def cycle(command: Killed, seed: int, folder: Path) -> str:
     what = f"{command.name}, killed after {seconds:.1f} of {takes_s:.1f} s"
     if left:
         return f"{what}: {len(left)} of its processes run on"
-    if half := half_written(contents(folder / OUT), expected, command.appending):
+    if half := half_written(folder / OUT, expected):
         return f"{what}: left {half}"
     _whole([*command.arguments, "--out", str(folder / OUT)], inputs())
     found = contents(folder / OUT)
@@ -179,10 +179,24 @@ def cycle(command: Killed, seed: int, folder: Path) -> str:
     return f"{what}: run again, left {HIDDEN}/lock" if (kept / "lock").exists() else ""
 
 
-def half_written(found: dict[str, str], expected: dict[str, str], appending: tuple[str, ...]) -> str:
-    """Name of the first file that is not as the result has it, other than those that grow at their places."""
-    grows = {name for name in found if any(part.endswith(appending) for part in Path(name).parts[:-1] if appending)}
-    return next((name for name in found.keys() - grows if found[name] != expected.get(name)), "")
+def half_written(folder: Path, expected: dict[str, str]) -> str:
+    """Name of the first file that is neither as the result has it nor says what is there of it; empty where none.
+
+    The latter are manifests, of which each file that they list is as they say, and recordings, which end in ".partial".
+    """
+    for name, sha256 in contents(folder).items():
+        growing = any(part.endswith(".partial") for part in Path(name).parts[:-1])
+        if sha256 != expected.get(name) and not growing and not _is_manifest(folder / name):
+            return name
+    return ""
+
+
+def _is_manifest(path: Path) -> bool:
+    try:
+        files = json.loads(path.read_bytes())["files"]
+        return all(file_digest(path.parent / name) == sha256 for name, sha256 in files.items())
+    except (ValueError, TypeError, KeyError, AttributeError, OSError):
+        return False
 
 
 CATEGORY = Category("kills", CYCLES * len(COMMANDS), attempt, longest_s=LONGEST_S, tested=0)

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_all_start_methods, get_context, parent_process, resource_tracker
+from multiprocessing import get_all_start_methods, get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -27,6 +27,7 @@ Work = Callable[[Task], Answer]
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function of a module, and its arguments."""
 
+WITH_PARENT = f"{__package__}.with_parent"
 ATTEMPTS = 3
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
@@ -51,6 +52,8 @@ class _Done(Generic[Answer]):
 class _Worker:
     process: BaseProcess
     connection: Connection
+    lifeline: Connection
+    """End of a pipe that closes with this process."""
     task: int
 
 
@@ -123,7 +126,7 @@ def _call(call: Call) -> Any:
 def _context(preload: Sequence[str]) -> BaseContext:
     if preload and "forkserver" in get_all_start_methods():
         context = get_context("forkserver")
-        context.set_forkserver_preload(list(preload))
+        context.set_forkserver_preload([WITH_PARENT, *preload])
         return context
     return get_context("spawn")
 
@@ -164,11 +167,16 @@ class _Pool(Generic[Task, Answer]):
         if task is None:
             return
         ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=_serve, args=(theirs, self._work), daemon=True)  # type: ignore[attr-defined]
+        their_lifeline, lifeline = self._context.Pipe(duplex=False)
+        process = self._context.Process(  # type: ignore[attr-defined]
+            target=_serve, args=(theirs, their_lifeline, self._work), daemon=True
+        )
         with _for_children():
             process.start()
+        _kill_when_closed(process, their_lifeline)
         theirs.close()
-        self.busy[place] = _Worker(process, ours, task)
+        their_lifeline.close()
+        self.busy[place] = _Worker(process, ours, lifeline, task)
         self._give(self.busy[place])
 
     def answers(self) -> Iterator[tuple[int, Answer | Died]]:
@@ -190,8 +198,7 @@ class _Pool(Generic[Task, Answer]):
             following = self._queue.next(place)
             if following is None:
                 del self.busy[place]
-                worker.connection.close()
-                worker.process.join()
+                _ended(worker)
             else:
                 worker.task = following
                 self._give(worker)
@@ -226,13 +233,14 @@ def _ended(worker: _Worker) -> str:
     """Say how a worker ended."""
     worker.connection.close()
     worker.process.join()
+    worker.lifeline.close()
     code = worker.process.exitcode
     return f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
 
 
-def _serve(connection: Connection, work: Work[Any, Any]) -> None:
+def _serve(connection: Connection, lifeline: Connection, work: Work[Any, Any]) -> None:
     """Answer tasks until the other end closes; with the error where the work raises one."""
-    _end_with_parent()
+    threading.Thread(target=_end_with, args=(lifeline,), name="end with parent", daemon=True).start()
     while True:
         try:
             task = connection.recv()
@@ -251,24 +259,21 @@ def _serve(connection: Connection, work: Work[Any, Any]) -> None:
             return
 
 
-def _end_with_parent() -> None:
-    """End this worker at once when its parent ends, however that ends, in the middle of a task too.
+def _kill_when_closed(process: BaseProcess, lifeline: Connection) -> None:
+    """Have the system kill a worker when the other end of its pipe closes, on Linux.
 
-    A thread waits for the other end of a pipe to close, which only the parent holds. Native code may keep Python, and
-    that thread, from running for long; on Linux the system itself kills the worker when the pipe closes.
+    A thread of the worker sees that too, but does not run while libraries are loaded or native code keeps Python.
     """
-    parent = parent_process()
-    assert parent is not None
+    if sys.platform == "linux" and process.pid is not None:
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, process.pid)
+        fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC)
 
-    def end() -> None:
-        wait([parent.sentinel])
-        os._exit(1)
 
-    if sys.platform == "linux":
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, os.getpid())
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
-        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, os.O_ASYNC)
-    threading.Thread(target=end, name="end with parent", daemon=True).start()
+def _end_with(lifeline: Connection) -> None:
+    """End this process, in the middle of a task too, when the other end of a pipe closes."""
+    wait([lifeline])
+    os._exit(1)
 
 
 @contextmanager

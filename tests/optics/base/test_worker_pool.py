@@ -187,7 +187,8 @@ import sys
 from mirrorcam.optics.base.worker_pool import call_all
 from tests.optics.base.test_worker_pool import PRELOADED, busy
 if __name__ == "__main__":
-    call_all([(busy, (name,)) for name in sys.argv[2:]], 2, preload=PRELOADED if sys.argv[1] == "fork" else ())
+    preload = {"fork": PRELOADED, "spawn": (), "preload": ("tests.optics.base.slow_to_load",)}[sys.argv[1]]
+    call_all([(busy, (name,)) for name in sys.argv[2:]], 2, preload=preload)
 """
 
 
@@ -200,11 +201,12 @@ def busy(path: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="native code is ended in the middle on Linux only")
-@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.parametrize("start", ["fork", "spawn", "preload"])
 def test_workers_end_with_a_parent_that_is_killed(start: str, tmp_path: Path) -> None:
     (tmp_path / "owner.py").write_text(OWNER)
     names = [tmp_path / "0", tmp_path / "1"]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3]), "SLOW_TO_LOAD": str(names[0])}
+    names = names[:1] if start == "preload" else names
     process = subprocess.Popen([sys.executable, tmp_path / "owner.py", start, *names], env=environment)
     workers = [int(first_line(name)) for name in names]
     process.kill()
