@@ -83,7 +83,7 @@ def _write_video(path: Path) -> None:
         stream.width, stream.height, stream.pix_fmt = 1920, 1080, "yuvj420p"
         for _ in range(VIDEO_FRAMES):
             coarse = random.integers(0, 256, (9, 16, 3), dtype=np.uint8)
-            picture = cv2.resize(coarse, (1920, 1080), interpolation=cv2.INTER_CUBIC)
+            picture = cv2.resize(coarse, (1920, 1080), interpolation=cv2.INTER_CUBIC).astype(np.uint8)
             container.mux(
                 stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuvj420p"))
             )
