@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from mirrorcam.optics.base.bounds import DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
 from mirrorcam.optics.base.values import Value
 
 
 class SensorModel(Value):
     """Model of lens and sensor with a linear response of 8 bits: radiance 1 / `exposure` is grey level 255."""
 
-    lens_blur_px: float = Field(default=0.8, ge=0, description="sigma of the lens's Gaussian blur where it is in focus")
-    focus_mm: float = Field(default=500.0, gt=0, description="length of the light path at which the lens is in focus")
-    aperture_mm: float = Field(default=0.0, ge=0, description="diameter of the pupil; 0: everything is in focus")
-    vignetting: float = Field(
-        default=0.0,
-        ge=0,
-        description="exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
+    lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur where it is in focus")
+    focus_mm: float = DEPTH_MM.field(500.0, "length of the light path at which the lens is in focus")
+    aperture_mm: float = Bounds(0.0, 1000.0).field(0.0, "diameter of the pupil; 0: everything is in focus")
+    vignetting: float = Bounds(0.0, 100.0).field(
+        0.0,
+        "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
     )
-    exposure: float = Field(default=1.0, gt=0, description="grey level 255 per radiance")
-    full_well_electrons: float = Field(
-        default=0.0, ge=0, description="electrons at grey level 255, which set the shot noise; 0: no shot noise"
+    exposure: float = Bounds(1e-6, 1e6).field(1.0, "grey level 255 per radiance")
+    full_well_electrons: float = Bounds(0.0, 1e9).field(
+        0.0, "electrons at grey level 255, which set the shot noise; 0: no shot noise"
     )
-    read_noise_grey: float = Field(default=1.0, ge=0, description="sigma of the other noise, in grey levels")
-    jpeg_quality: int | None = Field(default=None, ge=1, le=100, description="quality of JPEG files, without it PNG")
-    h264_crf: int | None = Field(
-        default=None, ge=0, le=51, description="constant rate factor of x264 for PNG files or the video"
-    )
-    readout_ms: float = Field(
-        default=0.0, ge=0, description="time from the exposure of the first row to that of the last: a rolling shutter"
+    read_noise_grey: float = Bounds(0.0, 255.0).field(1.0, "sigma of the other noise, in grey levels")
+    jpeg_quality: int | None = Bounds(1, 100).field(None, "quality of JPEG files, without it PNG")
+    h264_crf: int | None = Bounds(0, 51).field(None, "constant rate factor of x264 for PNG files or the video")
+    readout_ms: float = Bounds(0.0, 10_000.0).field(
+        0.0, "time from the exposure of the first row to that of the last: a rolling shutter"
     )
 
     @model_validator(mode="after")
@@ -72,26 +70,25 @@ SENSORS: dict[SensorName, SensorModel] = {
 
 
 Bend = Literal["sphere", "cylinder"]
+TINT = Bounds(0.0, 100.0)
+Tint = Annotated[float, TINT.each]
+RADIANCE = Bounds(0.0, 1e6)
+RATE_HZ = Bounds(0.01, 500.0)
+POSES_HZ = Bounds(1e-3, 1e4)
 
 
 class SurfaceFinish(Value):
     """Surface finish of the mirrors of a device; the finish of each mirror is drawn from the seed of its set."""
 
-    tint: tuple[float, float, float] = Field(
-        default=(1.0, 1.0, 1.0), description="factors of the reflectance in red, green and blue"
+    tint: tuple[Tint, Tint, Tint] = Field(
+        default=(1.0, 1.0, 1.0), description=f"factors of the reflectance in red, green and blue, {TINT}"
     )
-    reflectance_percent: float = Field(default=0.0, ge=0, description="sigma of the reflectance between mirrors")
+    reflectance_percent: float = Bounds(0.0, 100.0).field(0.0, "sigma of the reflectance between mirrors")
     roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of the Beckmann microfacet distribution")
     bend: Bend = Field(default="sphere", description="shape of the sag: along both axes or along one")
-    sag_mm: float = Field(default=0.0, ge=0, description="sigma of the sag: depth of the middle below the rim")
-    ripple_mm: float = Field(default=0.0, ge=0, description="amplitude of the surface waviness")
-    ripple_wavelength_mm: float = Field(default=20.0, gt=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if min(self.tint) < 0:
-            raise ValueError(f"tint {self.tint}: expected numbers from 0 on")
-        return self
+    sag_mm: float = TOLERANCE_MM.field(0.0, "sigma of the sag: depth of the middle below the rim")
+    ripple_mm: float = TOLERANCE_MM.field(0.0, "amplitude of the surface waviness")
+    ripple_wavelength_mm: float = LENGTH_MM.field(20.0)
 
 
 class RenderSettings(Value):
@@ -103,15 +100,14 @@ class RenderSettings(Value):
     renderer: RendererName = Field(
         default="mitsuba", description="mitsuba: the reference, by path tracing; fast: analytic, for large sets"
     )
-    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference renderer")
-    paper: float = Field(default=0.85, gt=0, description="radiance of the board's paper")
-    ink: float = Field(default=0.05, ge=0, description="radiance of the board's ink")
+    spp: int = SAMPLES_PER_PIXEL.field(16, "samples per pixel of the reference renderer")
+    paper: float = RADIANCE.cut(least=1e-6).field(0.85, "radiance of the board's paper")
+    ink: float = RADIANCE.field(0.05, "radiance of the board's ink")
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
     finish: SurfaceFinish = SurfaceFinish()
-    surroundings: float = Field(
-        default=0.25,
-        ge=0,
-        description="radiance of the surroundings where the parts of a device are in the scene; otherwise unused",
+    surroundings: float = RADIANCE.field(
+        0.25,
+        "radiance of the surroundings where the parts of a device are in the scene; otherwise unused",
     )
     sensor: SensorModel = SENSORS["c920"]
     maps: bool = Field(default=True, description="write ground-truth maps of every pixel")
@@ -119,9 +115,7 @@ class RenderSettings(Value):
         default=None,
         description="also write the frames as a video: mp4, of H.264; or avi, of the JPEG files as they are",
     )
-    video_crf: int = Field(
-        default=18, ge=0, le=51, description="constant rate factor of an mp4 of frames that came as JPEG or PNG"
-    )
+    video_crf: int = Bounds(0, 51).field(18, "constant rate factor of an mp4 of frames that came as JPEG or PNG")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -9,13 +9,14 @@ from importlib import import_module
 from benchmarks.robustness.guard import Category, lines, tally
 from mirrorcam.optics.base.worker_pool import cores
 
-MODULES = ("layouts", "kills", "names", "pictures")
+MODULES = ("layouts", "inputs", "options", "names", "pictures", "kills")
 
 
 def categories() -> dict[str, Category]:
     """All categories by name."""
-    found = (import_module(f"benchmarks.robustness.{name}").CATEGORY for name in MODULES)
-    return {category.name: category for category in found}
+    modules = (import_module(f"benchmarks.robustness.{name}") for name in MODULES)
+    found = (getattr(module, "CATEGORIES", None) or (module.CATEGORY,) for module in modules)
+    return {category.name: category for some in found for category in some}
 
 
 def main() -> int:

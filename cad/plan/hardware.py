@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from mirrorcam.optics.base.bounds import PART_MM, Bounds
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.names import Link, Name
 from mirrorcam.optics.base.values import InputError, Value
@@ -18,15 +19,21 @@ from mirrorcam.optics.base.values import InputError, Value
 CAMERAS = Path(__file__).parents[1] / "cameras"
 
 
+PART_GAP_MM = PART_MM.cut(least=0.0)
+PART_OFFSET_MM = PART_MM.cut(least=-PART_MM.most)
+_Size = Annotated[float, PART_MM.each]
+_Place = Annotated[float, PART_OFFSET_MM.each]
+
+
 def _positive(default: float, description: str) -> Any:
-    """A field that is larger than 0."""
-    return Field(default=default, gt=0, description=description)
+    """A field of a dimension of a part."""
+    return PART_MM.field(default, description)
 
 
 class Fits(Value):
     """Gaps between parts, on each side: press, slide and free are one table for all printed parts."""
 
-    press_mm: float = Field(default=0.1, ge=0, description="gap that holds by itself")
+    press_mm: float = PART_GAP_MM.field(0.1, "gap that holds by itself")
     slide_mm: float = _positive(0.2, "gap that just separates")
     free_mm: float = _positive(0.3, "gap that runs free: around a mirror in its pocket")
     light_mm: float = _positive(0.2, "gap between any part and the light, for print errors")
@@ -35,13 +42,15 @@ class Fits(Value):
 class Printer(Value):
     """The limits of the printer, and its plastic."""
 
-    bed_mm: tuple[float, float, float] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
+    bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
     wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
-    overhang_deg: float = Field(default=45.0, gt=0, lt=90, description="steepest overhang from upright without support")
+    overhang_deg: float = Bounds(1.0, 89.0).field(45.0, "steepest overhang from upright without support")
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
     plastic: Name = Field(default="PLA", description="what is printed")
-    plastic_g_per_cm3: float = _positive(1.24, "its density")
-    plastic_mpa: float = _positive(2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)")
+    plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "its density")
+    plastic_mpa: float = Bounds(1.0, 1e6).field(
+        2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
+    )
 
 
 class Fastening(Value):
@@ -58,7 +67,7 @@ class Fastening(Value):
     nut_flats_mm: float = _positive(5.5, "nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
     engaged_mm: float = _positive(4.0, "shortest thread in an insert that holds")
-    lengths_mm: tuple[float, ...] = Field(
+    lengths_mm: tuple[_Size, ...] = Field(
         default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="screws that one can buy (ISO 4762)"
     )
 
@@ -85,11 +94,11 @@ class HolderDimensions(Value):
     groove_depth_mm: float = _positive(0.6, "its depth below the seat")
     groove_pitch_mm: float = _positive(7.0, "distance of such grooves from one to the next")
     shade_mm: float = _positive(1.6, "thickness of the walls that keep stray light out")
-    shade_out_mm: float = Field(
-        default=1.4, ge=0, description="how far they reach out of the rims: less than they are thick leaves no slit"
+    shade_out_mm: float = PART_GAP_MM.field(
+        1.4, "how far they reach out of the rims: less than they are thick leaves no slit"
     )
     shade_step_mm: float = _positive(5.0, "length of their straight pieces")
-    pin_mm: tuple[float, float] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
+    pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 
 
@@ -100,15 +109,15 @@ class MountDimensions(Value):
     web_mm: float = _positive(1.2, "thickness of the webs between the skins")
     deepest_mm: float = _positive(80.0, "largest distance of the skins that is tried")
     clearance_mm: float = _positive(1.0, "gap to the mirror holder, off its back")
-    tilt_deg: float = _positive(
+    tilt_deg: float = Bounds(1e-4, 45.0).field(
         0.05,
         "how far the mirrors may tilt by their weight when the device is turned: a sixth of the tolerance "
         "of one mirror as a hobbyist builds it; what is constant of it, a calibration takes up",
     )
-    cable_window_mm: tuple[float, float] = Field(
+    cable_window_mm: tuple[_Size, _Size] = Field(
         default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"
     )
-    tie_mm: tuple[float, float] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
+    tie_mm: tuple[_Size, _Size] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
     tripod_hole_mm: float = _positive(6.6, "hole for a 1/4 in tripod screw")
     tripod_flats_mm: float = _positive(11.11, "1/4 in nut across flats (7/16 in)")
     tripod_height_mm: float = _positive(5.56, "height of that nut (7/32 in)")
@@ -128,9 +137,11 @@ class ClipDimensions(Value):
 class Cutting(Value):
     """The laser cutter and the stock sheet that the mirrors are cut from."""
 
-    sheet_mm: tuple[float, float] = Field(default=(300.0, 200.0), description="width and height of a sheet")
-    kerf_mm: float = Field(default=0.2, ge=0, description="full width that the laser burns away")
-    gap_mm: float = Field(default=3.0, gt=0.5, description="gap between mirrors on the sheet, and to its edge")
+    sheet_mm: tuple[_Size, _Size] = Field(default=(300.0, 200.0), description="width and height of a sheet")
+    kerf_mm: float = PART_GAP_MM.field(0.2, "full width that the laser burns away")
+    gap_mm: float = Field(
+        default=3.0, gt=0.5, le=PART_MM.most, description="gap between mirrors on the sheet, and to its edge"
+    )
     mark_mm: float = _positive(5.0, "height of the mark engraved on the back of a mirror")
 
 
@@ -138,18 +149,20 @@ class Lips(Value):
     """A body that is held by its front: lips along its upper and lower edge, screws that press it against them."""
 
     kind: Literal["lips"] = "lips"
-    lip_mm: float = Field(gt=0, description="how far the lips may reach over the front, from its upper and lower edge")
+    lip_mm: float = PART_MM.field(
+        description="how far the lips may reach over the front, from its upper and lower edge"
+    )
 
 
 class BoardHoles(Value):
     """A bare board, screwed to posts behind it."""
 
     kind: Literal["board"] = "board"
-    holes_mm: tuple[tuple[float, float], ...] = Field(
+    holes_mm: tuple[tuple[_Place, _Place], ...] = Field(
         min_length=2, description="hole centres from the lens axis: x right, y down as in the image"
     )
-    hole_mm: float = Field(gt=0, description="diameter of the holes")
-    post_mm: float = Field(gt=0, description="height of the posts: room for what is soldered to the board's back")
+    hole_mm: float = PART_MM.field(description="diameter of the holes")
+    post_mm: float = PART_MM.field(description="height of the posts: room for what is soldered to the board's back")
     screw_mm: float = _positive(2.0, "thread of the screws, which cut it in the posts themselves")
     screw_length_mm: float = _positive(6.0, "length of these screws")
 
@@ -161,23 +174,23 @@ class CameraBody(Value):
     """
 
     name: Name = Field(description="maker and model")
-    width_mm: float = Field(gt=0, description="length of the body along the image's x")
-    height_mm: float = Field(gt=0, description="length of the body along the image's y")
-    depth_mm: float = Field(gt=0, description="length of the body along the lens axis, without lens ring and hinge")
-    lens_x_mm: float = Field(default=0.0, description="lens axis from the middle of the body, along the image's x")
-    lens_y_mm: float = Field(default=0.0, description="lens axis from the middle of the body, along the image's y")
-    pupil_behind_front_mm: float = Field(
+    width_mm: float = PART_MM.field(description="length of the body along the image's x")
+    height_mm: float = PART_MM.field(description="length of the body along the image's y")
+    depth_mm: float = PART_MM.field(description="length of the body along the lens axis, without lens ring and hinge")
+    lens_x_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's x")
+    lens_y_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's y")
+    pupil_behind_front_mm: float = PART_OFFSET_MM.field(
         description="entrance pupil behind the front of the body; negative: before it (measure me)"
     )
-    lens_ring_mm: float = Field(gt=0, description="diameter of the lens ring or barrel (measure me)")
-    lens_protrusion_mm: float = Field(ge=0, description="lens ring or barrel before the front (measure me)")
-    hinge_mm: float = Field(default=0.0, ge=0, description="width along x of what sticks out of the body's scene side")
-    hinge_from_back_mm: float = Field(
-        default=0.0, ge=0, description="how far from the back the hinge reaches along the lens axis (measure me)"
+    lens_ring_mm: float = PART_MM.field(description="diameter of the lens ring or barrel (measure me)")
+    lens_protrusion_mm: float = PART_GAP_MM.field(description="lens ring or barrel before the front (measure me)")
+    hinge_mm: float = PART_GAP_MM.field(0.0, "width along x of what sticks out of the body's scene side")
+    hinge_from_back_mm: float = PART_GAP_MM.field(
+        0.0, "how far from the back the hinge reaches along the lens axis (measure me)"
     )
-    cable_mm: float = Field(gt=0, description="diameter of the cable")
-    cable_x_mm: float = Field(default=0.0, description="where the cable leaves the back, from the lens axis along x")
-    mass_g: float = Field(gt=0, description="mass of the camera without its cable")
+    cable_mm: float = PART_MM.field(description="diameter of the cable")
+    cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
+    mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
     held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")
 
 

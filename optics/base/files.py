@@ -174,7 +174,8 @@ def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> st
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         names = _known_names(model.model_json_schema()) if model is not None else set()
-        meant = get_close_matches(str(first["loc"][-1]), sorted(names), n=1)
+        key = str(first["loc"][-1])
+        meant = get_close_matches(key, sorted(names), n=1) if key not in names else []
         message = f"not known, did you mean {meant[0]}?" if meant else "not known"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")

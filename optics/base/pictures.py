@@ -16,14 +16,13 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.values import InputError
 
 JPEG_ENDINGS = (".jpg", ".jpeg")
 PICTURE_ENDINGS = (".png", *JPEG_ENDINGS)
 """What the names of pictures end in, in small letters, wherever pictures are read."""
-LARGEST_PICTURE_PX = 120_000_000
-"""Pixels of the largest picture that is decoded: more than any camera's, and at most 0.7 GB of memory."""
 LARGEST_FILE_BYTES = 1 << 30
 
 _PNG_BEGIN, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"

@@ -21,10 +21,11 @@ class InputError(ValueError):
 class Shaped:
     """Annotation that turns nested lists into a finite, read-only float64 array of a given shape.
 
-    `None` in `shape` stands for any length.
+    `None` in `shape` stands for any length; no number is larger than `largest`, nor smaller than its negative.
     """
 
     shape: tuple[int | None, ...]
+    largest: float = np.inf
 
     def check(self, value: Any) -> FloatArray:
         expected = "(" + ", ".join("n" if length is None else str(length) for length in self.shape) + ")"
@@ -40,6 +41,9 @@ class Shaped:
             raise ValueError(f"shape {array.shape}, expected {expected}")
         if not np.isfinite(array).all():
             raise ValueError("holds a value that is NaN or infinite, expected finite numbers")
+        if np.abs(array).max(initial=0.0) > self.largest:
+            worst = array.flat[np.abs(array).argmax()]
+            raise ValueError(f"holds {worst:g}, expected numbers from {-self.largest:.15g} to {self.largest:.15g}")
         array.flags.writeable = False
         return array
 

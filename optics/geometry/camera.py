@@ -6,12 +6,15 @@ from functools import cached_property
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from mirrorcam.optics.base.bounds import FOCAL_PX, LARGEST_DISTORTION, LARGEST_PICTURE_PX, PLACE_PX, Bounds
 from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
 
 INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+
+SENSOR_PX = Bounds(1, 65_535)
 
 
 class Camera(Value):
@@ -33,13 +36,22 @@ class Camera(Value):
     """
 
     name: Name = "camera"
-    width_px: int = Field(gt=0)
-    height_px: int = Field(gt=0)
-    fx_px: float = Field(gt=0)
-    fy_px: float = Field(gt=0)
-    cx_px: float
-    cy_px: float
-    distortion: Annotated[FloatArray, Shaped((5,))] = Field(default_factory=lambda: np.zeros(5), validate_default=True)
+    width_px: int = SENSOR_PX.field()
+    height_px: int = SENSOR_PX.field()
+    fx_px: float = FOCAL_PX.field()
+    fy_px: float = FOCAL_PX.field()
+    cx_px: float = PLACE_PX.field()
+    cy_px: float = PLACE_PX.field()
+    distortion: Annotated[FloatArray, Shaped((5,), largest=LARGEST_DISTORTION)] = Field(
+        default_factory=lambda: np.zeros(5), validate_default=True
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.width_px * self.height_px > LARGEST_PICTURE_PX:
+            most = LARGEST_PICTURE_PX // 1_000_000
+            raise ValueError(f"{self.width_px}x{self.height_px} px, expected {most} megapixels or fewer")
+        return self
 
     @classmethod
     def c920(cls) -> Self:

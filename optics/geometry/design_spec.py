@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from mirrorcam.optics.base.bounds import AREA_MM2, DEPTH_MM, GAP_MM, LENGTH_MM, REFRACTIVE_INDEX, Bounds
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.camera import Camera
+
+MIRRORS = Bounds(1, 12)
+"""Rows or columns of mirrors."""
+MOST_DEPTHS = 10
 
 
 class DesignSpec(Value):
@@ -19,28 +24,27 @@ class DesignSpec(Value):
     """
 
     camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
-    rows: int = Field(default=3, ge=1, le=12, description="rows of mirrors, one row of views each")
-    cols: int = Field(default=3, ge=1, le=12, description="columns of mirrors")
-    scale_mm: float = Field(default=80.0, gt=0, description="height of the central mirror above the pupil")
-    fold_deg: float = Field(default=90.0, ge=60, le=150, description="angle from the camera's axis to the views' axis")
-    depths_mm: tuple[float, ...] = Field(
+    rows: int = MIRRORS.field(3, "rows of mirrors, one row of views each")
+    cols: int = MIRRORS.field(3, "columns of mirrors")
+    scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
+    fold_deg: float = Bounds(60.0, 150.0).field(90.0, "angle from the camera's axis to the views' axis")
+    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(300.0, 500.0),
         min_length=1,
-        description="scene depths at which the views overlap, from the pupil",
+        max_length=MOST_DEPTHS,
+        description=f"scene depths at which the views overlap, from the pupil: 1 to {MOST_DEPTHS} of {DEPTH_MM}",
     )
-    spacing_mm: float = Field(default=1.0, ge=0, description="smallest gap between any two mirrors")
-    seen_gap_mm: float = Field(
-        default=0.5, ge=0, description="smallest gap between sub-images, in mm at the distance of scale_mm"
-    )
-    sides: int = Field(default=4, ge=4, le=6, description="corners of each mirror, and so of each sub-image")
-    min_edge_mm: float = Field(default=3.0, ge=0, description="shortest edge of a mirror that can be cut")
-    min_area_mm2: float = Field(default=20.0, ge=0, description="smallest area of a mirror that can be cut and glued")
+    spacing_mm: float = GAP_MM.field(1.0, "smallest gap between any two mirrors")
+    seen_gap_mm: float = GAP_MM.field(0.5, "smallest gap between sub-images, in mm at the distance of scale_mm")
+    sides: int = Bounds(4, 6).field(4, "corners of each mirror, and so of each sub-image")
+    min_edge_mm: float = GAP_MM.field(3.0, "shortest edge of a mirror that can be cut")
+    min_area_mm2: float = AREA_MM2.field(20.0, "smallest area of a mirror that can be cut and glued")
     tradeoff: float = Field(
-        default=0.3, ge=0, le=1, description="0 optimises pixel efficiency alone, 1 a regular grid of views alone"
+        default=0.3, ge=0, le=1, description="from 0 (pixel efficiency alone) to 1 (a regular grid of views alone)"
     )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
-    thickness_mm: float = Field(default=1.0, gt=0, description="thickness of the mirrors")
-    refractive_index: float = Field(default=1.49, ge=1, description="refractive index of the mirrors (acrylic 1.49)")
+    thickness_mm: float = LENGTH_MM.field(1.0, "thickness of the mirrors")
+    refractive_index: float = REFRACTIVE_INDEX.field(1.49, "refractive index of the mirrors (acrylic 1.49)")
 
     @property
     def is_second_surface(self) -> bool:
@@ -58,8 +62,6 @@ class DesignSpec(Value):
     def _check(self) -> Self:
         if self.rows * self.cols < 2:
             raise ValueError("rows x cols is 1, expected at least two mirrors")
-        if any(depth <= 0 for depth in self.depths_mm):
-            raise ValueError(f"depths_mm {self.depths_mm}, expected positive depths")
         if len(set(self.depths_mm)) != len(self.depths_mm):
             raise ValueError(f"depths_mm {self.depths_mm} names a depth twice")
         return self

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from shapely import Polygon, STRtree
 
+from mirrorcam.optics.base.bounds import GRID
 from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
@@ -69,8 +70,8 @@ class Layout(Value):
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")
     kind: Literal["nominal", "as-built", "calibrated"] = "nominal"
-    rows: int = Field(ge=1)
-    cols: int = Field(ge=1)
+    rows: int = GRID.field()
+    cols: int = GRID.field()
     camera: Camera
     mirrors: tuple[Mirror, ...]
     view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)

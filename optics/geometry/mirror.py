@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
-from mirrorcam.optics.base.values import FloatArray, Points3, Value, Vector3
+from mirrorcam.optics.base.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
+from mirrorcam.optics.base.values import FloatArray, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
 from mirrorcam.optics.geometry.mirror_solid import MirrorSolid
@@ -52,11 +53,11 @@ class Mirror(Value):
     curvature_per_m : (k_xx, k_yy, k_xy), 1/m.
     """
 
-    virtual_centre_in_rig_mm: Vector3
-    outline_in_rig_mm: Points3
+    virtual_centre_in_rig_mm: Annotated[FloatArray, Shaped((3,), largest=OFFSET_MM.most)]
+    outline_in_rig_mm: Annotated[FloatArray, Shaped((None, 3), largest=OFFSET_MM.most)]
     surface: Literal["first", "second"] = "first"
-    thickness_mm: float = Field(default=1.0, gt=0)
-    refractive_index: float = Field(default=1.49, ge=1)
+    thickness_mm: float = LENGTH_MM.field(1.0)
+    refractive_index: float = REFRACTIVE_INDEX.field(1.49)
     curvature_per_m: Vector3 = Field(
         default_factory=lambda: np.zeros(3), validate_default=True, exclude_if=lambda curvature: not np.any(curvature)
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
+from mirrorcam.optics.base.bounds import PART_MM, Bounds
 from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, Value
 
@@ -29,13 +30,15 @@ DICTIONARIES = {
     "DICT_5X5_1000": (cv2.aruco.DICT_5X5_1000, 7),
 }
 
+SQUARES = Bounds(3, 500)
+
 
 class _Grid(Value):
     """A target of squares."""
 
-    cols: int = Field(ge=3, description="squares along x")
-    rows: int = Field(ge=3, description="squares along y")
-    square_mm: float = Field(gt=0, description="side of a square")
+    cols: int = SQUARES.field(description="squares along x")
+    rows: int = SQUARES.field(description="squares along y")
+    square_mm: float = PART_MM.field(description="side of a square")
 
     @cached_property
     def size_mm(self) -> tuple[float, float]:
@@ -73,7 +76,7 @@ class Charuco(_Grid):
     """A checkerboard with an ArUco marker in each white square: any part of it identifies its corners."""
 
     kind: Literal["charuco"] = "charuco"
-    marker_mm: float = Field(gt=0, description="side of a marker, smaller than a square")
+    marker_mm: float = PART_MM.field(description="side of a marker, smaller than a square")
     dictionary: str = Field(default="DICT_4X4_250", description="OpenCV's name of the marker dictionary")
 
     @model_validator(mode="after")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import Field
 
+from mirrorcam.optics.base.bounds import TOLERANCE_DEG, TOLERANCE_MM, Bounds
 from mirrorcam.optics.base.values import Value
 
-Lens = tuple[float, float, float, float, float]
+LARGEST_TERM = 10.0
+_Term = Annotated[float, Field(ge=-LARGEST_TERM, le=LARGEST_TERM)]
+_Sigma = Annotated[float, Field(ge=0.0, le=LARGEST_TERM)]
+Lens = tuple[_Term, _Term, _Term, _Term, _Term]
+LensSigma = tuple[_Sigma, _Sigma, _Sigma, _Sigma, _Sigma]
 
 NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -21,22 +26,19 @@ class Tolerances(Value):
 
     # The defaults are a hand-assembled mirror camera with a good webcam, in the frame of that webcam: its pictures do
     # not depend on where the holder carries it, so that the camera's place has no tolerance unless one is given.
-    tilt_deg: float = Field(default=0.3, ge=0, description="tilt of a mirror about each of two axes in its plane")
-    offset_mm: float = Field(default=0.3, ge=0, description="shift of a mirror along its normal")
-    sheet_thickness_mm: float = Field(
-        default=0.0, ge=0, description="thickness of the stock sheet that all mirrors are cut from"
-    )
-    camera_offset_mm: float = Field(
-        default=0.0, ge=0, description="shift of the camera's pupil in the holder, along each axis"
-    )
-    camera_turn_deg: float = Field(default=0.0, ge=0, description="turn of the camera in the holder, about each axis")
-    focal_percent: float = Field(default=1.0, ge=0, description="focal length, in percent")
-    centre_px: float = Field(default=8.0, ge=0, description="principal point, along each axis")
+    tilt_deg: float = TOLERANCE_DEG.field(0.3, "tilt of a mirror about each of two axes in its plane")
+    offset_mm: float = TOLERANCE_MM.field(0.3, "shift of a mirror along its normal")
+    sheet_thickness_mm: float = TOLERANCE_MM.field(0.0, "thickness of the stock sheet that all mirrors are cut from")
+    camera_offset_mm: float = TOLERANCE_MM.field(0.0, "shift of the camera's pupil in the holder, along each axis")
+    camera_turn_deg: float = TOLERANCE_DEG.field(0.0, "turn of the camera in the holder, about each axis")
+    focal_percent: float = Bounds(0.0, 100.0).field(1.0, "focal length, in percent")
+    centre_px: float = Bounds(0.0, 10_000.0).field(8.0, "principal point, along each axis")
     distortion_mean: Lens = Field(
-        default=(0.05, -0.1, 0.0, 0.0, 0.0), description="mean of the distortion k1 k2 p1 p2 k3"
+        default=(0.05, -0.1, 0.0, 0.0, 0.0), description="mean of the distortion k1 k2 p1 p2 k3, each -10 to 10"
     )
-    distortion_sigma: Lens = Field(
-        default=(0.02, 0.03, 5e-4, 5e-4, 0.0), description="standard deviation of the distortion k1 k2 p1 p2 k3"
+    distortion_sigma: LensSigma = Field(
+        default=(0.02, 0.03, 5e-4, 5e-4, 0.0),
+        description="standard deviation of the distortion k1 k2 p1 p2 k3, each 0 to 10",
     )
 
     @classmethod

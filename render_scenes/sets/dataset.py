@@ -7,22 +7,23 @@ from typing import Literal
 
 from pydantic import Field
 
+from mirrorcam.optics.base.bounds import DEPTH_MM, PICTURES
 from mirrorcam.optics.base.resumable import FolderManifest
 from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
-MOST_FRAMES = 100_000
 
 
 class Reach(Value):
     """Range of depths of the boards that a mirror shows, and their largest tilt against its view; 0 without boards."""
 
-    nearest_mm: int
-    farthest_mm: int
-    tilt_deg: int
+    nearest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
+    farthest_mm: int = Field(ge=-DEPTH_MM.most, le=DEPTH_MM.most)
+    tilt_deg: int = Field(ge=0, le=180)
 
 
 class Dataset(FolderManifest):
@@ -40,10 +41,10 @@ class Dataset(FolderManifest):
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
     layout_identity: str
     target: Target
-    frames: int = Field(ge=0, le=MOST_FRAMES)
-    base_frames: int = Field(ge=0, le=MOST_FRAMES)
-    width_px: int
-    height_px: int
+    frames: int = PICTURES.field()
+    base_frames: int = PICTURES.field()
+    width_px: int = SENSOR_PX.field()
+    height_px: int = SENSOR_PX.field()
     tolerances: Tolerances
     settings: RenderSettings
     rate_hz: float | None = Field(default=None, description="frames per second of one motion; none: independent frames")

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from mirrorcam.optics.base.bounds import PICTURES, SEED
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards.motion import smooth_motion
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_frames, plan_of
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, RenderSettings
 
 
 class Stream(IntEnum):
@@ -57,14 +58,14 @@ class SetRequest(Value):
 
     layout: Layout
     target: Target = Field(default_factory=default_board)
-    frames: int = Field(default=20, ge=1)
-    base_frames: int = Field(default=10, ge=0)
-    seed: int = Field(default=0, ge=0)
+    frames: int = PICTURES.cut(least=1).field(20)
+    base_frames: int = PICTURES.field(10)
+    seed: int = SEED.field(0)
     tolerances: Tolerances = Tolerances()
     settings: RenderSettings = RenderSettings()
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
-    poses_hz: float = Field(default=1.0, gt=0)
-    rate_hz: float | None = Field(default=None, ge=0.01, le=500)
+    poses_hz: float = POSES_HZ.field(1.0)
+    rate_hz: float | None = RATE_HZ.field(None)
     parts: Path | None = None
 
     def random(self, stream: Stream) -> np.random.Generator:
@@ -83,6 +84,8 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
         return plan, plan.poses[:, None]
     if len(keys):
         count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
+        if count > PICTURES.most:
+            raise InputError(f"poses: their motion takes {count} frames, expected {PICTURES.most} or fewer")
     else:
         count = request.frames
         seconds = (count - 1) / request.rate_hz

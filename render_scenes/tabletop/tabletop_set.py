@@ -10,18 +10,20 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from mirrorcam.optics.base.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
 from mirrorcam.optics.base.files import read_bytes, write_bytes, write_json
 from mirrorcam.optics.base.fingerprint import digest, value_digest
 from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.resumable import FolderManifest
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -42,6 +44,8 @@ MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 # Streams of random numbers, each independent of how much the others draw.
 _AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
 _SUBPIXELS = 2
+
+_Index = Annotated[int, Field(ge=0, lt=GRID.most)]
 
 
 class TabletopRequest(Value):
@@ -70,10 +74,10 @@ class TabletopRequest(Value):
     layout: Layout
     depths_mm: tuple[float, ...] = ()
     meshes: tuple[NamedMesh, ...] = Field(default=(), max_length=200)
-    seed: int = Field(default=0, ge=0)
+    seed: int = SEED.field(0)
     tolerances: Tolerances = Tolerances()
     sensor: SensorModel = SENSORS["c920"]
-    spp: int = Field(default=64, ge=4, le=65536)
+    spp: int = SAMPLES_PER_PIXEL.cut(least=4).field(64)
     mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
 
 
@@ -90,16 +94,16 @@ class TabletopSet(FolderManifest):
 
     schema_id: Literal["mirrorcam.scene/1"] = Field(default="mirrorcam.scene/1", alias="schema")
     layout_identity: str
-    depths_mm: tuple[float, ...]
+    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...]
     meshes: tuple[tuple[str, str], ...] = Field(description="name and SHA-256 of the file of each mesh on the table")
-    width_px: int
-    height_px: int
+    width_px: int = SENSOR_PX.field()
+    height_px: int = SENSOR_PX.field()
     tolerances: Tolerances
     sensor: SensorModel
-    spp: int
-    mirror_reflectance: float
+    spp: int = SAMPLES_PER_PIXEL.field()
+    mirror_reflectance: float = Field(gt=0, le=1)
     renderer: str = Field(description="program, version and variant")
-    central_view: tuple[int, int] = Field(description="row and column of the reference view")
+    central_view: tuple[_Index, _Index] = Field(description="row and column of the reference view")
     request: str
     files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from io import StringIO
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from pydantic import ValidationError
 from tyro.conf import (
     CascadeSubcommandArgs,
     FlagCreatePairsOff,
@@ -45,6 +43,8 @@ from mirrorcam.commands import (
     sweep,
     validate,
 )
+from mirrorcam.console.refusals import one_line_message, refusal
+from mirrorcam.console.streams import make_readable
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
@@ -70,6 +70,8 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
 }
+COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
+"""The options of each command by its name."""
 
 
 @dataclass(frozen=True)
@@ -120,37 +122,16 @@ def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | 
     )
 
 
-def _causes(error: BaseException) -> Iterator[BaseException]:
-    cause: BaseException | None = error
-    while cause is not None:
-        yield cause
-        cause = cause.__cause__ or cause.__context__
-
-
-def _refusal(error: SystemExit, box: str) -> str:
-    """The error that tyro reported, in one line: from its cause, else from the box that it printed."""
-    for cause in _causes(error):
-        if isinstance(cause, ValidationError):
-            detail = cause.errors(include_url=False)[0]
-            flag = "--" + "-".join(str(part) for part in detail["loc"][:1]).replace("_", "-")
-            reason = detail["msg"].removeprefix("Value error, ")
-            return f"{flag} {detail['input']!r}: {reason}" if detail["loc"] else reason
-        if isinstance(cause, InputError):
-            return str(cause)
-    lines = [re.sub(r"\x1b\[[0-9;]*m|[─│╭╮╰╯]+", "", line).strip() for line in box.splitlines()[1:]]
-    until_rule = lines[: lines.index("")] if "" in lines else lines
-    return " ".join(until_rule).rstrip(".")
-
-
 def _help_command(arguments: Sequence[str]) -> str:
     """The command line that prints the help of the command that was asked for, or of all where none was."""
-    names = {options.__module__.rpartition(".")[2] for options in RUNNERS}
     first = next((argument for argument in arguments if not argument.startswith("-")), "")
-    return f"mirrorcam {first} --help" if first in names else "mirrorcam --help"
+    return f"mirrorcam {first} --help" if first in COMMANDS else "mirrorcam --help"
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
+    if any("\x00" in argument for argument in arguments):
+        raise InputError("an argument holds a null character, which no name and no value has")
     registry = ConstructorRegistry()
     registry.primitive_rule(_camera_rule)
     printed = StringIO()
@@ -166,20 +147,22 @@ def parse(arguments: Sequence[str]) -> Command:
     except SystemExit as error:
         if not error.code:
             raise
-        raise InputError(f"{_refusal(error, printed.getvalue())} (see {_help_command(arguments)})") from error
+        reason = refusal(error, printed.getvalue(), arguments, COMMANDS)
+        raise InputError(one_line_message(reason, f" (see {_help_command(arguments)})")) from error
 
 
 def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:
     """Say in one line on standard error why it ends (with --debug, also where it happened), and pass the code on."""
     if "--debug" in arguments:
         traceback.print_exc()
-    print("mirrorcam: " + " ".join(message.split()), file=sys.stderr)
+    print(f"mirrorcam: {one_line_message(message)}", file=sys.stderr)
     return code
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    make_readable()
     try:
         with interruption.remembered():
             command = parse(arguments)

@@ -48,7 +48,7 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
         ("design --rows three", "--rows: invalid literal"),
         ("design --rows 1 --cols 1", "rows x cols is 1, expected at least two mirrors"),
         ("design --scale-mm nan", "--scale-mm nan"),
-        ("design --depths-mm", "--depths-mm (): Tuple should have at least 1 item"),
+        ("design --depths-mm", "--depths-mm: expected at least one value"),
         ("design --surface third", "invalid choice 'third' for argument '--surface'"),
         ("design --camera nikon.json", "nikon.json: no such file"),
         ("decode --layout layout.json", "expected frames, videos, or --device NUMBER"),

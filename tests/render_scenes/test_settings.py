@@ -29,7 +29,7 @@ def test_a_picture_is_compressed_once() -> None:
 
 
 def test_a_tint_is_not_negative() -> None:
-    with pytest.raises(ValidationError, match="expected numbers from 0 on"):
+    with pytest.raises(ValidationError, match="greater than or equal to 0"):
         SurfaceFinish(tint=(1.0, 1.0, -0.1))
 
 

@@ -95,16 +95,16 @@ def detect(
 
     def one(image: NDArray[np.uint8], mask: NDArray[np.uint8], with_: Any) -> Keypoints:
         found, descriptors = with_.detectAndCompute(image, mask)
+        if descriptors is None:
+            descriptors = np.zeros((0, with_.descriptorSize()), np.float32 if name == "SIFT" else np.uint8)
         return _keypoints(found, descriptors, name)
 
     return list(run(one, images, masks, detectors))
 
 
-def _keypoints(found: Any, descriptors: NDArray[Any] | None, name: DetectorName) -> Keypoints:
-    """OpenCV's keypoints as arrays; none at all have no descriptors."""
+def _keypoints(found: Any, descriptors: NDArray[Any], name: DetectorName) -> Keypoints:
+    """OpenCV's keypoints as arrays."""
     numbers = np.array([(*point.pt, point.size, point.angle) for point in found], dtype=np.float64).reshape(-1, 4)
-    if descriptors is None:
-        descriptors = np.zeros((0, 8), np.uint8 if name != "SIFT" else np.float32)
     return Keypoints(
         pixels=numbers[:, :2],
         scale_px=np.maximum(numbers[:, 2] / FINEST_SIZE_PX[name], 1.0),

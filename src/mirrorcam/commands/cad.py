@@ -10,6 +10,7 @@ from pydantic import Field
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
+from mirrorcam.optics.base.bounds import WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
@@ -37,8 +38,8 @@ class CadOptions(Value):
         Literal["insert", "nut"] | None,
         tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
     ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="number of worker processes"
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
+        None, "number of worker processes"
     )
 
 

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
+from mirrorcam.optics.base.bounds import Bounds
 from mirrorcam.optics.base.values import Metric, Value
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ class CalibrateOptions(Value):
     direct_view: bool = Field(
         default=False, description="the camera also sees the board, a checkerboard, directly: no layout is needed"
     )
-    mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Field(
-        default=None, ge=1, le=4, description="number of mirrors, with --direct-view"
+    mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Bounds(1, 4).field(
+        None, "number of mirrors, with --direct-view"
     )
     level: Annotated[
         str | None, tyro.conf.arg(metavar="LEVEL", help_behavior_hint="(the largest that the pictures support)")

@@ -10,7 +10,12 @@ from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.reporter import TERMINAL
+from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
 from mirrorcam.optics.base.values import Value
+
+DEVICES = Bounds(0, 255)
+FRAMES = Bounds(1, 10**9)
+WIDTH_PX = Bounds(2, 8192)
 
 
 class DecodeOptions(Value):
@@ -28,13 +33,12 @@ class DecodeOptions(Value):
         ),
     )
     force: bool = FORCE
-    device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = Field(
-        default=None,
-        ge=0,
-        description="number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",
+    device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = DEVICES.field(
+        None,
+        "number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",
     )
-    limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="maximum number of frames to decode of a video or a camera"
+    limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = FRAMES.field(
+        None, "maximum number of frames to decode of a video or a camera"
     )
     to: Literal["zarr", "hci", "stanford"] = Field(
         default="zarr",
@@ -47,20 +51,15 @@ class DecodeOptions(Value):
         default="common",
         description="extent of the views: what all mirrors see at the reference depth, or what any of them sees",
     )
-    width_px: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(as sharp as the frame)")] = Field(
-        default=None, ge=2, description="width of every view; its height follows"
+    width_px: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(as sharp as the frame)")] = (
+        WIDTH_PX.field(None, "width of every view; its height follows")
     )
     reference_depth_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(midway between the depths of the design)")
-    ] = Field(default=None, gt=0, allow_inf_nan=False, description="depth of zero disparity, from the pupil")
-    regular_grid_at_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description=(
-            "warp the views to an even grid, exactly for objects at this depth; without it they keep their true "
-            "positions"
-        ),
+    ] = DEPTH_MM.field(None, "depth of zero disparity, from the pupil")
+    regular_grid_at_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = DEPTH_MM.field(
+        None,
+        "warp the views to an even grid, exactly for objects at this depth; without it they keep their true positions",
     )
     equalise: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...", help_behavior_hint="")] = Field(
         default=(),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import tyro
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.light_fields import LightFieldsOptions, check_range, say_some
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import DEPTH_MM
 
 
 class DepthOptions(LightFieldsOptions):
@@ -19,11 +20,11 @@ class DepthOptions(LightFieldsOptions):
     near_mm: Annotated[
         float | None,
         tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth, or as a scene states)"),
-    ] = Field(default=None, description="nearest depth that is searched, from the pupil")
+    ] = DEPTH_MM.field(None, "nearest depth that is searched, from the pupil")
     far_mm: Annotated[
         float | None,
         tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth, or as a scene states)"),
-    ] = Field(default=None, description="farthest depth that is searched")
+    ] = DEPTH_MM.field(None, "farthest depth that is searched")
     out: Path = Field(
         default=Path("output/depth"),
         description=(
@@ -33,9 +34,14 @@ class DepthOptions(LightFieldsOptions):
     )
     force: bool = FORCE
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_range(self.near_mm, self.far_mm)
+        return self
+
 
 def run(options: DepthOptions) -> int:
-    """Measure and write depths."""
+    """Measure and write depths; 1 where no pixel of a light field has one."""
     from mirrorcam.workflow.light_field_results import write_depths
 
     inputs = options.inputs()
@@ -43,10 +49,11 @@ def run(options: DepthOptions) -> int:
         found = write_depths(
             inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, force=options.force, progress=advance
         )
-    lines = []
-    for each in found:
+    lines = [f"{each.name}: no pixel has a depth" for each in found if not each.known]
+    empty = bool(lines)
+    for each in (each for each in found if each.known):
         median = f", median {each.median_mm:.0f} mm" if each.sure else ""
         lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5{median}")
     say_some("depth", lines)
     say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {options.out}")
-    return 0
+    return 1 if empty else 0

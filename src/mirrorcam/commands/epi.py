@@ -8,20 +8,21 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.light_fields import LightFieldsOptions
+from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import DEPTH_MM, LINE_PX
 
 
 class EpiOptions(LightFieldsOptions):
     """Extract epipolar-plane images of light fields: a figure, in which depth shows as slope, and arrays."""
 
     axis: Literal["s", "t"] = Field(default="s", description="views along one row (s) or one column (t)")
-    line: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(the middle)")] = Field(
-        default=None, ge=0, description="pixel row of the central view for s, pixel column for t"
+    line: Annotated[int | None, tyro.conf.arg(metavar="PX", help_behavior_hint="(the middle)")] = LINE_PX.field(
+        None, "pixel row of the central view for s, pixel column for t"
     )
     depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the reference plane's)")] = (
-        Field(default=None, gt=0, description="depth from the pupil at which points form vertical lines")
+        DEPTH_MM.field(None, "depth from the pupil at which points form vertical lines")
     )
     out: Path = Field(
         default=Path("output/epi"),
@@ -34,12 +35,12 @@ class EpiOptions(LightFieldsOptions):
 
 
 def run(options: EpiOptions) -> int:
-    """Cut and write epipolar-plane images."""
+    """Cut and write epipolar-plane images; 1 where one has no sample."""
     from mirrorcam.workflow.light_field_results import write_epipolar_images
 
     inputs = options.inputs()
     with long_work("epi", options.counted, "files") as advance:
-        write_epipolar_images(
+        empty = write_epipolar_images(
             inputs,
             options.out,
             axis=options.axis,
@@ -48,5 +49,6 @@ def run(options: EpiOptions) -> int:
             force=options.force,
             progress=advance,
         )
+    say_some("epi", [f"{name}: no view shows anything of this line" for name in empty])
     say("epi", f"pictures and arrays (.npz) written to {options.out}")
-    return 0
+    return 1 if empty else 0

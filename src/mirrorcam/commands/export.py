@@ -11,6 +11,7 @@ from pydantic import Field
 from mirrorcam.commands.light_fields import GeometryOptions
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import say
+from mirrorcam.optics.base.bounds import Bounds
 from mirrorcam.optics.light_field.io.formats.registry import NAMES
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class ExportOptions(GeometryOptions):
     )
     out: Path = Field(default=Path("output/exported"), description="folder for NAME with the ending of the format")
     force: bool = FORCE
-    frame: int = Field(default=0, ge=0, description="frame of a recording in Zarr, counted from 0")
+    frame: int = Bounds(0, 10**9).field(0, "frame of a recording in Zarr, counted from 0")
     depth: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(that of an HCI scene; else measured for ply)")
     ] = Field(

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import tyro
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.light_fields import LightFieldsOptions, check_range, say_some
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
 
 
 class FeaturesOptions(LightFieldsOptions):
@@ -19,25 +20,21 @@ class FeaturesOptions(LightFieldsOptions):
     detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
         default="SIFT", description="keypoint detector; AKAZE needs the contributed modules of OpenCV"
     )
-    keypoints: int = Field(default=600, ge=1, description="maximum number of keypoints per view to start from")
-    max_distance_px: float = Field(
-        default=0.5, gt=0, description="maximum distance of a feature in a view from where its slope predicts it"
+    keypoints: int = Bounds(1, 100_000).field(600, "maximum number of keypoints per view to start from")
+    max_distance_px: float = Bounds(0.001, 100.0).field(
+        0.5, "maximum distance of a feature in a view from where its slope predicts it"
     )
-    min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most of them)")] = Field(
-        default=None, ge=1, description="number of views, besides the central one, in which a feature must be found"
-    )
+    min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most of them)")] = Bounds(
+        1, 1_000_000
+    ).field(None, "number of views, besides the central one, in which a feature must be found")
     near_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or halfway to the reference plane)")
-    ] = Field(default=None, description="nearest depth that is searched, from the pupil")
+    ] = DEPTH_MM.field(None, "nearest depth that is searched, from the pupil")
     far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or infinity)")] = (
-        Field(default=None, description="farthest depth that is searched")
+        DEPTH_MM.field(None, "farthest depth that is searched")
     )
-    two_slope_sigma: float = Field(
-        default=4.0,
-        gt=0,
-        description=(
-            "standard deviations between the slopes along two directions beyond which a feature counts as refracted"
-        ),
+    two_slope_sigma: float = Bounds(0.001, 1e6).field(
+        4.0, "standard deviations between the slopes along two directions beyond which a feature counts as refracted"
     )
     out: Path = Field(
         default=Path("output/features"),
@@ -48,9 +45,14 @@ class FeaturesOptions(LightFieldsOptions):
     )
     force: bool = FORCE
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        check_range(self.near_mm, self.far_mm)
+        return self
+
 
 def run(options: FeaturesOptions) -> int:
-    """Find and write features."""
+    """Find and write features; 1 where a light field has none."""
     from mirrorcam.workflow.light_field_results import FeatureSearch, write_features
 
     search = FeatureSearch(
@@ -71,4 +73,4 @@ def run(options: FeaturesOptions) -> int:
         lines.append(f"{each.name}: {each.count} features, {each.refracted} of them with two slopes{sigma}")
     say_some("features", lines)
     say("features", f"pictures, tables (.csv) and arrays (.npz) written to {options.out}")
-    return 0
+    return 0 if all(each.count for each in found) else 1

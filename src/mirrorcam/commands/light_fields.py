@@ -10,6 +10,7 @@ import tyro
 from pydantic import Field
 
 from mirrorcam.console.progress import say
+from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, FOCAL_PX, GRID, LENGTH_MM, DepthOrInf
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
 
@@ -23,29 +24,23 @@ PRINTED_LINES = 20
 class GeometryOptions(Value):
     """Geometry of light fields whose files do not state it."""
 
-    rows: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="rows of views, where the file does not state them"
+    rows: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = GRID.field(
+        None, "rows of views, where the file does not state them"
     )
-    cols: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = Field(
-        default=None, ge=1, description="columns of views, where the file does not state them"
+    cols: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = GRID.field(
+        None, "columns of views, where the file does not state them"
     )
-    step_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
+    step_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = LENGTH_MM.field(
+        None,
+        "distance between neighbouring views, where the file does not state it",
+    )
+    focal_px: Annotated[float | None, tyro.conf.arg(metavar="PX", help_behavior_hint="")] = FOCAL_PX.field(
+        None,
+        "focal length of the views, where the file does not state it",
+    )
+    reference_depth_mm: Annotated[DepthOrInf | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
         default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="distance between neighbouring views, where the file does not state it",
-    )
-    focal_px: Annotated[float | None, tyro.conf.arg(metavar="PX", help_behavior_hint="")] = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="focal length of the views, where the file does not state it",
-    )
-    reference_depth_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=True,
-        description="distance of zero disparity, where the file does not state it; inf is allowed",
+        description=f"distance of zero disparity, where the file does not state it, {DEPTH_OR_INF_MM}",
     )
 
     @property
@@ -60,6 +55,12 @@ class GeometryOptions(Value):
             focal_px=self.focal_px,
             reference_depth_mm=self.reference_depth_mm,
         )
+
+
+def check_range(near_mm: float | None, far_mm: float | None) -> None:
+    """Raise ValueError where the nearest depth of a search is not nearer than the farthest."""
+    if near_mm is not None and far_mm is not None and not near_mm < far_mm:
+        raise ValueError(f"--near-mm {near_mm:g} --far-mm {far_mm:g}: expected a nearest depth below the farthest")
 
 
 class LightFieldsOptions(GeometryOptions):

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import say
+from mirrorcam.optics.base.bounds import SAMPLES_PER_PIXEL
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
 
@@ -21,7 +22,7 @@ class PictureOptions(Value):
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json")
     parts: Path = Field(default=Path("output/cad"), description="folder that `mirrorcam cad` wrote for this layout")
-    spp: int = Field(default=64, ge=1, description="samples per pixel: more take longer and give less noise")
+    spp: int = SAMPLES_PER_PIXEL.field(64, "samples per pixel: more take longer and give less noise")
     out: Path = Field(default=Path("output/product.jpg"), description="picture to write, .jpg or .png")
     force: bool = FORCE
 

@@ -8,21 +8,32 @@ from typing import Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.light_fields import LightFieldsOptions, say_some
+from mirrorcam.commands.light_fields import LightFieldsOptions, check_range, say_some
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import DEPTH_MM, DEPTH_OR_INF_MM, OFFSET_MM, Bounds, DepthOrInf
+
+TILT_DEG = Bounds(-85.0, 85.0)
+Tilt = Annotated[float, TILT_DEG.each]
+Offset = Annotated[float, OFFSET_MM.each]
 
 
 class RefocusOptions(LightFieldsOptions):
     """Refocus light fields: on any plane, all in focus, from new viewpoints, or behind occluders."""
 
     depth_mm: Annotated[
-        tuple[Annotated[float, Field(allow_inf_nan=True)], ...],
+        tuple[DepthOrInf, ...],
         tyro.conf.arg(metavar="MM...", help_behavior_hint="(the reference plane's)"),
-    ] = Field(default=(), description="depths from the pupil to focus on, one picture each; inf is allowed")
-    tilt_deg: Annotated[tuple[float, float], tyro.conf.arg(metavar="RIGHT DOWN")] = Field(
+    ] = Field(
+        default=(),
+        max_length=1000,
+        description=f"depths from the pupil to focus on, one picture each, {DEPTH_OR_INF_MM}",
+    )
+    tilt_deg: Annotated[tuple[Tilt, Tilt], tyro.conf.arg(metavar="RIGHT DOWN")] = Field(
         default=(0.0, 0.0),
-        description="tilt of the focal plane about its middle: the right side and the lower side move away",
+        description=(
+            f"tilt of the focal plane about its middle: the right side and the lower side move away, {TILT_DEG}"
+        ),
     )
     combine: Literal["mean", "median", "weighted"] = Field(
         default="mean",
@@ -30,20 +41,21 @@ class RefocusOptions(LightFieldsOptions):
             "how views are combined: median suppresses what few of them show, weighted favours the central ones"
         ),
     )
-    scale: int = Field(
-        default=1, ge=1, le=8, description="super-sampling: picture pixels per view pixel, along each side"
-    )
+    scale: int = Bounds(1, 8).field(1, "super-sampling: picture pixels per view pixel, along each side")
     all_in_focus: bool = Field(
         default=False, description="also write a picture with everything in focus, from measured depth"
     )
-    from_mm: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="RIGHT DOWN", help_behavior_hint="")] = Field(
-        default=None,
-        description=(
-            "also write an all-in-focus picture from a viewpoint this many mm right of and below the central view"
-        ),
+    from_mm: Annotated[tuple[Offset, Offset] | None, tyro.conf.arg(metavar="RIGHT DOWN", help_behavior_hint="")] = (
+        Field(
+            default=None,
+            description=(
+                "also write an all-in-focus picture from a viewpoint this many mm right of and below the central view, "
+                f"{OFFSET_MM}"
+            ),
+        )
     )
-    behind_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = Field(
-        default=None, gt=0, description="remove what is nearer than this depth from all pictures"
+    behind_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = DEPTH_MM.field(
+        None, "remove what is nearer than this depth from all pictures"
     )
     orbit: Annotated[Literal["gif", "mp4"] | None, tyro.conf.arg(metavar="gif|mp4", help_behavior_hint="")] = Field(
         default=None, description="also write an animation in which the viewpoint circles"
@@ -52,13 +64,13 @@ class RefocusOptions(LightFieldsOptions):
         default=None, description="also write an animation in which the focus moves from --near-mm to --far-mm and back"
     )
     near_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as for mirrorcam depth)")] = (
-        Field(default=None, gt=0, description="nearest depth that is searched, and start of the focus sweep")
+        DEPTH_MM.field(None, "nearest depth that is searched, and start of the focus sweep")
     )
-    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as for mirrorcam depth)")] = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=True,
-        description="farthest depth that is searched, and end of the focus sweep",
+    far_mm: Annotated[DepthOrInf | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as for mirrorcam depth)")] = (
+        Field(
+            default=None,
+            description=f"farthest depth that is searched, and end of the focus sweep, {DEPTH_OR_INF_MM}",
+        )
     )
     out: Path = Field(
         default=Path("output/refocus"),
@@ -71,16 +83,15 @@ class RefocusOptions(LightFieldsOptions):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        check_range(self.near_mm, self.far_mm)
         for at, depth in enumerate(self.depth_mm):
-            if not depth > 0:
-                raise ValueError(f"focus at {depth:g} mm, expected a positive depth")
             if depth in self.depth_mm[:at]:
                 raise ValueError(f"focus at {depth:g} mm twice, expected different depths")
         return self
 
 
 def run(options: RefocusOptions) -> int:
-    """Focus and write pictures."""
+    """Focus and write pictures; 1 where no view shows anything of one."""
     from mirrorcam.workflow.refocusing_files import RefocusRequest, write_refocused
 
     request = RefocusRequest(
@@ -101,4 +112,4 @@ def run(options: RefocusOptions) -> int:
         grey = write_refocused(inputs, options.out, request, force=options.force, progress=advance)
     say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in grey])
     say("refocus", f"pictures and arrays (.npz) written to {options.out}")
-    return 0
+    return 1 if any(each.hidden == 1.0 for each in grey) else 0

@@ -11,9 +11,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from mirrorcam.commands.option_texts import SensorOption, TolerancesOption, sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import PICTURES, SAMPLES_PER_PIXEL, SEED, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.render_scenes.settings import (
+    RATE_HZ,
     RendererName,
     RenderSettings,
     SensorModel,
@@ -47,15 +49,13 @@ class RenderOptions(Value):
     layout: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[LAYOUT]", help_behavior_hint="")] = (
         Field(default=None, description="nominal layout.json")
     )
-    frames: int = Field(default=20, ge=1, description="frames of the board through the mirrors")
-    base_frames: int = Field(default=10, ge=0, description="frames of the board by the camera without mirrors")
-    seed: int = Field(
-        default=0, ge=0, description="seed of poses, tolerances and noise; the same seed gives the same bytes"
-    )
+    frames: int = PICTURES.cut(least=1).field(20, "frames of the board through the mirrors")
+    base_frames: int = PICTURES.field(10, "frames of the board by the camera without mirrors")
+    seed: int = SEED.field(0, "seed of poses, tolerances and noise; the same seed gives the same bytes")
     renderer: RendererName = Field(
         default="mitsuba", description="mitsuba: reference, by path tracing; fast: analytic, for large sets"
     )
-    spp: int = Field(default=16, ge=1, le=65536, description="samples per pixel of the reference renderer")
+    spp: int = SAMPLES_PER_PIXEL.field(16, "samples per pixel of the reference renderer")
     sensor: SensorOption = "c920"
     as_built: TolerancesOption = ""
     board: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
@@ -64,11 +64,9 @@ class RenderOptions(Value):
     poses: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None, description="JSON file of poses, rig_from_board in mm, to use instead of planned ones"
     )
-    rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = Field(
-        default=None,
-        ge=0.01,
-        le=500,
-        description="frame rate of one smooth motion through the poses, instead of separate poses",
+    rate_hz: Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")] = RATE_HZ.field(
+        None,
+        "frame rate of one smooth motion through the poses, instead of separate poses",
     )
     video: Annotated[VideoName | None, tyro.conf.arg(metavar="mp4|avi", help_behavior_hint="")] = Field(
         default=None, description="also write the motion as a video: mp4 (H.264), or avi (the JPEG files, as MJPEG)"
@@ -85,8 +83,8 @@ class RenderOptions(Value):
         default=False,
         description="leave out the maps of what each pixel shows: an EXR file per frame, 18 MB at 1920 x 1080",
     )
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="number of frames rendered at the same time on this machine"
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
+        None, "number of frames rendered at the same time on this machine"
     )
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
         default=None, description="Dask scheduler whose workers render them instead, such as tcp://host:8786"

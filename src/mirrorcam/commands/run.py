@@ -11,6 +11,7 @@ from pydantic import Field
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import print_metrics, say
 from mirrorcam.console.reporter import TERMINAL
+from mirrorcam.optics.base.bounds import SEED
 from mirrorcam.optics.base.values import Value
 
 
@@ -24,7 +25,7 @@ class RunOptions(Value):
     )
     force: bool = FORCE
     quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
-    seed: int = Field(default=0, ge=0, description="seed of poses, tolerances and noise")
+    seed: int = SEED.field(0, "seed of poses, tolerances and noise")
 
 
 def run(options: RunOptions) -> int:

@@ -10,7 +10,9 @@ from pydantic import Field
 
 from mirrorcam.commands.option_texts import SensorOption, TolerancesOption, sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import DEPTH_MM, SAMPLES_PER_PIXEL, SEED
 from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
@@ -23,8 +25,13 @@ class SceneOptions(Value):
     layout: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LAYOUT", help_behavior_hint="")] = Field(
         description="nominal layout.json"
     )
-    depths_mm: Annotated[tuple[float, ...], tyro.conf.arg(metavar="MM...", help_behavior_hint="(the layout's)")] = (
-        Field(default=(), description="depths of the objects, nearest first")
+    depths_mm: Annotated[
+        tuple[Annotated[float, DEPTH_MM.each], ...],
+        tyro.conf.arg(metavar="MM...", help_behavior_hint="(the layout's)"),
+    ] = Field(
+        default=(),
+        max_length=MOST_DEPTHS,
+        description=f"depths of the objects, nearest first: {MOST_DEPTHS} at most of {DEPTH_MM}",
     )
     mesh: Annotated[
         tyro.conf.UseAppendAction[tuple[str, ...]],
@@ -36,10 +43,8 @@ class SceneOptions(Value):
             "repeated"
         ),
     )
-    seed: int = Field(
-        default=0, ge=0, description="seed of objects, tolerances and noise; the same seed gives the same bytes"
-    )
-    spp: int = Field(default=64, ge=4, description="samples per pixel")
+    seed: int = SEED.field(0, "seed of objects, tolerances and noise; the same seed gives the same bytes")
+    spp: int = SAMPLES_PER_PIXEL.cut(least=4).field(64, "samples per pixel")
     sensor: SensorOption = "c920"
     as_built: TolerancesOption = ""
     out: Path = Field(default=Path("output/scene"), description="folder for the scene; an interrupted one is resumed")

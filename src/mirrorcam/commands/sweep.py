@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
+from mirrorcam.optics.base.bounds import LENGTH_MM, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.design.spec_grid import grid
@@ -57,10 +58,10 @@ class SweepOptions(Value):
     counts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[ROWSxCOLS ...]")] = Field(
         default=("2x2", "3x3", "3x5"), description="rows x columns of mirrors"
     )
-    scales_mm: tuple[float, ...] = Field(
-        default=(60.0, 80.0, 120.0), description="heights of the central mirror above the pupil"
+    scales_mm: tuple[Annotated[float, LENGTH_MM.each], ...] = Field(
+        default=(60.0, 80.0, 120.0), description=f"heights of the central mirror above the pupil, {LENGTH_MM}"
     )
-    tradeoffs: tuple[float, ...] = Field(
+    tradeoffs: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         default=(0.1, 0.3, 0.5), description="from 0 (pixel efficiency alone) to 1 (a perfect grid of views alone)"
     )
     depth_sets_mm: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[MM,MM... ...]")] = Field(
@@ -69,8 +70,8 @@ class SweepOptions(Value):
     )
     common: Annotated[CommonSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=CommonSpec)
     table: Literal["csv", "parquet", "json"] = Field(default="csv", description="format of the table")
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = Field(
-        default=None, ge=1, description="number of designs solved at the same time on this machine"
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
+        None, "number of designs solved at the same time on this machine"
     )
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
         default=None, description="Dask scheduler whose workers solve them instead, such as tcp://host:8786"
@@ -127,7 +128,7 @@ def summary(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def run(options: SweepOptions) -> int:
-    """Sweep, write the table and the figures, and sum up; 1 where a design failed."""
+    """Sweep, write the table and the figures, and sum up; 1 where a design failed, or none was solved."""
     if options.table == "parquet":
         require("parquet")
     if options.scheduler is not None:
@@ -143,4 +144,5 @@ def run(options: SweepOptions) -> int:
     for line in summary(swept.outcomes):
         say("sweep", line)
     say("sweep", f"{' and '.join(str(path) for path in swept.files)} written")
-    return 1 if any(outcome.status == "failed" for outcome in swept.outcomes) else 0
+    statuses = {outcome.status for outcome in swept.outcomes}
+    return 1 if "failed" in statuses or "solved" not in statuses else 0

@@ -31,9 +31,13 @@ SURE = 0.5
 
 @dataclass(frozen=True)
 class DepthSummary:
-    """Depth of one light field: share of pixels with a sure depth, and their median depth (NaN without any)."""
+    """Depth of one light field: share of pixels with a depth and with a sure one, and the median of the sure ones.
+
+    The median is NaN without any.
+    """
 
     name: str
+    known: float
     sure: float
     median_mm: float
 
@@ -66,7 +70,7 @@ def write_depths(
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
             sure = depth.valid & (depth.confidence > SURE)
             median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
-            summaries.append(DepthSummary(each.name, float(sure.mean()), median))
+            summaries.append(DepthSummary(each.name, float(depth.valid.mean()), float(sure.mean()), median))
     return summaries
 
 
@@ -143,11 +147,13 @@ def write_epipolar_images(
     depth_mm: float | None = None,
     force: bool = False,
     progress: Progress = no_progress,
-) -> None:
+) -> list[str]:
     """Cut epipolar-plane images out of light fields, at a line of the central view or in its middle.
 
-    Points at `depth_mm` (by default the reference depth) form vertical lines. Writes NAME_epi.npz and .png.
+    Points at `depth_mm` (by default the reference depth) form vertical lines. Writes NAME_epi.npz and .png, and returns
+    the names of those without any sample.
     """
+    empty = []
     with output_folder(folder, "epi", force=force) as output:
         for each in inputs.each(progress):
             output.refuse_others(f"{glob.escape(each.name)}_epi.*")
@@ -159,6 +165,9 @@ def write_epipolar_images(
             with output.staged(complete=False) as staged:
                 _save_epi(staged / f"{each.name}_epi.npz", found, light_field.layout_identity)
                 draw_epi(staged / f"{each.name}_epi.png", light_field, found, depths_mm)
+            if not found.weights.any():
+                empty.append(each.name)
+    return empty
 
 
 def _save_epi(path: Path, found: Epi, layout_identity: str) -> None:

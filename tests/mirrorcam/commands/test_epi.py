@@ -72,7 +72,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
         ("card.npz --line 90", "line 90 along s, expected 0 to 89"),
         ("card.npz --axis u", "invalid choice 'u' for argument '--axis'"),
         ("card.npz --line -1", "--line -1: Input should be greater than or equal to 0"),
-        ("card.npz --depth-mm 0", "--depth-mm 0.0: Input should be greater than 0"),
+        ("card.npz --depth-mm 0", "--depth-mm 0.0: Input should be greater than or equal to 0.001"),
         ("card.npz card.npz", "two light fields are called 'card'"),
         ("frame.png", "frame.png: a picture without frame.json beside it, expected --layout of the camera"),
     ],

@@ -99,7 +99,7 @@ def test_a_light_field_without_features_is_said_to_have_none(
     light_field = load_npz(stored)
     blank = LightField.of(light_field, np.full_like(light_field.samples, 90), light_field.weights)
     save_npz(tmp_path / "blank.npz", blank)
-    assert cli.main(["features", str(tmp_path / "blank.npz"), "--out", str(tmp_path)]) == 0
+    assert cli.main(["features", str(tmp_path / "blank.npz"), "--out", str(tmp_path)]) == 1
     assert "blank: 0 features, 0 of them with two slopes\n" in capsys.readouterr().out
     assert (tmp_path / "blank_features.csv").read_text(encoding="utf-8") == ",".join(COLUMNS) + "\n"
     assert read_image(tmp_path / "blank_features.png").shape[2] == 3
@@ -113,7 +113,7 @@ def test_a_light_field_without_features_is_said_to_have_none(
         ("STORED STORED", "two light fields are called 'board'"),
         ("STORED --detector SURF", "--detector"),
         ("STORED --min-views 9", "features in 9 views beside the reference view, expected 1 to 8"),
-        ("STORED --near-mm 500 --far-mm 400", "depths 500 to 400 mm, expected the nearer one first"),
+        ("STORED --near-mm 500 --far-mm 400", "expected a nearest depth below the farthest"),
         ("STORED --max-distance-px 0", "--max-distance-px"),
         ("STORED --keypoints 0", "--keypoints"),
     ],

@@ -19,13 +19,13 @@ NAN = float("nan")
     ("fields", "message"),
     [
         ({"rows": 1, "cols": 1}, "rows x cols is 1, expected at least two mirrors"),
-        ({"depths_mm": (300.0, -1.0)}, "expected positive depths"),
+        ({"depths_mm": (300.0, -1.0)}, "greater than or equal to 0.001"),
         ({"depths_mm": (300.0, 300.0)}, "names a depth twice"),
         ({"depths_mm": ()}, "at least 1 item"),
         ({"depths_mm": (NAN,)}, "finite number"),
         ({"tradeoff": 1.1}, "less than or equal to 1"),
         ({"spacing_mm": -0.1}, "greater than or equal to 0"),
-        ({"scale_mm": 0.0}, "greater than 0"),
+        ({"scale_mm": 0.0}, "greater than or equal to 0.001"),
         ({"scale": 80.0}, "Extra inputs"),
     ],
 )

@@ -156,10 +156,10 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
     ("path", "value", "message"),
     [
         (["schema"], "mirrorcam.layout/2", "schema: Input should be 'mirrorcam.layout/1'"),
-        (["colour"], "red", "colour: Extra inputs are not permitted"),
-        (["camera", "skew"], 0.0, "camera.skew: Extra inputs are not permitted"),
+        (["colour"], "red", "colour: not known, did you mean cols?"),
+        (["camera", "skew"], 0.0, "camera.skew: not known"),
         (["camera", "fx_px"], NAN, "camera.fx_px: Input should be a finite number"),
-        (["camera", "fx_px"], -3.0, "camera.fx_px: Input should be greater than 0"),
+        (["camera", "fx_px"], -3.0, "camera.fx_px: Input should be greater than or equal to 0.001"),
         (["camera", "distortion"], [0, 0, 0, 0], "camera.distortion: shape (4,), expected (5)"),
         (["kind"], "measured", "kind: Input should be 'nominal', 'as-built' or 'calibrated'"),
         (["rows"], 2, "9 mirrors, expected rows x cols = 6"),

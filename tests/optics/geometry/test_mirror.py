@@ -202,7 +202,7 @@ def test_mirrors_refuse_what_cannot_be() -> None:
     assert "shape (2,), expected (3)" in refusal(virtual_centre_in_rig_mm=[-80, 80])
     assert "shape (3, 2), expected (n, 3)" in refusal(outline_in_rig_mm=np.zeros((3, 2)))
     assert "'first' or 'second'" in refusal(surface="third")
-    assert "greater than 0" in refusal(thickness_mm=0.0)
+    assert "greater than or equal to 0.001" in refusal(thickness_mm=0.0)
     assert "greater than or equal to 1" in refusal(refractive_index=0.9)
     assert "Extra inputs" in refusal(tilt_deg=45.0)
 

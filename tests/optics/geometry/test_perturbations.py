@@ -64,7 +64,7 @@ def test_outlines_move_with_their_mirrors(default_layout: Layout) -> None:
     [
         (Tolerances(tilt_deg=25.0), "tilt_deg 25.0"),
         (Tolerances(offset_mm=200.0), "offset_mm 200.0"),
-        (Tolerances(focal_percent=1e9), "focal_percent"),
+        (Tolerances.none().replaced(centre_px=1e4), "centre_px 10000.0: mirror"),
         (Tolerances(distortion_mean=(-0.6, 0.0, 0.0, 0.0, 0.0)), "distortion_mean"),
     ],
 )

@@ -102,7 +102,7 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
         ('kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n', "expected tags: 'checkerboard', 'charuco'"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\n', "checkerboard.square_mm: Field required"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = nan\n', "square_mm: Input should be a finite number"),
-        ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\n', "marker_mm: Extra inputs"),
+        ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\n', "marker_mm: not known"),
         (
             'kind = "checkerboard"\ncols = 2\nrows = 7\nsquare_mm = 3\n',
             "cols: Input should be greater than or equal to 3",

@@ -34,6 +34,8 @@ def point_cloud(light_field: LightField, depth_mm: NDArray[np.floating]) -> tupl
         )
     ahead = depth_mm - light_field.reference_depth_mm + light_field.reference_distance_mm
     known = light_field.valid[view] & np.isfinite(depth_mm) & (ahead > 0)
+    if not known.any():
+        raise InputError("no pixel has both a sample and a depth before the view, expected some to become points")
     pixels = light_field.pixel_grid()[known]
     scale = ahead[known].astype(np.float64)[:, None] / light_field.focal_px
     in_view = np.concatenate([(pixels - light_field.centre_px) * scale, scale * light_field.focal_px], axis=1)

@@ -1,0 +1,79 @@
+"""Physical ranges of numbers, shared by options and by values in files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A closed range of numbers, which the descriptions of its fields state."""
+
+    least: float
+    most: float
+    text: str = ""
+
+    def __str__(self) -> str:
+        return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
+
+    def field(self, default: Any = ..., description: str = "") -> Any:
+        """A field of a number in this range; without a default it is required."""
+        stated = f"{description}, {self}" if description else str(self)
+        return Field(default=default, ge=self.least, le=self.most, description=stated)
+
+    @property
+    def each(self) -> Any:
+        """The range of each number of a tuple."""
+        return Field(ge=self.least, le=self.most)
+
+    def cut(self, least: float | None = None, most: float | None = None) -> Bounds:
+        """The part of this range from `least` on, up to `most`."""
+        return Bounds(self.least if least is None else least, self.most if most is None else most)
+
+
+def _plain(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:.15g}"
+
+
+LENGTH_MM = Bounds(0.001, 1e5)
+GAP_MM = Bounds(0.0, 1e5)
+"""Lengths that may be zero."""
+OFFSET_MM = Bounds(-1e5, 1e5)
+PART_MM = Bounds(0.001, 1e4)
+"""Dimensions of parts of a device."""
+DEPTH_MM = Bounds(0.001, 1e6)
+DEPTH_OR_INF_MM = Bounds(0.001, np.inf, "0.001 to 1000000 or inf")
+"""The text of `DepthOrInf`."""
+AREA_MM2 = Bounds(0.0, 1e10)
+TOLERANCE_MM = Bounds(0.0, 1000.0)
+TOLERANCE_DEG = Bounds(0.0, 45.0)
+SEED = Bounds(0, 2**63 - 1, "0 to 2^63 - 1")
+WORKERS = Bounds(1, 1024)
+SAMPLES_PER_PIXEL = Bounds(1, 65536)
+PICTURES = Bounds(0, 100_000)
+"""Pictures of a set, each of which takes some memory while the set is planned."""
+GRID = Bounds(1, 1000)
+"""Rows or columns of views."""
+FOCAL_PX = Bounds(0.001, 1e7)
+PLACE_PX = Bounds(-1e7, 1e7)
+REFRACTIVE_INDEX = Bounds(1.0, 4.0)
+LINE_PX = Bounds(0, 65_535)
+LARGEST_PICTURE_PX = 120_000_000
+"""Pixels of the largest picture that is decoded: more than any camera's, and at most 0.7 GB of memory."""
+LARGEST_DISTORTION = 1e3
+
+
+def _depth_or_inf(depth_mm: float) -> float:
+    if np.isfinite(depth_mm) and depth_mm <= DEPTH_MM.most:
+        return depth_mm
+    if depth_mm == np.inf:
+        return depth_mm
+    raise ValueError(f"expected {DEPTH_OR_INF_MM}")
+
+
+DepthOrInf = Annotated[float, Field(ge=DEPTH_MM.least, allow_inf_nan=True), AfterValidator(_depth_or_inf)]
+"""A depth in mm, or infinity."""

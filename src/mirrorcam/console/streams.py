@@ -1,0 +1,32 @@
+"""Standard output and standard error that can say anything, whatever characters the terminal or the locale knows."""
+
+from __future__ import annotations
+
+import codecs
+import sys
+from io import TextIOWrapper
+
+_PLAIN = {
+    **{"\N{DEGREE SIGN}": "deg", "\N{MULTIPLICATION SIGN}": "x", "\N{PLUS-MINUS SIGN}": "+-"},
+    **{"\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u", "\N{GREEK SMALL LETTER SIGMA}": "sigma"},
+    **{"\N{SUPERSCRIPT TWO}": "^2", "\N{SUPERSCRIPT THREE}": "^3", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-"},
+    **{"\N{LESS-THAN OR EQUAL TO}": "<=", "\N{GREATER-THAN OR EQUAL TO}": ">=", "\N{HORIZONTAL ELLIPSIS}": "..."},
+}
+_ERRORS = "mirrorcam_plain"
+
+
+def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
+    """What a stream shows instead of a character that it cannot: an ASCII spelling, else its number."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    character = error.object[error.start]
+    spelling = _PLAIN.get(character) or character.encode("ascii", "backslashreplace").decode("ascii")
+    return spelling, error.start + 1
+
+
+def make_readable() -> None:
+    """Let both streams spell characters that they cannot show, in place of an error."""
+    codecs.register_error(_ERRORS, _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors=_ERRORS)

@@ -1,0 +1,49 @@
+"""Help and errors can be read where the terminal or the locale knows ASCII alone."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PLAIN = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "mirrorcam", *arguments]
+    return subprocess.run(command, cwd=folder, env=os.environ | PLAIN, capture_output=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("design", "--help")])
+def test_help_is_ascii(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    result = run(tmp_path, *arguments)
+    assert (result.returncode, result.stderr) == (0, b"")
+    assert b"mirrorcam" in result.stdout
+    result.stdout.decode("ascii")
+
+
+def test_a_refusal_is_ascii_and_one_line(tmp_path: Path) -> None:
+    result = run(tmp_path, "cad", "f\N{LATIN SMALL LETTER U WITH DIAERESIS}r \N{SNOWMAN}.json")
+    assert result.returncode == 2
+    said = result.stderr.decode("ascii")
+    assert said.count("\n") == 1
+    assert said.endswith(".json: no such file\n")
+
+
+def test_characters_are_spelled_where_the_stream_lacks_them(tmp_path: Path) -> None:
+    program = (
+        "from mirrorcam.console.streams import make_readable; make_readable()\n"
+        "from mirrorcam.console.progress import say, print_metrics\n"
+        "from mirrorcam.optics.base.values import Metric\n"
+        "say('a', '3 \\u00d7 3, 5\\u00b0 \\u2603')\n"
+        "print_metrics({'x': {'area': Metric(value=1.0, unit='mm2', limit=2.0)}})\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | PLAIN, cwd=tmp_path, capture_output=True, check=True
+    )
+    said = result.stdout.decode("ascii")
+    assert "3 x 3, 5deg \\u2603" in said
+    assert "<=" in said or "pass" in said
