@@ -13,8 +13,17 @@ from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
-TOP_LEVEL = ("index.html", "guide.md", "checks.json", "bom.*", "assembly.*")
-"""Files of a device beside its folders."""
+WHOLE = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
+PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
+"""Names of the parts, as patterns: some are printed in pieces."""
+FILES = (
+    *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
+    *(f"parts/{part}.{ending}" for part in PARTS for ending in ("step", "stl", "3mf")),
+    *(f"drawings/{part}.{ending}" for part in PARTS for ending in ("svg", "pdf")),
+    *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
+    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/meshes/camera_hull.stl", "pictures/assembled.png"),
+)
+"""Files of a device, as patterns: what of others in their place ends the command before its work."""
 
 
 def read_hardware(
@@ -52,6 +61,6 @@ def write_device(
 
     with output_folder(folder, "cad", force=force) as output:
         output.refuse_changed()
-        output.refuse_others(*TOP_LEVEL)
+        output.refuse_others(*FILES)
         with output.staged() as staged:
             return build_parts(layout, staged, hardware, previous=folder, workers=workers or cores(), progress=progress)

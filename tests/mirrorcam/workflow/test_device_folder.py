@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
+from mirrorcam.cad.assembly.catalogue import EXPLODE
+from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.workflow.device_folder import read_hardware
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.device_folder import FILES, read_hardware, write_device
 
 
 def test_what_is_not_named_stays_as_it_is() -> None:
@@ -27,3 +31,29 @@ def test_a_file_replaces_dimensions_and_a_bad_one_is_refused(tmp_path: Path) -> 
     table.write_text("[screw]\nsort = 3\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"hardware\.toml: screw\.sort"):
         read_hardware(table)
+
+
+def test_the_files_of_every_part_are_known_before_it_is_built(default_layout: Layout) -> None:
+    names = [f"parts/{part}.step" for part in (*EXPLODE, "mirror_holder_2")]
+    names += [f"mirrors/{sheet.stem}.dxf" for sheet in plan_sheets(default_layout, HARDWARE.cutting)]
+    assert len(names) > 6
+    assert [name for name in names if not any(fnmatchcase(name, pattern) for pattern in FILES)] == []
+
+
+@pytest.mark.parametrize("name", ["parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x"])
+@pytest.mark.parametrize("force", [False, True])
+def test_what_is_in_the_way_is_refused_before_the_work(
+    name: str, force: bool, default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[Path] = []
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda layout, folder, *rest, **named: built.append(folder))
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    if force and name.count("/") and not name.startswith("bom"):
+        write_device(default_layout, tmp_path, force=True)
+        assert built
+    else:
+        with pytest.raises(InputError, match=r"was not written by this command|is a file or a link|is a folder"):
+            write_device(default_layout, tmp_path, force=force)
+        assert not built
+    assert (tmp_path / name).read_text() == "mine"
