@@ -22,6 +22,7 @@ from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_imag
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
+from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, refuse_other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
@@ -101,12 +102,16 @@ def calibrate(
     extremes = Extremes()
 
     damaged: list[DamagedPicture] = []
+    first: dict[bool, list[Grey]] = {True: [], False: []}
 
-    def recorded() -> Iterator[Grey | None]:
-        for grey in _grey(frames, layout, damaged):
+    def kept(pictures: Iterable[Grey | Path], *, mirrored: bool) -> Iterator[Grey | None]:
+        for grey in _grey(pictures, layout, damaged):
             yield grey
-            if grey is not None:
-                extremes.add(grey)  # once the next one is requested, this one was found to have the expected size
+            # Once the next one is requested, this one was found to have the expected size.
+            if grey is not None and mirrored:
+                extremes.add(grey)
+            if grey is not None and len(first[mirrored]) < MOST_PICTURES:
+                first[mirrored].append(grey)
 
     def report(found: Sequence[Observations]) -> None:
         on_frame(len(found))
@@ -114,9 +119,12 @@ def calibrate(
 
     if level is not None:
         additions_of(level)  # refused before pictures are searched
-    seen = detect(recorded(), mirrored=True, on_frame=report)
-    pictures = _grey(base_frames, layout, damaged)
+    seen = detect(kept(frames, mirrored=True), mirrored=True, on_frame=report)
+    pictures = kept(base_frames, mirrored=False)
     base = detect(pictures, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
+    for mirrored, shown in ((False, base), (True, seen)):
+        mostly = 2 * sum(len(o) > 0 for o in shown) > len(shown)
+        refuse_other_board(first[mirrored], target, mirrored=mirrored, found=mostly)
     found = calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
     return found.with_damaged_pictures(damaged)
 

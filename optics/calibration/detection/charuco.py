@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mirrorcam.optics.base.values import FloatArray
@@ -108,13 +108,20 @@ def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArr
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
-    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards: those that predict each other.
+    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards: those that predict each other."""
+    if not len(places):
+        return []
+    count, labels = connected_components(linked_markers(places, quads), directed=False)
+    members = [np.flatnonzero(labels == label) for label in range(count)]
+    return [m for m in sorted(members, key=len, reverse=True) if len(m) >= MIN_MARKERS]
+
+
+def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
+    """Symmetric matrix (n, n) of the markers (n, 4, 2), with places (n, 4, 2) on the print, that predict each other.
 
     The affine map of each marker predicts where its neighbours on the print are; two markers that agree belong to one
     board. A marker that was read wrongly agrees with none.
     """
-    if not len(places):
-        return []
     middles, centres = places.mean(axis=1), quads.mean(axis=1)
     # Least squares of the four corners: px per square.
     sides = places[0] - middles[0]
@@ -127,7 +134,4 @@ def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
     off = np.linalg.norm(expected - centres[second], axis=1) / cell[first]
     agree = off < PREDICTION_ERROR * distance[first, second] + 0.1
     matrix = coo_array((agree.astype(float), (first, second)), shape=(len(places),) * 2).tocsr()
-    mutual = matrix.multiply(matrix.T)
-    count, labels = connected_components(mutual, directed=False)
-    members = [np.flatnonzero(labels == label) for label in range(count)]
-    return [m for m in sorted(members, key=len, reverse=True) if len(m) >= MIN_MARKERS]
+    return matrix.multiply(matrix.T)

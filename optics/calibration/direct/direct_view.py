@@ -16,6 +16,7 @@ import numpy as np
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
+from mirrorcam.optics.calibration.detection.other_boards import refuse_other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison, compare, smallest
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude
@@ -99,6 +100,7 @@ def _found(pictures: Sequence[Grey], target: Checkerboard, mirrors: int, progres
         boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
         found.append([board for board in boards if board.direct or board.image])
         progress(number + 1, len(pictures))
+    refuse_other_board(pictures, target, mirrored=False, found=sum(map(len, found)) >= 2 * len(found))
     if not any(found):
         raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
     return found
