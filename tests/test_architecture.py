@@ -27,7 +27,7 @@ OPTICS = {"numpy", "scipy", "cv2", "simplejpeg", "casadi", "pydantic", "pydantic
 MAY_IMPORT = {
     # Videos and animations are read and written, and streams of light fields, where these are made; all imported late.
     # The template kit of HTML pages is in `base`: pages of `cad` and of `mirrorcam` are made with it.
-    "mirrorcam.optics": OPTICS | {"av", "zarr", "PIL", "h5py", "jinja2", "markupsafe"},
+    "mirrorcam.optics": OPTICS | {"av", "zarr", "numcodecs", "PIL", "h5py", "jinja2", "markupsafe"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
@@ -66,7 +66,7 @@ APART = {
 }
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
-    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "PIL", "h5py", "jinja2"),
+    *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "numcodecs", "PIL", "h5py", "jinja2"),
 )
 
 KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}

@@ -38,7 +38,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     stated = read_views(path.with_suffix(".json"))
     stated_order: object = order
     if stated is not None:
-        grid, stated_order = (stated[0].rows, stated[0].cols), stated[1].get("order")
+        grid, stated_order = (stated[0].rows, stated[0].cols), stated[1].order
     elif assumed.rows is None or assumed.cols is None:
         raise InputError(
             f"{path}: a picture without {path.stem}.json beside it, expected --layout of the camera whose frame it is, "
@@ -60,5 +60,5 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     if (views.width_px, views.height_px) != (width, height):
         raise InputError(f"{path}: views of {width}x{height} px, expected {views.width_px}x{views.height_px}")
     samples = colours.reshape(*parts, 3).transpose(*back, 4)
-    channels = 3 if stated is None else stated[1]["channels"]
+    channels = 3 if stated is None else stated[1].channels
     return light_field_of(views, np.ascontiguousarray(samples), opacity.reshape(parts).transpose(back), channels)

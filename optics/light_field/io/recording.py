@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,10 +54,21 @@ class Entries:
     times_s: list[float] = field(default_factory=list)
     lost: dict[int, str] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, lines: Iterable[Any], where: Path) -> Entries:
+        """The entries of lines as in a journal; raises InputError in one line for any others."""
+        entries = cls()
+        for line in lines:
+            entries.note(line, where)
+        numbers = [*entries.numbers, *entries.lost]
+        if entries.numbers != sorted(entries.numbers) or len(set(numbers)) != len(numbers):
+            raise InputError(f"{where}: numbers of frames do not increase, expected each once and in order")
+        return entries
+
     def note(self, line: Any, where: Path) -> None:
         """Take in a line of the journal; raises InputError where it is none."""
         try:
-            frame = _Frame.model_validate(line)
+            frame = _Frame.model_validate(line, strict=True)
         except ValidationError as error:
             raise InputError(f"{where}: no list of frames: {one_line(error)}") from None
         if frame.lost is not None:
@@ -139,8 +150,7 @@ class Recording:
             )
         if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:
             raise InputError(f"{self._folder}: exists, expected the beginning of {path.name} or nothing")
-        for line in lines[1:]:
-            self.entries.note(line, journal)
+        self.entries = Entries.of(lines[1:], journal)
         with self._writing():
             self._folder.mkdir(parents=True, exist_ok=True)
             write_text(journal, "".join(json.dumps(line) + "\n" for line in lines or [self._about]))
@@ -194,6 +204,14 @@ class Recording:
             raise InputError(
                 f"{self.path}: cannot be written: {reason}; {len(self.entries.numbers)} frames {kept}"
             ) from None
+
+
+def read_journal(journal: Path) -> tuple[dict[str, Any], Entries]:
+    """The attributes and the frames of a recording that was cut off, as far as its journal was written to the end."""
+    lines = whole_lines(journal)
+    if not lines or lines[0].get("schema") != SCHEMA:
+        raise InputError(f"{journal}: not the journal of a recording, expected the schema {SCHEMA!r} in its first line")
+    return lines[0], Entries.of(lines[1:], journal)
 
 
 def whole_lines(journal: Path) -> list[dict[str, Any]]:

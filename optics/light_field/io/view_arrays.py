@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam.optics.base.array_files import read_npy
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
-from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, read_views, write_views
+from mirrorcam.optics.light_field.io.views_file import VIEWS, check_weights, even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
 
 WEIGHTS = "weights.npy"
@@ -32,11 +33,8 @@ def _save(path: Path, array: np.ndarray) -> None:
 
 
 def _load(path: Path, dimensions: int) -> Any:
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: not an .npy file that can be read: {' '.join(str(error).split())}") from None
-    if not isinstance(array, np.ndarray) or array.ndim != dimensions or array.dtype.kind not in "fu":
+    array = read_npy(path)
+    if array.ndim != dimensions or array.dtype.kind not in "fu":
         raise InputError(f"{path}: expected an array of {dimensions} dimensions of numbers")
     return array
 
@@ -49,18 +47,24 @@ def read_arrays(path: Path, largest: float, assumed: Assumed) -> LightField:
     """
     array, stated = _load(path, 5), read_views(path.with_name(VIEWS))
     largest = float(np.iinfo(array.dtype).max) if array.dtype.kind == "u" else largest
-    samples = array.astype(np.float32) / np.float32(largest)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        samples = array.astype(np.float32)
+        del array  # as large as memory allows
+        samples /= np.float32(largest)
     rows, cols, height, width = samples.shape[:4]
     if path.with_name(WEIGHTS).exists():
         weights = _load(path.with_name(WEIGHTS), 4).astype(np.float32)
     else:
         weights = np.ones(samples.shape[:4], np.float32)
-    if stated is not None and stated[1].get("dtype") == "uint8":
+    if stated is not None and stated[1].dtype == "uint8":
         if not np.isfinite(samples).all():
             raise InputError(f"{path}: holds a value that is NaN or infinite, expected finite numbers")
-        samples = np.rint(np.clip(samples, 0.0, 1.0) * 255.0).astype(np.uint8)
+        np.clip(samples, 0.0, 1.0, out=samples)
+        samples *= np.float32(255.0)
+        samples = np.rint(samples, out=samples).astype(np.uint8)
     views = even_views(path, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
     try:
+        check_weights(weights)
         return LightField.of(views, samples, weights)
     except InputError as error:
         raise InputError(f"{path.parent}: {error}") from None

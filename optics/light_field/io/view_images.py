@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.array_files import check_bytes
 from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import read_image, read_opacity
+from mirrorcam.optics.base.pictures import picture_size, read_image, read_opacity
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 Bytes = NDArray[np.uint8]
+_PIXEL_BYTES = 7
+"""Bytes that a pixel of a view takes: three of colour, and four of weight."""
 
 
 def as_bytes(samples: Samples) -> Bytes:
@@ -51,8 +55,21 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
     write_bytes(path, buffer.tobytes())
 
 
+def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
+    """Width and height of pictures that make one light field, by the header of the first.
+
+    Raises InputError where all together would take more memory than their files may; the others are to be checked when
+    they are read.
+    """
+    width, height = picture_size(pictures[0])
+    stored = sum(picture.stat().st_size for picture in pictures if picture.is_file())
+    check_bytes(pictures[0], _PIXEL_BYTES * width * height * len(pictures), stored)
+    return width, height
+
+
 def read_rgba(path: Path) -> tuple[Bytes, Bytes]:
     """Colours (h, w, 3) in RGB and opacity (h, w) of a picture; 255 throughout where it has none."""
+    common_size([path])
     colours, opacity = read_image(path), read_opacity(path)
     return colours, np.full(colours.shape[:2], 255, np.uint8) if opacity is None else opacity
 

@@ -6,21 +6,27 @@ importers take what the format itself says, and what is `Assumed` for what it do
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from mirrorcam.optics.base.files import read_bytes, write_json
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.files import read_model, shortened, write_json
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SCHEMA = "mirrorcam.views/1"
 VIEWS = "views.json"
+LARGEST_SIDE_PX = 100_000
+ROUNDING = 1e-3
+"""How much weights may exceed 1 by the rounding of other programs."""
+LARGEST_LENGTH = 1e9
+"""Millimetres or px: what is longer overflows in products."""
+_Margin = Annotated[int, Field(ge=0, le=LARGEST_SIDE_PX)]
 
 
 def fields_of_views(views: Views) -> dict[str, Any]:
@@ -32,37 +38,85 @@ def fields_of_views(views: Views) -> dict[str, Any]:
 
 def views_of_fields(given: Mapping[str, Any], where: str) -> Views:
     """The views of their fields, as lists, numbers or arrays; InputError in one line that begins with `where`."""
-
-    def vector(name: str) -> FloatArray:
-        # MATLAB's vectors have two dimensions.
-        return np.asarray(given[name], np.float64).ravel()
-
     try:
-        return Views(
+        views = Views(
             positions_mm=given["positions_mm"],
-            focal_px=float(np.asarray(given["focal_px"]).item()),
-            centre_px=vector("centre_px"),
-            width_px=int(np.asarray(given["width_px"]).item()),
-            height_px=int(np.asarray(given["height_px"]).item()),
-            reference_depth_mm=float(np.asarray(given["reference_depth_mm"]).item()),
-            reference_view_in_rig_mm=vector("reference_view_in_rig_mm"),
+            focal_px=_number(given, "focal_px"),
+            centre_px=_numbers(given, "centre_px"),
+            width_px=_count(given, "width_px"),
+            height_px=_count(given, "height_px"),
+            reference_depth_mm=np.inf if _is_infinity(given) else _number(given, "reference_depth_mm"),
+            reference_view_in_rig_mm=_numbers(given, "reference_view_in_rig_mm"),
             view_from_rig=given["view_from_rig"],
             # Of an empty text MATLAB keeps an array without letters.
             layout_identity="".join(np.asarray(given["layout_identity"]).ravel().tolist()),
         )
+        _check_plausible(views)
     except KeyError as error:
         raise InputError(f"{where}: does not describe views: has no {error}") from None
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{where}: does not describe views: {' '.join(str(error).split())}") from None
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(shortened(f"{where}: does not describe views: {' '.join(str(error).split())}")) from None
+    return views
+
+
+def _numbers(given: Mapping[str, Any], name: str) -> FloatArray:
+    """The numbers of a field in a row: MATLAB's vectors have two dimensions."""
+    array = np.asarray(given[name])
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} is {str(given[name])[:40]!r}, expected numbers")
+    return array.astype(np.float64).ravel()
+
+
+def _number(given: Mapping[str, Any], name: str) -> float:
+    numbers = _numbers(given, name)
+    if numbers.size != 1:
+        raise ValueError(f"{name} is {numbers.size} numbers, expected one")
+    return float(numbers[0])
+
+
+def _count(given: Mapping[str, Any], name: str) -> int:
+    number = _number(given, name)
+    if not (1 <= number <= LARGEST_SIDE_PX and number.is_integer()):
+        raise ValueError(f"{name} is {number:g}, expected a whole number from 1 to {LARGEST_SIDE_PX}")
+    return int(number)
+
+
+def _is_infinity(given: Mapping[str, Any]) -> bool:
+    return isinstance(given["reference_depth_mm"], str) and given["reference_depth_mm"] == "inf"
+
+
+def _check_plausible(views: Views) -> None:
+    """Raise ValueError for views that no light field has: all lengths of it are finite, and one is its reference."""
+    lengths = (views.positions_mm, views.centre_px, views.reference_view_in_rig_mm, views.focal_px)
+    if max(float(np.abs(each).max()) for each in lengths) > LARGEST_LENGTH:
+        raise ValueError(f"a length of more than {LARGEST_LENGTH:g} mm or px")
+    turn = views.view_from_rig
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+        raise ValueError("view_from_rig is no rotation")
+    if np.count_nonzero((views.positions_mm == 0).all(axis=2)) != 1:
+        raise ValueError("positions_mm are zero for none or several views, expected one reference view")
+    if not views.layout_identity.isascii() or not (views.layout_identity or "0").isalnum():
+        raise ValueError(f"layout_identity is {views.layout_identity[:40]!r}, expected letters and digits")
+
+
+def check_weights(weights: Any) -> None:
+    """Raise InputError for weights (t, s, v, u) outside 0 to 1, and for none that is positive."""
+    least, most = (weights.min(), weights.max()) if weights.size else (0.0, 0.0)
+    if not (least >= 0 and most <= 1 + ROUNDING):
+        raise InputError("weights lie outside 0 to 1")
+    if most == 0:
+        raise InputError("weights are all zero, expected samples")
 
 
 def light_field_of_fields(given: Mapping[str, Any], where: str) -> LightField:
     """The light field of its fields by name; InputError in one line that begins with `where`."""
     try:
-        return LightField.of(views_of_fields(given, where), given["samples"], given["weights"])
+        light_field = LightField.of(views_of_fields(given, where), given["samples"], given["weights"])
+        check_weights(light_field.weights)
     except (ValueError, TypeError) as error:
         reason = str(error).removeprefix(f"{where}: ")
-        raise InputError(f"{where}: not a light field: {reason}") from None
+        raise InputError(shortened(f"{where}: not a light field: {reason}")) from None
+    return light_field
 
 
 def write_views(path: Path, views: Views, **more: Any) -> None:
@@ -70,20 +124,23 @@ def write_views(path: Path, views: Views, **more: Any) -> None:
     write_json(path, {"schema": SCHEMA, **more, "views": fields_of_views(views)})
 
 
-def read_views(path: Path) -> tuple[Views, dict[str, Any]] | None:
-    """Read what `write_views` wrote: the views, and the rest by name; None without such a file."""
+class ViewsFile(Value):
+    """What `write_views` writes: the geometry, and what a format wants to find again."""
+
+    schema_id: Literal["mirrorcam.views/1"] = Field(alias="schema")
+    views: dict[str, Any]
+    channels: Literal[1, 3] = 3
+    dtype: Literal["uint8", "float32"] | None = None
+    order: Literal["eslf", "tiles"] | None = None
+    margins: tuple[_Margin, _Margin, _Margin, _Margin] = (0, 0, 0, 0)
+
+
+def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
+    """Read what `write_views` wrote: the views, and the rest; None without such a file."""
     if not path.exists():
         return None
-    try:
-        stated = json.loads(read_bytes(path))
-    except ValueError as error:
-        raise InputError(f"{path}: does not describe views: {' '.join(str(error).split())}") from None
-    if not isinstance(stated, dict) or stated.get("schema") != SCHEMA:
-        raise InputError(f"{path}: expected the schema {SCHEMA!r}")
-    given = stated.pop("views", None)
-    if not isinstance(given, dict):
-        raise InputError(f"{path}: does not describe views: has no 'views'")
-    return views_of_fields(given, str(path)), stated
+    stated = read_model(ViewsFile, path)
+    return views_of_fields(stated.views, str(path)), stated
 
 
 def parallel_views(

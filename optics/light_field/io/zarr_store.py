@@ -8,14 +8,19 @@ from typing import Any, overload
 
 import numpy as np
 
+from mirrorcam.optics.base.array_files import check_bytes
+from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, whole_lines
+from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, read_journal
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
+from mirrorcam.optics.light_field.io.zarr_arrays import METADATA, ZarrArray, read_attributes
 from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
 GROWTH_FRAMES = 256
 """Number of frames that the array grows by at once while it is written."""
+MOST_FRAMES = 10_000_000
+"""Frames of the longest recording that is read: days of video."""
 
 
 class ZarrSink:
@@ -29,6 +34,7 @@ class ZarrSink:
         self._folder = folder
         self._samples: Any = None
         if (folder / "samples" / "zarr.json").exists():
+            ZarrArray(folder, "samples")
             self._samples = zarr.open_array(folder / "samples", config={"write_empty_chunks": True})
 
     def write(self, index: int, number: int, light_field: LightField) -> None:
@@ -51,12 +57,20 @@ class ZarrSink:
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """Read the group's attributes and arrays."""
-        group = open_group(path)
-        attributes = dict(group.attrs)
+        if not (path / METADATA).exists():
+            raise InputError(f"{path}: not a recording of light fields, expected {METADATA} in it")
+        attributes = read_attributes(path)
         if attributes.get("schema") != SCHEMA:
             raise InputError(f"{path}: not a recording of light fields, expected the schema {SCHEMA!r}")
-        lost = {int(number): str(reason) for number, reason in attributes.pop("lost")}
-        return attributes, Entries(group["number"][:].tolist(), group["time_s"][:].tolist(), lost)
+        number, time_s = (_frame_array(path, name, kind) for name, kind in (("number", "int64"), ("time_s", "float64")))
+        lost = attributes.pop("lost", None)
+        if not isinstance(lost, list) or not all(isinstance(each, list) and len(each) == 2 for each in lost):
+            raise InputError(f"{path}: its attribute 'lost' is no list of frames and reasons")
+        if number.shape != time_s.shape or (len(number) > 1 and not np.ptp(time_s)):
+            raise InputError(f"{path}: {len(number)} numbers, {len(time_s)} times of frames, expected a time of each")
+        lines = [{"number": each, "time_s": time} for each, time in zip(number.tolist(), time_s.tolist(), strict=True)]
+        lines += [{"number": each, "lost": reason} for each, reason in lost]
+        return attributes, Entries.of(lines, path)
 
     def _created(self, light_field: LightField) -> Any:
         """The arrays as they are before the first frame."""
@@ -81,15 +95,12 @@ class ZarrSink:
         )
 
 
-def open_group(path: Path) -> Any:
-    """The Zarr group of a recording, or InputError in one line."""
-    import zarr
-
-    try:
-        group = zarr.open_group(path, mode="r")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a Zarr group that can be read: {error}") from None
-    return group
+def _frame_array(path: Path, name: str, kind: str) -> Any:
+    """An array with a number of each frame."""
+    array = ZarrArray(path, name)
+    if len(array.shape) != 1 or array.dtype != kind or array.shape[0] > MOST_FRAMES:
+        raise InputError(f"{path}: {name} is {array.dtype} of shape {array.shape[:8]}, expected {kind} (frame,)")
+    return array.whole()
 
 
 class StoredLightFields(Sequence[LightField]):
@@ -108,23 +119,30 @@ class StoredLightFields(Sequence[LightField]):
     """
 
     def __init__(self, path: Path) -> None:
-        group = open_group(path)
         self.path = path
         journal = path / JOURNAL
-        if journal.exists():
-            lines = whole_lines(journal)
-            if not lines:
-                raise InputError(f"{journal}: holds no line, expected the journal of a recording")
-            self.about, entries = lines[0], Entries()
-            for line in lines[1:]:
-                entries.note(line, journal)
-        else:
-            self.about, entries = ZarrSink().read(path)
+        self.about, entries = read_journal(journal) if journal.exists() else ZarrSink().read(path)
         self.numbers, self.times_s, self.lost = tuple(entries.numbers), tuple(entries.times_s), entries.lost
-        self._samples = group["samples"]
-        weights = np.asarray(group["weights"][:])
-        empty = np.zeros((*weights.shape, self._samples.shape[-1]), dtype=self._samples.dtype)
-        self._empty = light_field_of_fields(self.about["views"] | {"samples": empty, "weights": weights}, str(path))
+        self._samples, weights = ZarrArray(path, "samples"), ZarrArray(path, "weights")
+        self._check_shapes(weights, is_cut_off=journal.exists())
+        self._is_weighted_in_full = weights.is_in_full
+        views = self.about.get("views")
+        empty = np.zeros(self._samples.shape[1:], dtype=self._samples.dtype)
+        given = {**(views if isinstance(views, dict) else {}), "samples": empty, "weights": weights.whole()}
+        self._empty = light_field_of_fields(given, str(path))
+
+    def _check_shapes(self, weights: ZarrArray, *, is_cut_off: bool) -> None:
+        """Raise InputError where arrays do not agree, or a frame is not a chunk of what memory holds."""
+        shape, count = self._samples.shape, len(self.numbers)
+        if len(shape) != 6 or self._samples.chunk_shape != (1, *shape[1:]):
+            raise InputError(f"{self.path}: samples of shape {shape[:8]}, expected {DIMENSIONS} with a chunk per frame")
+        if weights.shape != shape[1:5] or weights.dtype != np.float32:
+            raise InputError(
+                f"{self.path}: weights are {weights.dtype} of shape {weights.shape[:8]}, expected float32 {shape[1:5]}"
+            )
+        if shape[0] != count and not (is_cut_off and shape[0] > count):
+            raise InputError(f"{self.path}: samples of {shape[0]} frames, but numbers and times of {count}")
+        check_bytes(self.path, self._samples.chunk_bytes + weights.dtype.itemsize * int(np.prod(shape[1:5])), 0)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -141,11 +159,14 @@ class StoredLightFields(Sequence[LightField]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
         number = index % len(self)
-        chunk = self.path / "samples" / self._samples.metadata.encode_chunk_key((number, 0, 0, 0, 0, 0))
-        if not chunk.exists():
-            # Zarr would take it for all zero.
-            raise InputError(f"{self.path}: frame {number} is missing, expected {chunk.relative_to(self.path)}")
+        chunk = (number, 0, 0, 0, 0, 0)
+        if not self._samples.has(chunk):
+            raise InputError(f"{self.path}: frame {number} is missing, expected {self._samples.key(chunk)}")
         try:
-            return LightField.of(self._empty, np.asarray(self._samples[number]), self._empty.weights)
-        except (OSError, ValueError, RuntimeError) as error:
-            raise InputError(f"{self.path}: frame {number} cannot be read: {error}") from None
+            samples = self._samples.chunk(chunk)[0]
+            if not self._is_weighted_in_full and samples[self._empty.weights == 0].any():
+                raise InputError("has samples without weight, expected files of all weights")
+            return LightField.of(self._empty, samples, self._empty.weights)
+        except InputError as error:
+            reason = str(error).removeprefix(f"{self.path}/").removeprefix(f"{self.path}: ")
+            raise InputError(shortened(f"{self.path}: frame {number} cannot be read: {reason}")) from None

@@ -9,9 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_bytes, write_text
+from mirrorcam.optics.base.array_files import refusing
+from mirrorcam.optics.base.files import inside, read_bytes, write_text
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
@@ -19,7 +21,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
-from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -78,33 +80,26 @@ def read_colmap(folder: Path) -> LightField:
     for any other model.
     """
     where = folder / "sparse"
-    try:
-        cameras = {}
-        for words in _lines(where / "cameras.txt"):
-            if words[1] != "PINHOLE":
-                raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE")
-            cameras[words[0]] = [float(word) for word in words[2:8]]
-        found = {}
-        for words in _lines(where / "images.txt"):
-            # Lines of points are not of ten words that end in the name of a picture.
-            if len(words) == 10 and "/" in words[9]:
-                row, col = words[9].split("/")[0].split("_")[-2:]
-                found[int(row), int(col)] = (np.array(words[1:8], np.float64), cameras[words[8]], words[9])
+    with refusing(where, "a model of a grid of views"):
+        found = _named_views(where)
         rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
         order = [found[index] for index in np.ndindex(rows, cols)]
         poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
+        if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
+            raise ValueError("numbers are missing or not finite")
         turns = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
-    except InputError:
-        raise
-    except (ValueError, IndexError, KeyError) as error:
-        raise InputError(f"{where}: not a model of a grid of views: {error!r}") from None
     if np.abs(turns - turns[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
         raise InputError(f"{where}: cameras are turned differently or of different sizes, expected parallel views")
-    size = int(numbers[0, 0]), int(numbers[0, 1])
+    files = [inside(folder / "images", name) for _, _, name in order]
+    size = common_size(files)
+    if size != tuple(numbers[0, :2]):
+        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} of its camera")
     own = read_views(folder / VIEWS)
-    left, top, right, bottom = own[1]["margins"] if own else (0, 0, 0, 0)
+    left, top, right, bottom = own[1].margins if own else (0, 0, 0, 0)
     if own:
         views = own[0]
+        if size != (views.width_px + left + right, views.height_px + top + bottom):
+            raise InputError(f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px in {size[0]}x{size[1]}")
     else:
         matrices = np.zeros((rows * cols, 3, 3))
         matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 2], numbers[:, 3], 1.0
@@ -114,16 +109,34 @@ def read_colmap(folder: Path) -> LightField:
     inner = (slice(top, size[1] - bottom), slice(left, size[0] - right))
     shape = (rows, cols, views.height_px, views.width_px)
     colours, opacity = np.empty((*shape, 3), np.uint8), np.full(shape, 255, np.uint8)
-    for index, (_, _, name) in zip(np.ndindex(rows, cols), order, strict=True):
-        picture = read_image(folder / "images" / name)
-        check_size(folder / "images" / name, picture, size)
+    for index, file, (_, _, name) in zip(np.ndindex(rows, cols), files, order, strict=True):
+        picture = read_image(file)
+        check_size(file, picture, size)
         colours[index] = picture[inner]
-        mask = folder / "masks" / f"{name}.png"
+        mask = inside(folder / "masks", f"{name}.png")
         if mask.exists():
             grey = read_image(mask, grey=True)
             check_size(mask, grey, size)
             opacity[index] = grey[inner]
-    return light_field_of(views, colours, opacity, own[1]["channels"] if own else 3)
+    return light_field_of(views, colours, opacity, own[1].channels if own else 3)
+
+
+_View = tuple[NDArray[np.float64], list[float], str]
+
+
+def _named_views(where: Path) -> dict[tuple[int, int], _View]:
+    """Pose, intrinsics and picture of each view by row and column, as far as its name tells them."""
+    cameras, found = {}, dict[tuple[int, int], _View]()
+    for words in _lines(where / "cameras.txt"):
+        if words[1] != "PINHOLE":
+            raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE"[:300])
+        cameras[words[0]] = [float(word) for word in words[2:8]]
+    for words in _lines(where / "images.txt"):
+        # Lines of points are not of ten words that end in the name of a picture.
+        if len(words) == 10 and "/" in words[9]:
+            row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
+            found[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
+    return found
 
 
 def _lines(path: Path) -> list[list[str]]:

@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_bytes, write_text
+from mirrorcam.optics.base.files import read_bytes, shortened, write_text
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
 from mirrorcam.optics.light_field.io.pfm import read_pfm, write_pfm
+from mirrorcam.optics.light_field.io.view_images import common_size
 from mirrorcam.optics.light_field.io.views_file import views_of_fields
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
@@ -34,6 +35,8 @@ Float32 = NDArray[np.float32]
 PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
 OURS = "mirrorcam"
+MOST_VIEWS = 1000
+"""Most views down or across of a scene that is read."""
 SENSOR_SIZE_MM = 35.0
 """What is written for the longer side of the sensor; only its ratio to the focal length means something."""
 _KEYS = {
@@ -172,13 +175,16 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
         parser.read_string(read_bytes(path).decode("utf-8"))
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
-    except (Error, ValueError) as error:
-        raise InputError(f"{path}: not the parameters of a light field: {' '.join(str(error).split())}") from None
+    except (Error, ValueError, AttributeError) as error:  # AttributeError: a line that goes on one without a value
+        reason = " ".join(str(error).split())
+        raise InputError(shortened(f"{path}: not the parameters of a light field: {reason}")) from None
     # Focused at infinity, a scene has no disparity there.
-    beyond = {key: np.inf if key == "focus_distance_m" else 1e6 for key in numbers}
+    beyond = {key: MOST_VIEWS if key.startswith("num_cams") else 1e6 for key in numbers} | {"focus_distance_m": np.inf}
     wrong = next((key for key, value in numbers.items() if not 0 < value <= beyond[key]), None)
+    wrong = wrong or next((key for key in _COUNTS if not numbers[key].is_integer()), None)
     if wrong is not None:
-        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a positive number")
+        kind = "positive number, a whole one" if wrong in _COUNTS else "positive number"
+        raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {beyond[wrong]:g}")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
     if every < 1 or (cols // 2) % every or (rows // 2) % every:
         raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
@@ -186,14 +192,18 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     if (views.rows, views.cols) != (rows, cols):
         raise InputError(f"{path}: {views.cols}x{views.rows} positions of {cols}x{rows} views")
     taken = [(t, s) for t in range(0, rows, every) for s in range(0, cols, every)]
-    pictures = [_picture(folder / f"input_Cam{t * cols + s:03d}.png", (width, height)) for t, s in taken]
+    files = [folder / f"input_Cam{t * cols + s:03d}.png" for t, s in taken]
+    common_size(files)
+    pictures = [_picture(file, (width, height)) for file in files]
     masks = [folder / f"mask_Cam{t * cols + s:03d}.png" for t, s in taken]
     weights = np.ones((len(taken), height, width), np.float32)
     for weight, mask in zip(weights, masks, strict=True):
         if mask.exists():
             weight[:] = _picture(mask, (width, height), grey=True) > 0
     grid = (len(range(0, rows, every)), len(range(0, cols, every)))
-    channels = 1 if parser.get(OURS, "channels", fallback="3") == "1" else 3
+    channels = {"1": 1, "3": 3}.get(parser.get(OURS, "channels", fallback="3"))
+    if channels is None:
+        raise InputError(f"{path}: section {OURS!r}: channels is neither 1 nor 3")
     samples = np.stack(pictures).reshape(*grid, height, width, 3)[..., :channels]
     taken_views = replace(views, positions_mm=views.positions_mm[::every, ::every])
     light_field = LightField.of(taken_views, np.ascontiguousarray(samples), weights.reshape(*grid, height, width))
@@ -237,9 +247,13 @@ def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views
     ours = parser[OURS]
     arrays = ("positions_mm", "centre_px", "reference_view_in_rig_mm", "view_from_rig")
     try:
-        given: dict[str, Any] = {**ours, **{name: json.loads(ours[name]) for name in arrays if name in ours}}
-    except ValueError as error:
-        raise InputError(f"{path}: section {OURS!r}: does not describe views: {error}") from None
+        given: dict[str, Any] = {
+            **ours,
+            **{name: json.loads(ours[name]) for name in arrays if name in ours},
+            **{name: float(ours[name]) for name in ("focal_px", "reference_depth_mm") if name in ours},
+        }
+    except (ValueError, RecursionError) as error:
+        raise InputError(shortened(f"{path}: section {OURS!r}: does not describe views: {error}")) from None
     return views_of_fields({**given, "width_px": size[0], "height_px": size[1]}, f"{path}: section {OURS!r}")
 
 

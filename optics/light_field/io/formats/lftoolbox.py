@@ -15,14 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.array_files import stored_bytes
+from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.hdf5_arrays import read_hdf5
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.mat5_arrays import HEADER_BYTES, read_mat5
 from mirrorcam.optics.light_field.io.view_images import weight_bytes
-from mirrorcam.optics.light_field.io.views_file import even_views, parallel_views, views_of_fields
+from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, parallel_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 OURS = "MirrorCam"
+WHAT = "a .mat file that can be read"
 LARGEST_BYTES = 2**31 - 1
 """Largest variable in a .mat file before version 7.3, which is HDF5."""
 
@@ -104,19 +108,24 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
     Geometry is that of `MirrorCam`, else of H, else assumed. Raises InputError in one line for a file that is not such
     a one.
     """
-    variables = _hdf5(path) if b"MATLAB 7.3" in read_bytes(path)[:128] else _before_hdf5(path)
+    stored_bytes(path)
+    with path.open("rb") as file:
+        is_hdf5 = b"MATLAB 7.3" in file.read(HEADER_BYTES)
+    variables = _hdf5(path) if is_hdf5 else _before_hdf5(path)
     lf, h = variables.get("LF"), variables.get("H")
     if not isinstance(lf, np.ndarray) or lf.ndim not in (4, 5):
         raise InputError(f"{path}: has no array LF [t, s, v, u, c]")
     samples, weights = _samples_and_weights(lf if lf.ndim == 5 else lf[..., None], path)
     rows, cols, height, width = weights.shape
     if OURS in variables:
-        views = _our_views(variables[OURS], path)
-    elif h is not None:
+        ours = variables[OURS]
+        views = views_of_fields(ours if isinstance(ours, dict) else {}, f"{path}: its {OURS}")
+    elif isinstance(h, np.ndarray):
         views = views_of(np.asarray(h, np.float64), (rows, cols), (width, height), f"{path}: RectOptions")
     else:
         views = even_views(path, assumed, (rows, cols), (width, height))
     try:
+        check_weights(weights)
         return LightField.of(views, samples, weights)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -124,30 +133,15 @@ def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
 
 def _before_hdf5(path: Path) -> dict[str, Any]:
     """`LF`, `H` and `MirrorCam` of a file of MATLAB 5 to 7, as far as it has them."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        variables: dict[str, Any] = loadmat(path)
-    except (ValueError, TypeError, OSError, EOFError, MatReadError, NotImplementedError) as error:
-        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
-    h = _field(variables.get("RectOptions"), "RectCamIntrinsicsH")
-    return {**variables, "H": h}
+    variables = read_mat5(path, ("LF", "RectOptions", OURS), WHAT)
+    options = variables.get("RectOptions")
+    return {**variables, "H": options.get("RectCamIntrinsicsH") if isinstance(options, dict) else None}
 
 
 def _hdf5(path: Path) -> dict[str, Any]:
     """`LF` and `H` of a file of MATLAB 7.3, whose arrays HDF5 shows with their axes reversed."""
-    import h5py
-
-    found: dict[str, Any] = {}
-    try:
-        with h5py.File(path, "r") as file:
-            for name, place in (("LF", "LF"), ("H", "RectOptions/RectCamIntrinsicsH")):
-                if isinstance(file.get(place), h5py.Dataset):
-                    found[name] = file[place][()].T
-    except (OSError, ValueError, TypeError, RuntimeError) as error:
-        raise InputError(f"{path}: not a .mat file that can be read: {' '.join(str(error).split())}") from None
-    return found
+    found = read_hdf5(path, {"LF": "LF", "H": "RectOptions/RectCamIntrinsicsH"}, WHAT)
+    return {name: array.T for name, array in found.items()}
 
 
 def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
@@ -169,18 +163,6 @@ def _samples_and_weights(lf: Any, path: Path) -> tuple[Any, Any]:
     samples = np.ascontiguousarray(scaled)
     samples[weights <= 0] = 0
     return samples, weights
-
-
-def _field(struct: Any, name: str) -> Any:
-    """A field of a struct as scipy reads it, or None where there is no such struct or field."""
-    if not isinstance(struct, np.ndarray) or struct.size != 1 or name not in (struct.dtype.names or ()):
-        return None
-    return struct[name].item()
-
-
-def _our_views(ours: Any, path: Path) -> Views:
-    given = {name: _field(ours, name) for name in Views.__dataclass_fields__}
-    return views_of_fields({name: value for name, value in given.items() if value is not None}, f"{path}: its {OURS}")
 
 
 FORMAT = Format(

@@ -5,20 +5,21 @@ The world is at the pupil: x right, y to the scene, z up.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict
 
-from mirrorcam.optics.base.files import read_bytes, write_json
+from mirrorcam.optics.base.array_files import refusing
+from mirrorcam.optics.base.files import inside, read_json, write_json
 from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, Matrix4, Value
 from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
-from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -41,48 +42,73 @@ def write_nerfstudio(folder: Path, light_field: LightField) -> None:
     write_json(folder / TRANSFORMS, {"camera_model": "OPENCV", "frames": frames})
 
 
+class _Frame(Value):
+    """What is read of a frame, and of what holds for all frames."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    file_path: str
+    mask_path: str | None = None
+    transform_matrix: Matrix4
+    fl_x: float
+    fl_y: float
+    cx: float
+    cy: float
+    w: float
+    h: float
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+
 def read_nerfstudio(folder: Path) -> LightField:
     """The light field of such a dataset: of parallel, undistorted views named `..._ROW_COLUMN.png`.
 
     Without `views.json` the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
     """
     path = folder / TRANSFORMS
-    try:
-        dataset = json.loads(read_bytes(path))
-        frames = {_index(each["file_path"]): {**dataset, **each} for each in dataset["frames"]}
+    dataset = read_json(path)
+    with refusing(path, "a dataset of a grid of views"):
+        frames = {}
+        for each in dataset["frames"]:
+            frame = _Frame.model_validate({**dataset, **each}, strict=True)
+            frames[_index(frame.file_path)] = frame
         rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
         order = [frames[index] for index in np.ndindex(rows, cols)]
-        transforms = np.array([each["transform_matrix"] for each in order], np.float64)
-        numbers = np.array([[float(each[key]) for key in ("fl_x", "fl_y", "cx", "cy")] for each in order])
-        bent = max(abs(float(each.get(key, 0.0))) for each in order for key in ("k1", "k2", "k3", "p1", "p2"))
-        size = int(order[0]["w"]), int(order[0]["h"])
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(f"{path}: not a dataset of a grid of views: {error!r}") from None
-    if transforms.shape != (rows * cols, 4, 4) or np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
+    transforms = np.array([each.transform_matrix for each in order])
+    numbers = np.array([[each.fl_x, each.fl_y, each.cx, each.cy] for each in order])
+    bent = max(abs(value) for each in order for value in (each.k1, each.k2, each.k3, each.p1, each.p2))
+    if np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
         raise InputError(f"{path}: cameras are turned differently, expected parallel views")
     if bent > 0.0:
         raise InputError(f"{path}: cameras have distortion, expected undistorted views")
     matrices = np.zeros((rows * cols, 3, 3))
     matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 0], numbers[:, 1], 1.0
     matrices[:, :2, 2] = numbers[:, 2:] - HALF_PIXEL
-    own = read_views(folder / VIEWS)
+    files = [inside(folder, each.file_path) for each in order]
+    size, own = common_size(files), read_views(folder / VIEWS)
+    if size != (order[0].w, order[0].h):
+        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {order[0].w:g}x{order[0].h:g}")
     views: Any = own[0] if own else None
     if views is None:
         centres_mm = 1000.0 * transforms[:, :3, 3].reshape(rows, cols, 3)
         view_from_world = (transforms[0, :3, :3] @ OPENCV_FROM_OPENGL[:3, :3]).T
         views = views_of_pinholes(centres_mm, view_from_world, matrices.reshape(rows, cols, 3, 3), size, str(path))
     pictures, masks = [], []
-    for each in order:
-        picture = read_image(folder / each["file_path"])
-        check_size(folder / each["file_path"], picture, size)
+    for each, file in zip(order, files, strict=True):
+        picture = read_image(file)
+        check_size(file, picture, size)
         mask = np.full((size[1], size[0]), 255, np.uint8)
-        if "mask_path" in each:
-            mask = read_image(folder / each["mask_path"], grey=True)
-            check_size(folder / each["mask_path"], mask, size)
+        if each.mask_path is not None:
+            place = inside(folder, each.mask_path)
+            mask = read_image(place, grey=True)
+            check_size(place, mask, size)
         pictures.append(picture)
         masks.append(mask)
     shape = (rows, cols, size[1], size[0])
-    channels = own[1]["channels"] if own else 3
+    channels = own[1].channels if own else 3
     return light_field_of(views, np.stack(pictures).reshape(*shape, 3), np.stack(masks).reshape(shape), channels)
 
 

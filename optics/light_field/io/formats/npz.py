@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
-
+from mirrorcam.optics.base.array_files import read_npz
 from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
@@ -23,21 +21,10 @@ def save_npz(path: Path, light_field: LightField) -> None:
 def load_npz(path: Path) -> LightField:
     """Read what `save_npz` wrote; raises InputError in one line for a file that is not, or no longer, such a one."""
     names = [field.name for field in fields(LightField)]
-    try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError(f"{path}: not an .npz file, expected a light field of mirrorcam decode")
-        with archive:
-            missing = [name for name in names if name not in archive]
-            if missing:
-                raise InputError(f"{path}: has no {', '.join(missing)}, expected a light field of mirrorcam decode")
-            arrays = {name: archive[name] for name in names}
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except (zipfile.BadZipFile, EOFError, ValueError) as error:
-        raise InputError(f"{path}: not an .npz file that can be read: {error}") from None
+    arrays = read_npz(path, names)
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise InputError(f"{path}: has no {', '.join(missing)}, expected a light field of mirrorcam decode")
     return light_field_of_fields(arrays, str(path))
 
 

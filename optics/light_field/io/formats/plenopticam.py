@@ -14,7 +14,7 @@ from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_arrays import read_arrays, write_arrays
-from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb
+from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb
 from mirrorcam.optics.light_field.io.views_file import even_views
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -55,8 +55,8 @@ def _viewpoints(folder: Path, assumed: Assumed) -> LightField:
     rows, cols = (1 + max((index[axis] for index in found), default=-1) for axis in (0, 1))
     if not found or len(found) != rows * cols:
         raise InputError(f"{folder}: {len(found)} views ROW_COLUMN.png, expected {max(rows * cols, 1)}")
+    size = common_size(list(found.values()))
     pictures = [read_image(found[index]) for index in np.ndindex(rows, cols)]
-    size = (pictures[0].shape[1], pictures[0].shape[0])
     for index, picture in zip(np.ndindex(rows, cols), pictures, strict=True):
         check_size(found[index], picture, size)
     samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)

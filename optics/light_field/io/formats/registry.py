@@ -13,6 +13,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
+from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
 from mirrorcam.optics.light_field.light_field import LightField
@@ -77,7 +78,11 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     form = format_of(path)
     if form.read is None:
         raise InputError(f"{path}: {form.name} is only written, expected a light field")
-    return form.read(path, assumed)
+    try:
+        return form.read(path, assumed)
+    except InputError as error:
+        reason = " ".join(str(error).split()) if "\n" in str(error) else str(error)
+        raise InputError(shortened(reason if str(path.parent / path.stem) in reason else f"{path}: {reason}")) from None
 
 
 def open_light_field(

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.optics.base.array_files import refusing
 from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
-from mirrorcam.optics.light_field.io.view_images import check_size, light_field_of, rgb, weight_bytes
+from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import (
     VIEWS,
     even_views,
@@ -100,15 +101,17 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
 
     Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
     """
-    files, places, (rows, cols) = _named_views(folder)
+    with refusing(folder, "pictures of a grid of views"):
+        files, places, (rows, cols) = _named_views(folder)
+    size, stated = common_size(files), read_views(folder / VIEWS)
+    if stated is not None:
+        size = (stated[0].width_px, stated[0].height_px)
     pictures = [read_image(file) for file in files]
-    stated = read_views(folder / VIEWS)
-    size = (pictures[0].shape[1], pictures[0].shape[0]) if stated is None else (stated[0].width_px, stated[0].height_px)
     for file, picture in zip(files, pictures, strict=True):
         check_size(file, picture, size)
     channels = 3
     if stated is not None:
-        views, channels = stated[0], stated[1]["channels"]
+        views, channels = stated[0], stated[1].channels
         if (views.rows, views.cols) != (rows, cols):
             raise InputError(
                 f"{folder / VIEWS}: {views.cols}x{views.rows} views, but there are pictures of {cols}x{rows}"

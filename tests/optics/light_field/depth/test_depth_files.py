@@ -69,3 +69,18 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(refused.value)
     with pytest.raises(InputError, match=r"missing\.npz"):
         load_depth(tmp_path / "missing.npz", light_field())
+
+
+def test_numbers_of_other_types_are_refused(tmp_path: Path) -> None:
+    save_depth(tmp_path / "a.npz", random_depth())
+    good = dict(np.load(tmp_path / "a.npz"))
+    for change, message in (
+        ({"depth_mm": np.full((9, 12), "far")}, "depth is <U3, expected floating point"),
+        ({"view": np.array([1])}, "not a depth map"),
+        ({"view": np.array([-1, 0])}, r"depth of view \(-1, 0\)"),
+        ({"view": np.array(["a", "b"])}, "not a depth map"),
+        ({"depth_mm": np.array([None])}, "not a depth map"),
+    ):
+        np.savez(tmp_path / "b.npz", **(good | change))
+        with pytest.raises(InputError, match=message):
+            load_depth(tmp_path / "b.npz", light_field())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.views_file import fields_of_views, parallel_views, views_of_fields
+from mirrorcam.optics.light_field.io.views_file import check_weights, fields_of_views, parallel_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import grid_views
 
@@ -38,10 +38,10 @@ def test_vectors_of_matlab_have_two_dimensions() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"focal_px": "long"}, "a.json: does not describe views: could not convert"),
+        ({"focal_px": "long"}, "a.json: does not describe views: focal_px is 'long', expected numbers"),
         ({"positions_mm": [[1.0]]}, r"does not describe views: shape \(1, 1\)"),
         ({"width_px": [3, 4]}, "a.json: does not describe views"),
-        ({"reference_depth_mm": "nan"}, "expected a number or infinity"),
+        ({"reference_depth_mm": "nan"}, "expected numbers"),
     ],
 )
 def test_fields_that_are_no_views_are_refused_in_one_line(change: dict[str, Any], message: str) -> None:
@@ -60,3 +60,35 @@ def test_parallel_views_share_the_middle_of_the_middle_view() -> None:
     assert views.centre_px.tolist() == [3.0, 2.0]
     # The point of the reference plane ahead of the middle view is in the same pixel of all.
     assert np.allclose(views.project_in_view(np.array([0.0, 0.0, 400.0])), [3.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width_px": True}, "expected numbers"),
+        ({"width_px": 3.5}, "expected a whole number from 1"),
+        ({"height_px": 10**400}, "expected numbers"),
+        ({"focal_px": "700"}, "focal_px is '700', expected numbers"),
+        ({"centre_px": ["1", "2"]}, "expected numbers"),
+        ({"centre_px": [1e300, 0.0]}, "a length of more than 1e"),
+        ({"view_from_rig": [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is no rotation"),
+        ({"view_from_rig": [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "view_from_rig is no rotation"),
+        ({"positions_mm": [[[1.0, 0.0, 0.0]]]}, "expected one reference view"),
+        ({"layout_identity": "<img>"}, "expected letters and digits"),
+        ({"layout_identity": 3}, "does not describe views"),
+    ],
+)
+def test_views_that_no_light_field_has_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        views_of_fields(fields_of_views(grid_views()) | change, "a.json")
+
+
+@pytest.mark.parametrize("value", [np.nan, -0.5, 1.5, np.inf])
+def test_weights_outside_0_to_1_are_refused(value: float) -> None:
+    weights = np.ones((1, 1, 2, 2), np.float32)
+    check_weights(weights)
+    weights[0, 0, 0, 0] = value
+    with pytest.raises(InputError, match="weights lie outside 0 to 1"):
+        check_weights(weights)
+    with pytest.raises(InputError, match="weights are all zero"):
+        check_weights(np.zeros((1, 1, 2, 2), np.float32))

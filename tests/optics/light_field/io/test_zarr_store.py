@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_a_beginning_can_be_looked_at(tmp_path: Path, decoder: Decoder, video: V
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
-    with pytest.raises(InputError, match=r"nowhere.zarr: "):
+    with pytest.raises(InputError, match=r"nowhere.zarr: not a recording of light fields"):
         StoredLightFields(tmp_path / "nowhere.zarr")
     zarr.open_group(tmp_path / "other.zarr", mode="w")
     with pytest.raises(InputError, match=r"other.zarr: not a recording of light fields"):
@@ -64,3 +65,55 @@ def test_a_frame_that_was_spoilt_on_disk_is_refused_not_made_up(tmp_path: Path, 
     with pytest.raises(InputError, match=r"a.zarr: frame 1 cannot be read: "):
         stored[1]
     assert stored[2].samples.any()
+
+
+def test_arrays_that_do_not_agree_are_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, recording, limit=4)
+    recording.finish()
+    for name, change, message in (
+        ("samples", {"shape": [3, *decoder.weights.shape, 3]}, "samples of 3 frames, but numbers and times of 4"),
+        ("number", {"shape": [3]}, "3 numbers, 4 times of frames"),
+        ("weights", {"data_type": "float64"}, "weights are float64 of shape"),
+        ("number", {"data_type": "float64"}, "number is float64"),
+        ("samples", {"shape": [4, 10**6, 10**6, 10**6, 10**6, 3]}, "with a chunk per frame"),
+    ):
+        path = tmp_path / "a.zarr" / name / "zarr.json"
+        good = path.read_text(encoding="utf-8")
+        path.write_text(json.dumps(json.loads(good) | change), encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            StoredLightFields(tmp_path / "a.zarr")
+        path.write_text(good, encoding="utf-8")
+    number = tmp_path / "a.zarr" / "number" / "c" / "0"
+    number.unlink()
+    with pytest.raises(InputError, match="numbers of frames do not increase"):
+        StoredLightFields(tmp_path / "a.zarr")
+
+
+def test_weights_that_are_lost_on_disk_are_missed(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    recording = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, recording, limit=1)
+    recording.finish()
+    chunks = sorted(file for file in (tmp_path / "a.zarr" / "weights" / "c").rglob("*") if file.is_file())
+    chunks[-1].unlink()
+    with pytest.raises(InputError, match=r"samples without weight|weights are all zero"):
+        StoredLightFields(tmp_path / "a.zarr")[0]
+
+
+def test_journals_of_something_else_are_refused(tmp_path: Path, decoder: Decoder, video: Video) -> None:
+    begun = begin(tmp_path / "a.zarr", decoder, ZarrSink())
+    record(decoder, video, begun, limit=3)
+    begun.close()
+    journal = tmp_path / "a.zarr.partial" / "journal.jsonl"
+    first, *rest = journal.read_text(encoding="utf-8").splitlines()
+    for lines, message in (
+        ([], "not the journal of a recording"),
+        (["[1]"], "journal.jsonl: "),
+        ([first, '{"number": -1, "time_s": 0.0}'], "journal.jsonl: "),
+        ([first, '{"number": 0, "time_s": "0"}'], "journal.jsonl: "),
+        ([first, "[]"], "journal.jsonl: "),
+        ([first, *reversed(rest)], "numbers of frames do not increase"),
+    ):
+        journal.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            StoredLightFields(tmp_path / "a.zarr.partial")

@@ -119,3 +119,34 @@ def test_models_that_are_no_light_field_are_refused(scene: tuple[LightField, Flo
         with pytest.raises(InputError, match=message):
             read_colmap(tmp_path)
         path.write_text(good, encoding="utf-8")
+
+
+def test_names_that_lead_out_are_refused(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_colmap(tmp_path / "a", scene[0])
+    good = (tmp_path / "a" / "images" / "view_00_00" / "0000.png").read_bytes()
+    (tmp_path / "secret.png").write_bytes(good)
+    path = tmp_path / "a" / "sparse" / "images.txt"
+    text = path.read_text(encoding="utf-8")
+    for name in ("view_00_00/../../../secret.png", "_00_00/../../../secret.png"):
+        path.write_text(text.replace("view_00_00/0000.png", name), encoding="utf-8")
+        with pytest.raises(InputError, match="expected the name of a file in this folder"):
+            read_colmap(tmp_path / "a")
+
+
+def test_numbers_that_are_none_and_pictures_of_another_size_are_refused(
+    scene: tuple[LightField, FloatArray], tmp_path: Path
+) -> None:
+    write_colmap(tmp_path, scene[0])
+    for name, old, new, message in (
+        ("sparse/cameras.txt", "700.0", "nan", "numbers are missing or not finite"),
+        ("sparse/cameras.txt", "PINHOLE", "PINHOLE 1", "expected .* of its camera|of different sizes"),
+        ("views.json", '"width_px": 240', '"width_px": 239', "views of 239x180 px in"),
+        ("views.json", '"width_px": 240', '"width_px": 240.5', "expected a whole number"),
+    ):
+        path = tmp_path / name
+        good = path.read_text(encoding="utf-8")
+        assert old in good, old
+        path.write_text(good.replace(old, new), encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            read_colmap(tmp_path)
+        path.write_text(good, encoding="utf-8")

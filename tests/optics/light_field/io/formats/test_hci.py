@@ -204,3 +204,22 @@ def test_a_truth_of_another_size_and_a_folder_without_parameters_are_refused(tmp
         read_hci(tmp_path / "a")
     with pytest.raises(InputError, match=r"parameters.cfg: no such file"):
         read_hci(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_cams_x": "1000000"}, "num_cams_x is 1e\\+06, expected a positive number, a whole one to 1000"),
+        ({"num_cams_y": "8.5"}, "num_cams_y is 8.5, expected a positive number, a whole one"),
+        ({"channels": "2"}, "channels is neither 1 nor 3"),
+        ({"focal_px": "'x'"}, "section 'mirrorcam': does not describe views"),
+    ],
+)
+def test_numbers_that_no_scene_has_are_refused(
+    nine: tuple[Path, LightField, FloatArray], tmp_path: Path, changes: dict[str, str], message: str
+) -> None:
+    folder = changed(nine[0], tmp_path, **changes)
+    for picture in nine[0].glob("*.png"):
+        (folder / picture.name).write_bytes(picture.read_bytes())
+    with pytest.raises(InputError, match=message):
+        read_hci(folder)

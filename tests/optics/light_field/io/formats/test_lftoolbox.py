@@ -140,7 +140,7 @@ def test_files_that_are_not_of_the_toolbox_are_refused(written: tuple[Path, Any]
         ({"LF": lf, "RectOptions": {"RectCamIntrinsicsH": h}}, "no common plane"),
         ({"LF": lf, "RectOptions": {"RectCamIntrinsicsH": tall}}, "square pixels"),
         ({"LF": lf, "MirrorCam": {"focal_px": 1.0}}, "does not describe views"),
-        ({"LF": lf.astype(np.float32) * np.nan, "MirrorCam": loadmat(written[0])["MirrorCam"]}, "NaN"),
+        ({"LF": lf.astype(np.float32) * np.nan, "MirrorCam": loadmat(written[0])["MirrorCam"]}, "weights lie outside"),
     ):
         savemat(path, said)
         with pytest.raises(InputError, match=message):

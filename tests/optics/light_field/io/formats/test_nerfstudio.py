@@ -76,3 +76,31 @@ def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, F
         bad(change)
         with pytest.raises(InputError, match=message):
             read_nerfstudio(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"file_path": "../secret_00_00.png"}, "expected the name of a file in this folder"),
+        ({"file_path": "/etc/secret_00_00.png"}, "expected the name of a file in this folder"),
+        ({"mask_path": "masks/../../secret_00_00.png"}, "expected the name of a file in this folder"),
+        ({"fl_x": "700"}, "fl_x: Input should be a valid number"),
+        ({"fl_x": float("nan")}, "fl_x: "),
+        ({"transform_matrix": [[1.0]]}, "transform_matrix: "),
+        ({"w": 1e300}, "240x180 px, expected 1e"),
+        ({"file_path": "images/view_00_99.png"}, "not a dataset of a grid of views"),
+    ],
+)
+def test_frames_that_are_none_or_lead_out_are_refused(
+    scene: tuple[LightField, FloatArray], tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    write_nerfstudio(tmp_path / "a", scene[0])
+    (tmp_path / "secret_00_00.png").write_bytes((tmp_path / "a" / "images" / "view_00_00.png").read_bytes())
+    path = tmp_path / "a" / "transforms.json"
+    dataset = json.loads(path.read_text(encoding="utf-8"))
+    dataset["frames"][0] |= changes
+    path.write_text(json.dumps(dataset), encoding="utf-8")
+    with pytest.raises(InputError, match=message) as refused:
+        read_nerfstudio(tmp_path / "a")
+    assert str(refused.value).startswith(str(tmp_path / "a"))
+    assert "\n" not in str(refused.value)

@@ -67,13 +67,13 @@ def test_what_is_no_light_field_is_refused_in_one_line(tmp_path: Path, light_fie
     np.savez(tmp_path / "flat.npz", **(arrays | {"weights": arrays["weights"][0]}))
     np.savez(tmp_path / "many.npz", **(arrays | {"focal_px": np.array([1.0, 2.0])}))
     for name, reason in {
-        "nowhere": "No such file or directory",
-        "folder": "Is a directory",
+        "nowhere": "no such file",
+        "folder": "is a folder",
         "cut": "not an .npz file that can be read",
         "empty": "not an .npz file that can be read",
         "words": "not an .npz file that can be read",
         "other": "has no positions_mm, focal_px",
-        "plain": "not an .npz file, expected",
+        "plain": "not an .npz file that can be read",
         "nan": "not a light field: samples hold a value that is NaN or infinite",
         "flat": "not a light field: weights are float32 of shape",
         "many": "not a light field: ",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base import array_files
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import (
     NAMES,
@@ -160,10 +162,10 @@ def test_without_our_file_the_geometry_must_be_given(tmp_path: Path, to: Any) ->
 def test_views_files_of_something_else_are_refused(tmp_path: Path) -> None:
     write_light_field(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
     for text, message in (
-        ("{}", "expected the schema"),
-        ("[1, 2]", "expected the schema"),
-        ("{", "does not describe views"),
-        ('{"schema": "mirrorcam.views/1"}', "does not describe views"),
+        ("{}", "schema: Field required"),
+        ("[1, 2]", "should be an object"),
+        ("{", "not valid JSON"),
+        ('{"schema": "mirrorcam.views/1"}', "views: Field required"),
         ('{"schema": "mirrorcam.views/1", "views": {"width_px": 3}}', "does not describe views"),
     ):
         (tmp_path / "a_tiles.json").write_text(text, encoding="utf-8")
@@ -202,3 +204,28 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
         np.save(tmp_path / to / array, values)
         with pytest.raises(InputError, match="NaN or infinite"):
             open_light_field(tmp_path / to)
+
+
+@pytest.mark.parametrize("to", ["eslf", "stanford", "nerfstudio", "colmap", "hci", "tiles"])
+def test_pictures_that_take_too_much_memory_together_are_refused(
+    tmp_path: Path, to: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"a{formats()[to].ending}"
+    light_field = plane(3, 3, 1.0)
+    write_light_field(path, light_field, to)
+    monkeypatch.setattr(array_files, "LARGEST_BYTES", 9 * 90 * 120 * 7)
+    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    if to != "colmap":  # its pictures have margins
+        open_light_field(path)
+    monkeypatch.setattr(array_files, "LARGEST_BYTES", 9 * 90 * 120 * 7 - 1)
+    with pytest.raises(InputError, match=r"states arrays of 0 MB, expected at most 0 MB"):
+        open_light_field(path)
+
+
+def test_messages_are_short_and_name_the_file(tmp_path: Path) -> None:
+    write_light_field(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
+    text = json.loads((tmp_path / "a_tiles.json").read_text(encoding="utf-8"))
+    (tmp_path / "a_tiles.json").write_text(json.dumps(text | {"x" * 1000: 1}), encoding="utf-8")
+    with pytest.raises(InputError, match=r"a_tiles\.json") as refused:
+        open_light_field(tmp_path / "a_tiles.png")
+    assert len(str(refused.value)) <= 300

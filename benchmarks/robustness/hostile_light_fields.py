@@ -1,0 +1,285 @@
+"""Light fields made to do harm: sizes that nothing holds, names and links that lead out, objects to be unpickled."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+SECRET = b"\xc9\x0d\x4d" * 4096
+"""What lies in files outside the light field: a colour that none of its views has, also as pixels of a picture."""
+_HUGE = (10**5, 10**5, 10**5, 10**5, 3)
+
+Change = Callable[[Path, Path, np.random.Generator], None]
+"""Changes the files of a good light field at a path; the folder of the second has files that are not to be read."""
+
+
+def _npy(shape: tuple[int, ...], content: bytes = b"", kind: str = "|u1") -> bytes:
+    """An .npy file of a header and any content."""
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
+    text = header.ljust(-(-(len(header) + 11) // 64) * 64 - 11).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + content
+
+
+_BOMB_HEADER = _npy((1, 9, 2500, 5000), kind="<f4")
+
+
+@cache
+def _deflated(begin: bytes, megabytes: int) -> bytes:
+    """A beginning and zeros under deflate."""
+    compress = zlib.compressobj()
+    content = compress.compress(begin) + b"".join(compress.compress(bytes(1 << 20)) for _ in range(megabytes))
+    return content + compress.flush()
+
+
+class _Executes:
+    """Pickled, an order to make a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self._path,)
+
+
+def _pickled(secrets: Path) -> bytes:
+    return _npy((1,), pickle.dumps([_Executes(secrets / "executed")]), "|O")
+
+
+def _in_zip(path: Path, name: str, content: bytes) -> None:
+    """Replace a member of an .npz file."""
+    with zipfile.ZipFile(path) as archive:
+        members = {each: archive.read(each) for each in archive.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for each, before in members.items():
+            archive.writestr(each, content if each == name else before)
+
+
+def _npz_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    _in_zip(path, "samples.npy", _npy(_HUGE))
+
+
+def _npz_pickled(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    _in_zip(path, random.choice(["samples.npy", "focal_px.npy", "layout_identity.npy"]), _pickled(secrets))
+
+
+@cache
+def _with_bomb(good: bytes) -> bytes:
+    """An .npz file whose weights are 450 MB of zeros."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(good)) as before, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in before.namelist():
+            with archive.open(name, "w") as member:
+                bomb = (_BOMB_HEADER, *[bytes(1_000_000)] * 450)
+                for piece in bomb if name == "weights.npy" else (before.read(name),):
+                    member.write(piece)
+    return content.getvalue()
+
+
+def _npz_bomb(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """A member that is larger than it may be; half of the times its size is stated as 1000 bytes."""
+    raw = _with_bomb(path.read_bytes())
+    if random.random() < 0.5:
+        raw = raw.replace(struct.pack("<I", len(_BOMB_HEADER) + 450_000_000), struct.pack("<I", 1000))
+    path.write_bytes(raw)
+
+
+def _npy_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    array = random.choice([*map(str, path.glob("*.npy"))])
+    Path(array).write_bytes(_npy(_HUGE if "weights" not in array else _HUGE[:4], b"", "<f4"))
+
+
+def _npy_pickled(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    Path(random.choice([*map(str, path.glob("*.npy"))])).write_bytes(_pickled(secrets))
+
+
+def _picture_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """A PNG whose header states 100,000 x 100,000 px, or 9,000 x 9,000 of nothing."""
+    pictures = [path] if path.is_file() else sorted(path.rglob("*.png"))
+    side = int(random.choice([100_000, 9_000]))
+    header = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    body = b"IDAT" + zlib.compress(bytes(1 << 20))
+    raw = b"\x89PNG\r\n\x1a\n"
+    for chunk in (header, body, b"IEND"):
+        raw += struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    for picture in pictures if random.random() < 0.5 else pictures[:1]:
+        picture.write_bytes(raw)
+
+
+def _mat5_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """A variable LF, array of numbers or of cells, of dimensions that nothing holds."""
+    dimensions = struct.pack("<II8i", 5, 20, 60000, 60000, 60000, 60000, 3, 0, 0, 0)[:32]
+    kind = int(random.choice([1, 6, 9]))
+    flags, name = struct.pack("<IIII", 6, 8, kind, 0), struct.pack("<HH4s", 1, 2, b"LF\0\0")
+    matrix = flags + dimensions + name + struct.pack("<II", 2, int(random.choice([8, 0xFFFFFFF8]))) + bytes(8)
+    header = path.read_bytes()[:128]
+    path.write_bytes(header + struct.pack("<II", 14, len(matrix)) + matrix)
+
+
+def _mat5_bomb(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """A compressed variable of 450 MB of zeros, whatever it states."""
+    content = _deflated(struct.pack("<II", 14, int(random.choice([450_000_000, 1000]))), 600)
+    path.write_bytes(path.read_bytes()[:128] + struct.pack("<II", 15, len(content)) + content)
+
+
+def _hdf5_links(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """LF, or the group of H, is a link to another file or within this."""
+    with h5py.File(path, "a") as file:
+        place = random.choice(["LF", "RectOptions"])
+        file.move(place, "elsewhere")
+        kind = random.choice(["external", "soft", "loop"])
+        if kind == "external":
+            file[place] = h5py.ExternalLink(str(secrets / "secret.h5"), "LF")
+        else:
+            file[place] = h5py.SoftLink("/elsewhere" if kind == "soft" else f"/{place}")
+
+
+def _hdf5_storage(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """LF lies in another file, as raw bytes or by a virtual data set."""
+    with h5py.File(path, "a") as file:
+        shape = file["LF"].shape
+        del file["LF"]
+        if random.random() < 0.5:
+            size = int(np.prod(shape))
+            file.create_dataset("LF", shape, "u1", external=[(str(secrets / "secret.bin"), 0, size)])
+        else:
+            layout = h5py.VirtualLayout(shape=shape, dtype="u1")
+            layout[0, 0, 0, 0] = h5py.VirtualSource(str(secrets / "secret.h5"), "LF", shape=(4096,))[: shape[-1]]
+            file.create_virtual_dataset("LF", layout)
+
+
+def _hdf5_sizes(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """LF is of numbers that are not there, of a size that nothing holds, or compressed to nothing."""
+    with h5py.File(path, "a") as file:
+        lf = file["LF"][()]
+        del file["LF"]
+        kind = random.choice(["huge", "missing", "lzf", "text", "bomb"])
+        if kind == "huge":
+            file.create_dataset("LF", _HUGE, "u1", chunks=(1, 1, 100, 100, 3))
+        elif kind == "missing":
+            file.create_dataset("LF", lf.shape, "u1", chunks=lf.shape)
+        elif kind == "lzf":
+            file.create_dataset("LF", data=lf, compression="lzf")
+        elif kind == "text":
+            file.create_dataset("LF", lf.shape, h5py.string_dtype())
+        else:
+            dataset = file.create_dataset("LF", lf.shape, "u1", chunks=lf.shape, compression="gzip")
+            dataset.id.write_direct_chunk((0,) * lf.ndim, _deflated(b"", 200))
+
+
+def _zarr_metadata(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """An array of unknown codecs, types, keys or chunks, or of a shape that nothing holds."""
+    file = path / str(random.choice(["samples", "weights", "number", "time_s"])) / "zarr.json"
+    if not file.exists():
+        file = path / "samples" / "zarr.json"
+    said = json.loads(file.read_text(encoding="utf-8"))
+    huge = [10**9] * len(said["shape"])
+    changes: list[dict[str, Any]] = [
+        {"codecs": [{"name": "bytes"}, {"name": "numcodecs.pickle", "configuration": {}}]},
+        {"codecs": [{"name": "bytes"}, {"name": "gzip", "configuration": {"level": 1}}]},
+        {"codecs": [{"name": "vlen-utf8"}]},
+        {"codecs": [{"name": "sharding_indexed", "configuration": {"chunk_shape": [1]}}]},
+        {"shape": huge},
+        {"shape": huge, "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": huge}}},
+        {"shape": [100_000, *said["shape"][1:]]},
+        {"shape": [3 * length for length in said["shape"]]},
+        {"data_type": "string"},
+        {"data_type": "float32" if said["data_type"] != "float32" else "uint8"},
+        {"data_type": {"name": "numpy.object", "configuration": {}}},
+        {"chunk_key_encoding": {"name": "v2", "configuration": {"separator": "../"}}},
+        {"fill_value": 7},
+        {"zarr_format": 2},
+        {"storage_transformers": [{"name": "other"}]},
+    ]
+    file.write_text(json.dumps(said | changes[int(random.integers(len(changes)))]), encoding="utf-8")
+
+
+def _zarr_files(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """Arrays and chunks that are missing, lead out, or state another size than they should have."""
+    chunks = sorted(file for file in path.rglob("*") if file.is_file() and "c" in file.relative_to(path).parts)
+    chunk, kind = chunks[int(random.integers(len(chunks)))], random.choice(["array", "link", "size", "zstd", "group"])
+    if kind == "array":
+        (path / str(random.choice(["samples", "weights"])) / "zarr.json").unlink()
+    elif kind == "link":
+        metadata = path / "samples" / "zarr.json"
+        said = json.loads(metadata.read_text(encoding="utf-8")) | {"codecs": [{"name": "bytes"}]}
+        metadata.write_text(json.dumps(said), encoding="utf-8")
+        for each in chunks:
+            if "samples" in each.parts:
+                each.unlink()
+                each.symlink_to(secrets / "secret.bin")
+    elif kind == "size":
+        raw = bytearray(chunk.read_bytes())
+        raw[4:8] = struct.pack("<I", 0x7FFFFFFF)
+        chunk.write_bytes(bytes(raw))
+    elif kind == "zstd":
+        from numcodecs import Zstd
+
+        chunk.write_bytes(chunk.read_bytes() + Zstd().encode(bytes(1 << 26)) * 20)
+    else:
+        (path / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group"}', encoding="utf-8")
+
+
+def _names_lead_out(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """Names of pictures in a model or data set are of files outside its folder."""
+    prefix = "../" * int(random.integers(1, 5)) + "secrets" if random.random() < 0.7 else str(secrets)
+    for file in (path / "transforms.json", path / "sparse" / "images.txt"):
+        if file.exists():
+            text = file.read_text(encoding="utf-8")
+            keys = "file_path|mask_path" if random.random() < 0.5 else str(random.choice(["file_path", "mask_path"]))
+            text = re.sub(rf'("(?:{keys})": ")[^"]*(view_\d+_\d+)', rf"\1{prefix}/\2", text)
+            text = re.sub(r"^(\d+ .* )(view_\d+_\d+)/0000.png$", rf"\1\2/{prefix}/\2.png", text, flags=re.MULTILINE)
+            file.write_text(text, encoding="utf-8")
+
+
+def _many_views(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """The parameters state more views, or larger ones, than there are."""
+    file = path / "parameters.cfg"
+    key = str(random.choice(["num_cams_x", "num_cams_y", "image_resolution_x_px", "image_resolution_y_px"]))
+    number = str(random.choice(["1000000", "1e308", "900", "100000", "3.5"]))
+    text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {number}", file.read_text(encoding="utf-8"))
+    file.write_text(text if random.random() < 0.5 else text.partition("[mirrorcam]")[0], encoding="utf-8")
+
+
+HOSTILE: dict[str, tuple[Change, ...]] = {
+    "npz": (_npz_huge, _npz_pickled, _npz_bomb),
+    "plenpy": (_npy_huge, _npy_pickled),
+    "plenopticam": (_npy_huge, _npy_pickled, _picture_huge),
+    "lftoolbox": (_mat5_huge, _mat5_bomb),
+    "hdf5": (_hdf5_links, _hdf5_storage, _hdf5_sizes),
+    "zarr": (_zarr_metadata, _zarr_files),
+    "partial": (_zarr_metadata, _zarr_files),
+    "nerfstudio": (_names_lead_out, _picture_huge),
+    "colmap": (_names_lead_out, _picture_huge),
+    "hci": (_many_views, _picture_huge),
+    "stanford": (_picture_huge,),
+    "eslf": (_picture_huge,),
+    "tiles": (_picture_huge,),
+}
+"""What can be done to a light field of each format."""
+
+
+def plant(secrets: Path) -> None:
+    """Write files that no light field may read: raw, as HDF5, and as the pictures that names could lead to."""
+    from mirrorcam.optics.base.pictures import encoded_image
+
+    (secrets / "secret.bin").write_bytes(SECRET)
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        file["LF"] = np.frombuffer(SECRET[:4096], np.uint8)
+    (secrets / "secret.h5").write_bytes(content.getvalue())
+    picture = encoded_image(np.frombuffer(SECRET, np.uint8)[: 18 * 24 * 3].reshape(18, 24, 3), ".png")
+    for row in range(3):
+        for col in range(3):
+            (secrets / f"view_{row:02d}_{col:02d}.png").write_bytes(picture)

@@ -1,0 +1,135 @@
+"""Damaged and hostile light fields of every format: read, with each frame of a recording."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from benchmarks.robustness.damage import damaged_bytes, damaged_value
+from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.hostile_light_fields import HOSTILE, SECRET, plant
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.formats.lftoolbox import intrinsics
+from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_fields, write_light_field
+from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.optics.light_field.io.recording import Recording, about
+from mirrorcam.optics.light_field.io.views_file import parallel_views
+from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
+from mirrorcam.optics.light_field.light_field import LightField
+
+SUBJECTS = tuple(HOSTILE)
+FRAMES = 3
+# Files in which a checksum finds damage to samples; Blosc, .npy and HDF5 without filters have none.
+CHECKED = {".png", ".npz", ".mat"}
+_ASSUMED = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=20.0, reference_depth_mm=400.0)
+
+
+def light_field() -> LightField:
+    """A light field of noise, with pixels without sample."""
+    places = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1) * 10.0
+    views, random = parallel_views(places, (24, 18), 20.0, 400.0), np.random.default_rng(1)
+    weights = random.integers(0, 2, (3, 3, 18, 24)).astype(np.float32)
+    weights[:, :, :, 12:] = 1.0
+    samples = random.integers(0, 200, (3, 3, 18, 24, 3), dtype=np.uint8)
+    samples[weights == 0] = 0
+    return LightField.of(views, samples, weights)
+
+
+def write(path: Path, subject: str) -> None:
+    """Write the light field: a format, `hdf5` for MATLAB 7.3, `partial` for a recording that was cut off."""
+    if subject == "hdf5":
+        lf = np.concatenate([light_field().samples, (light_field().weights[..., None] * 255).astype(np.uint8)], axis=-1)
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file.create_dataset("LF", data=lf.T, compression="gzip", shuffle=True)
+            file["RectOptions/RectCamIntrinsicsH"] = intrinsics(light_field()).T
+        with path.open("r+b") as raw:
+            raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    elif subject in ("zarr", "partial"):
+        whole = path.with_name(path.name.removesuffix(".partial"))
+        recording = Recording(whole, about(light_field(), {"file": "noise"}), ZarrSink())
+        for number in range(FRAMES):
+            recording.add(Frame(number, 0.1 * number, np.empty((0, 0, 3), np.uint8)), light_field())
+        if subject == "zarr":
+            recording.finish()
+        recording.close()
+    else:
+        write_light_field(path, light_field(), subject)
+
+
+def _ending(subject: str) -> str:
+    return {"hdf5": ".mat", "partial": ".zarr.partial"}.get(subject) or formats()[subject].ending
+
+
+@cache
+def good(subject: str) -> Mapping[str, bytes]:
+    """The files of the light field as `write` writes it, by their paths."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / f"a{_ending(subject)}", subject)
+        files = sorted(file for file in Path(folder).rglob("*") if file.is_file())
+        return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+
+
+def attempt(seed: int, folder: Path) -> str:
+    """Read a damaged or hostile light field of the format whose turn it is."""
+    random, subject = np.random.default_rng(seed), SUBJECTS[seed % len(SUBJECTS)]
+    path, secrets = folder / "in" / f"a{_ending(subject)}", folder / "secrets"
+    for name, content in good(subject).items():
+        (folder / "in" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "in" / name).write_bytes(content)
+    secrets.mkdir()
+    plant(secrets)
+    file = _damage(path, subject, secrets, random)
+    assumed = _ASSUMED if random.random() < 0.5 else NOTHING
+    try:
+        frames = list(open_light_fields(path, assumed=assumed).frames)
+    except InputError as error:
+        where = str(path.parent / path.stem.removesuffix(".zarr")) in str(error)
+        return refused_well(str(error).replace(str(folder), "")) or ("" if where else f"names no file: {error}")
+    finally:
+        executed = (secrets / "executed").exists()
+    return "unpickled" if executed else _wrong_with(frames, file)
+
+
+def _damage(path: Path, subject: str, secrets: Path, random: np.random.Generator) -> str:
+    """Damage the light field; returns the suffix of the file whose bytes were damaged, or nothing."""
+    if random.random() < 0.35:
+        changes = HOSTILE[subject]
+        changes[int(random.integers(len(changes)))](path, secrets, random)
+        return ""
+    names = sorted(good(subject))
+    texts = [name for name in names if name.endswith(".json")]
+    if texts and random.random() < 0.4:
+        file = path.parent / texts[int(random.integers(len(texts)))]
+        value = damaged_value(json.loads(file.read_bytes()), random)
+        file.write_text(json.dumps(value), encoding="utf-8")
+        return ""
+    file = path.parent / names[int(random.integers(len(names)))]
+    file.write_bytes(damaged_bytes(file.read_bytes(), random))
+    return file.suffix
+
+
+def _wrong_with(frames: list[LightField], damaged: str) -> str:
+    """What is wrong with light fields that were read, or nothing."""
+    for each in frames:
+        if SECRET[:48] in each.samples.tobytes() or SECRET[:48] in each.weights.tobytes():
+            return "holds what lies outside"
+        if not np.isfinite(each.matrices).all() or not each.weights.any():
+            return "views that are none"
+        if damaged in CHECKED and not _is_same(each):
+            return f"damage to {damaged} not noticed"
+    return ""
+
+
+def _is_same(found: LightField) -> bool:
+    expected = light_field()
+    return np.array_equal(found.samples, expected.samples) and np.array_equal(found.valid, expected.valid)
+
+
+CATEGORY = Category("light fields", 1_000, attempt)
