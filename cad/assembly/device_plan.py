@@ -12,7 +12,7 @@ from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
 from mirrorcam.cad.parts.clip import ABOVE, ClipPlan, body_box, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.prisms import box, moved, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.optics.base.values import FloatArray
@@ -72,6 +72,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         With the measure that breaks, where the device cannot be made: light that a part would stop, a part that the
         printer cannot print, a mirror that cannot be cut.
     """
+    require_same_camera(layout.camera, hardware.camera)
     require_cuttable(layout, hardware.cutting)
     clip = plan_clip(hardware)
     adapter = plan_adapter(clip, hardware)

@@ -6,6 +6,7 @@ some). Lengths in mm.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,9 @@ from mirrorcam.optics.base.bounds import PART_MM, Bounds
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.names import Link, Name
 from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.geometry.camera import Camera
 
+OTHER_VIEW = 0.1  # relative difference of half fields of view, from which a camera is another one
 CAMERAS = Path(__file__).parents[1] / "cameras"
 
 
@@ -167,6 +170,9 @@ class BoardHoles(Value):
     screw_length_mm: float = _positive(6.0, "length of these screws")
 
 
+ViewAngle = Annotated[float, Field(gt=1, lt=179)]
+
+
 class CameraBody(Value):
     """A camera from outside, seen along its lens axis: x along its image's x, y along its image's y, z out of the lens.
 
@@ -191,6 +197,9 @@ class CameraBody(Value):
     cable_mm: float = PART_MM.field(description="diameter of the cable")
     cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
     mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
+    field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
+        default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"
+    )
     held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")
 
 
@@ -217,6 +226,22 @@ def read_camera(name: str) -> CameraBody:
             known = ", ".join(sorted(file.stem for file in CAMERAS.glob("*.toml")))
             raise InputError(f"camera body {name!r}: expected one of {known}, or a .toml file")
     return read_model(CameraBody, path)
+
+
+def require_same_camera(camera: Camera, body: CameraBody) -> None:
+    """Raise InputError where a layout's camera sees another field of view than the one that a body belongs to."""
+    if body.field_of_view_deg is None:
+        return
+    sizes_px, focals_px = (camera.width_px, camera.height_px), (camera.fx_px, camera.fy_px)
+    tangents = [size / focal / 2.0 for size, focal in zip(sizes_px, focals_px, strict=True)]
+    stated = [math.tan(math.radians(angle) / 2.0) for angle in body.field_of_view_deg]
+    if any(abs(of / as_stated - 1.0) > OTHER_VIEW for of, as_stated in zip(tangents, stated, strict=True)):
+        seen = " x ".join(f"{math.degrees(2.0 * math.atan(tangent)):.1f}" for tangent in tangents)
+        expected = " x ".join(f"{angle:.1f}" for angle in body.field_of_view_deg)
+        raise InputError(
+            f"camera body {body.name}: {expected} deg field of view, the layout's camera {camera.name} has {seen} deg: "
+            "give the body of that camera (--camera), or design for this one"
+        )
 
 
 def _named(camera: object) -> object:

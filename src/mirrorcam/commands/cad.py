@@ -50,6 +50,8 @@ def run(options: CadOptions) -> int:
 
     layout = Layout.load(options.layout)
     hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners)
+    if hardware.camera.field_of_view_deg is None:
+        say("cad", f"camera body {hardware.camera.name} states no field_of_view_deg: not compared with the layout's")
     require("cad")
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance:

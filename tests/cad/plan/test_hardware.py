@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 from bd_warehouse.fastener import HeatSetNut, HexNut, SocketHeadCapScrew
 
-from mirrorcam.cad.plan.hardware import CAMERAS, HARDWARE, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import CAMERAS, HARDWARE, Hardware, read_camera, require_same_camera
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
 
 
 def test_fasteners_are_those_of_the_standards() -> None:
@@ -61,3 +62,13 @@ def test_every_body_that_comes_along_is_whole(path: Path) -> None:
     assert camera == read_camera(str(path))
     assert abs(camera.lens_x_mm) < camera.width_mm / 2.0
     assert abs(camera.lens_y_mm) < camera.height_mm / 2.0
+
+
+def test_a_body_of_another_camera_than_the_layouts_is_refused() -> None:
+    camera, body = Camera.c920(), read_camera("c920")
+    require_same_camera(camera, body)
+    require_same_camera(camera.replaced(fx_px=1.05 * camera.fx_px, fy_px=1.05 * camera.fy_px), body)
+    other = body.replaced(name="Pi HQ, 6 mm", field_of_view_deg=(55.3, 42.9))
+    with pytest.raises(InputError, match=r"Pi HQ, 6 mm: 55\.3 x 42\.9 deg .* Logitech C920 has 70\.4 x 43\.3 deg"):
+        require_same_camera(camera, other)
+    require_same_camera(camera, other.replaced(field_of_view_deg=None))  # older files do not state it
