@@ -117,8 +117,8 @@ def _of_frame(marker: int, bits: int = 8) -> bytes:
 
 
 def _bomb() -> bytes:
-    """A PNG of 118 megapixels in 450 kB."""
-    packer = zlib.compressobj(9)
+    """A PNG of 118 megapixels in 2 MB."""
+    packer = zlib.compressobj(1)
     rows = [packer.compress(bytes(10_900 * 3 + 1)) for _ in range(10_900)]
     return png(10_900, 10_900, 8, 2, b"".join(rows) + packer.flush())
 

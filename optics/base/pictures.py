@@ -129,13 +129,13 @@ def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], who
 
 @dataclass(frozen=True)
 class _Jpeg:
-    """Marker, begin and end of the content of each segment of a JPEG, and whether it reaches its end marker.
+    """Marker, begin and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
 
     The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
     """
 
     segments: tuple[tuple[int, int, int], ...]
-    whole: bool
+    end: int | None
 
     @classmethod
     def of(cls, raw: bytes) -> _Jpeg:
@@ -144,10 +144,10 @@ class _Jpeg:
         while marker := _JPEG_MARKER.search(raw, at):
             kind, begin = raw[marker.end() - 1], marker.end() + 2
             if kind == _END:
-                return cls(tuple(found), True)
+                return cls(tuple(found), marker.start())
             at = marker.end() + int.from_bytes(raw[marker.end() : begin])
             found.append((kind, begin, at))
-        return cls(tuple(found), False)
+        return cls(tuple(found), None)
 
     def size(self, raw: bytes) -> tuple[int, int]:
         """Width and height in px; zeros where no header states them."""
@@ -164,7 +164,7 @@ class _Jpeg:
         they stand for blocks of nothing but the highest frequencies.
         """
         scan = next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
-        if raw.find(_ZEROS, scan) < 0:
+        if raw.find(_ZEROS, scan, self.end) < 0:
             return False
         return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
 
@@ -193,7 +193,7 @@ def _header_of(path: Path, raw: bytes) -> _Header:
         header, whole = _Header(size), _PNG_END in raw
     elif raw.startswith(b"\xff\xd8"):
         jpeg = _Jpeg.of(raw)
-        header, whole = _Header(jpeg.size(raw), jpeg), jpeg.whole
+        header, whole = _Header(jpeg.size(raw), jpeg), jpeg.end is not None
     else:
         raise DamagedPicture(f"{path}: not an image that can be decoded, expected PNG or JPEG")
     if not whole:

@@ -71,7 +71,8 @@ class Video:
         import av
 
         try:
-            return av.open(str(self.path))
+            # Names and remarks in the file are of no use here, and need not be text.
+            return av.open(str(self.path), metadata_errors="replace")
         except FileNotFoundError:
             raise InputError(f"{self.path}: no such file") from None
         except IsADirectoryError:

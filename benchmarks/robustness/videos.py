@@ -1,0 +1,165 @@
+"""Damaged videos: refused, or read as far as frames are whole."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.robustness.damage import damaged_bytes
+from benchmarks.robustness.guard import Category, refused_well
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.frames import Frame, Video
+
+COUNT, WIDTH, HEIGHT, RATE = 30, 320, 240, 25
+WRONG_BY = 24
+"""Difference of a wrong pixel, of 255."""
+WRONG_PART = 0.02
+"""Part of the pixels of a kept frame that may be wrong."""
+MOST_FRAMES = 50 * COUNT
+
+KINDS = {
+    "H.264": ("a.mp4", "libx264", {"movflags": "faststart"}),
+    "index at the end": ("a.mp4", "libx264", {}),
+    "MKV": ("a.mkv", "libx264", {}),
+    "stream": ("a.ts", "libx264", {}),
+    "MJPEG": ("a.avi", "mjpeg", {}),
+    "MJPEG in MKV": ("a.mkv", "mjpeg", {}),
+}
+
+
+@cache
+def shown() -> tuple[NDArray[np.uint8], ...]:
+    """Pictures (h, w, 3) of a drifting scene with noise, all different."""
+    random = np.random.default_rng(0)
+    field = cv2.resize(random.uniform(30, 220, (40, 60, 3)), (2 * WIDTH, 2 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    views = (field[3 * n : 3 * n + HEIGHT, 5 * n : 5 * n + WIDTH] for n in range(COUNT))
+    return tuple(np.clip(view + random.normal(0, 2, view.shape), 0, 255).astype(np.uint8) for view in views)
+
+
+def written(path: Path, codec: str, options: dict[str, str], gaps: bool = False) -> None:
+    """Write the pictures as a video; with `gaps`, at uneven times."""
+    with av.open(str(path), "w", options=options) as container:
+        settings = {"preset": "veryfast", "crf": "18", "g": "10", "bf": "2"} if codec == "libx264" else {"qmin": "2"}
+        stream: Any = container.add_stream(codec, rate=RATE, options=settings)
+        stream.width, stream.height = WIDTH, HEIGHT
+        stream.pix_fmt = "yuv420p" if codec == "libx264" else "yuvj420p"
+        stream.codec_context.thread_count = 1
+        for number, picture in enumerate(shown()):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts, frame.time_base = number + (number // 3 if gaps else 0), Fraction(1, RATE)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+@cache
+def good() -> dict[str, tuple[str, bytes, tuple[NDArray[np.uint8], ...]]]:
+    """Name, bytes and frames of a whole video of each kind."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for kind, (name, codec, options) in KINDS.items():
+            for gaps in (False, True):
+                path = Path(folder) / name
+                written(path, codec, options, gaps)
+                frames = tuple(item.pixels for item in Video(path).frames() if isinstance(item, Frame))
+                found[f"{kind}, uneven" if gaps else kind] = (name, path.read_bytes(), frames)
+    return found
+
+
+def _cut(raw: bytes, random: np.random.Generator) -> bytes:
+    return raw[: int(random.integers(len(raw)))]
+
+
+def _flipped(raw: bytes, random: np.random.Generator) -> bytes:
+    data = bytearray(raw)
+    for at in random.integers(len(data), size=int(random.integers(1, 40))):
+        data[at] ^= 1 << int(random.integers(8))
+    return bytes(data)
+
+
+def _header(raw: bytes, random: np.random.Generator) -> bytes:
+    """The bytes with some at the beginning set to the largest value: sizes, counts and times are there."""
+    data = bytearray(raw)
+    at = int(random.integers(min(len(data), 1200)))
+    data[at : at + 4] = b"\xff" * int(random.integers(1, 5))
+    return bytes(data)
+
+
+def _without_index(raw: bytes, random: np.random.Generator) -> bytes:
+    """The bytes with the name of an index spoilt, where there is one."""
+    for name in (b"moov", b"idx1", b"\x1c\x53\xbb\x6b", b"stsz", b"stco", b"stts", b"ctts"):
+        if name in raw and random.random() < 0.5:
+            return raw.replace(name, b"free", 1)
+    return raw
+
+
+DAMAGES: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (
+    damaged_bytes,
+    damaged_bytes,
+    _cut,
+    _flipped,
+    _header,
+    _without_index,
+)
+
+
+def attempt(seed: int, folder: Path) -> str:
+    """Read a damaged video, and compare each frame that is kept with the filmed ones that may follow the last."""
+    random = np.random.default_rng(seed)
+    kind = str(random.choice(sorted(good())))
+    name, raw, expected = good()[kind]
+    if random.random() < 0.1:
+        name = str(random.choice(["a.avi", "a.mp4", "a.mkv", "a.mov", "a.dat"]))
+    path = folder / name
+    damaged = DAMAGES[int(random.integers(len(DAMAGES)))]
+    path.write_bytes(damaged(raw, random))
+    last = -1
+    try:
+        for number, item in enumerate(_limited(Video(path))):
+            if item is None:
+                return f"{kind}, {damaged.__name__}: gives more than {number} frames"
+            if isinstance(item, Frame):
+                last, wrong = _followed(item, expected, last)
+                if wrong:
+                    return f"{kind}, {damaged.__name__}: {wrong}"
+    except InputError as error:
+        return refused_well(str(error).replace(str(folder), "")) or (
+            "" if str(error).startswith(str(path)) else f"names no file: {str(error)[:80]}"
+        )
+    return ""
+
+
+def _limited(video: Video) -> Iterator[Any]:
+    for number, item in enumerate(video.frames()):
+        yield item if number < MOST_FRAMES else None
+
+
+def _followed(frame: Frame, expected: tuple[NDArray[np.uint8], ...], last: int) -> tuple[int, str]:
+    """The number of the filmed frame after `last` that a frame shows, and what is wrong with it, or nothing.
+
+    It is that of the frame's own number, unless the container has lost frames without a trace.
+    """
+    if frame.pixels.shape != expected[0].shape:
+        return last, f"frame {frame.number} has shape {frame.pixels.shape}"
+    after = range(last + 1, len(expected))
+    parts = []
+    for number in sorted(after, key=lambda number: number != frame.number):
+        parts.append(_wrong_part(frame.pixels, expected[number]))
+        if parts[-1] <= WRONG_PART:
+            return number, ""
+    return last, f"{min(parts, default=1.0):.0%} of frame {frame.number} is wrong, and kept"
+
+
+def _wrong_part(found: NDArray[np.uint8], expected: NDArray[np.uint8]) -> float:
+    return float(np.mean((np.abs(found.astype(np.int16) - expected) > WRONG_BY).any(axis=-1)))
+
+
+CATEGORY = Category("videos", 1_000, attempt)
