@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -49,7 +50,7 @@ def main() -> int:
         for name in ("a.png", "a.jpg"):
             path = Path(folder) / name
             write_image(path, picture)
-            ours, theirs = least_ms(lambda path=path: read_image(path)), least_ms(lambda path=path: opencv(path))
+            ours, theirs = least_ms(partial(read_image, path)), least_ms(partial(opencv, path))
             print(f"{path.suffix:<12}{ours:>10.1f}{theirs:>12.1f}{ours / theirs:>8.2f}")
             slower |= ours > MOST * theirs
     return 1 if slower else 0

@@ -125,7 +125,9 @@ def test_opacity_is_that_of_pictures_with_one(tmp_path: Path) -> None:
     Image.fromarray(np.dstack([picture(), opacity])).save(tmp_path / "a.png")
     Image.fromarray(np.dstack([opacity, opacity]), "LA").save(tmp_path / "grey.png")
     for name in ("a.png", "grey.png"):
-        assert np.array_equal(pictures.read_opacity(tmp_path / name), opacity)
+        found = pictures.read_opacity(tmp_path / name)
+        assert found is not None
+        assert np.array_equal(found, opacity)
     for name in ("b.png", "b.jpg"):
         pictures.write_image(tmp_path / name, picture())
         assert pictures.read_opacity(tmp_path / name) is None
