@@ -76,7 +76,7 @@ def reference(name: str) -> dict[str, str]:
     start = _start(name, folder)
     done = _run(start)
     if done.returncode != 0:
-        raise RuntimeError(f"{name}: {done.stderr}")
+        raise RuntimeError(f"{name}: {done.stderr.decode()}")
     return contents(start.out)
 
 
