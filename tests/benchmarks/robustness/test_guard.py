@@ -65,7 +65,7 @@ def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
 
 
 UNSEEN = {"videos": {1, 6}}
-"""Seeds whose flipped bits leave valid pictures of other content: JPEG has no checksum."""
+"""Seeds known to be wrong: flipped bits in MJPEG; libjpeg would see that of 1, and some of those of 6."""
 
 
 @pytest.mark.parametrize("name", categories())
