@@ -219,7 +219,7 @@ def stage(folder: Path, random: np.random.Generator) -> str:
     """Look whether a stage of a run is done."""
     step = Stage("design", lambda place, progress: None)
     (folder / "design").mkdir()
-    made_of = {"parameters": {}, "reads": {}, "sources": {}, "versions": {}}
+    made_of: dict[str, Any] = {"parameters": {}, "reads": {}, "sources": {}, "versions": {}}
     manifest = Manifest.model_validate(
         {"schema": "mirrorcam.stage/2", "made_of": made_of, "files": _files(folder, random)}
     )
@@ -242,7 +242,7 @@ def record(folder: Path, random: np.random.Generator) -> str:
 
 def journal(folder: Path, random: np.random.Generator) -> str:
     """Go on with a recording, or look at one that is finished."""
-    frames = [{"number": number, "time_s": 0.1 * number} for number in range(3)]
+    frames: list[Any] = [{"number": number, "time_s": 0.1 * number} for number in range(3)]
     odd = {"number": _odd(ODD_NAMES, random, folder), "time_s": 0.0}
     frames.insert(int(random.integers(4)), odd if random.random() < 0.5 else damaged_value(frames[0], random))
     about = {"schema": "mirrorcam.light_field/1"}

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -61,7 +62,8 @@ def good() -> dict[str, bytes]:
     found["photograph"] = _with_thumbnail(picture)
     wide = picture.astype(np.uint16) * 257
     alpha = np.concatenate([picture, np.full((*picture.shape[:2], 1), 200, np.uint8)], axis=-1)
-    for kind, image in zip(PNG_KINDS, (picture, picture[..., 1], wide, alpha), strict=False):
+    images: tuple[NDArray[Any], ...] = (picture, picture[..., 1], wide, alpha)
+    for kind, image in zip(PNG_KINDS, images, strict=False):
         found[kind] = cv2.imencode(".png", image)[1].tobytes()
     small = Image.fromarray(picture).quantize(64)
     found["palette"] = _saved(small, "PNG")
