@@ -84,7 +84,7 @@ def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
 def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
     result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
     assert (result.returncode, result.stderr) == (0, "")
-    assert sorted(path.name for path in (tmp_path / "design").iterdir()) == [
+    assert results(tmp_path / "design") == [
         "before_after.png",
         "layout.json",
         "parabola.json",

@@ -14,7 +14,7 @@ LAYOUT = Path(__file__).parents[2] / "data" / "default_layout.json"
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--out", "product.gif"], "--out product.gif: expected a name that ends in .png, .jpg, .jpeg, .webp"),
+        (["--out", "product.gif"], "--out product.gif: expected a name that ends in .png, .jpg, .jpeg"),
         (["--parts", "nowhere"], "nowhere: no assembly.glb, expected a folder that `mirrorcam cad` wrote"),
     ],
 )
