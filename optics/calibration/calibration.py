@@ -123,8 +123,8 @@ def calibrate(
     pictures = kept(base_frames, mirrored=False)
     base = detect(pictures, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
     for mirrored, shown in ((False, base), (True, seen)):
-        mostly = 2 * sum(len(o) > 0 for o in shown) > len(shown)
-        refuse_other_board(first[mirrored], target, mirrored=mirrored, found=mostly)
+        # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
+        refuse_other_board(first[mirrored], target, mirrored=mirrored, found=any(len(o) for o in shown))
     found = calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
     return found.with_damaged_pictures(damaged)
 

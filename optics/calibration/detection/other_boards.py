@@ -33,7 +33,7 @@ def refuse_other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bo
     mirrored
         Whether they show it through mirrors.
     found
-        Whether the stated board was found in most pictures of this kind. Otherwise more is tried.
+        Whether the stated board was found in any picture of this kind. Otherwise more is tried.
     """
     pictures = pictures[:MOST_PICTURES]
     if not pictures:

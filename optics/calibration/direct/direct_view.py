@@ -100,7 +100,7 @@ def _found(pictures: Sequence[Grey], target: Checkerboard, mirrors: int, progres
         boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
         found.append([board for board in boards if board.direct or board.image])
         progress(number + 1, len(pictures))
-    refuse_other_board(pictures, target, mirrored=False, found=sum(map(len, found)) >= 2 * len(found))
+    refuse_other_board(pictures, target, mirrored=False, found=any(found))
     if not any(found):
         raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
     return found
