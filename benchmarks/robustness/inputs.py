@@ -179,7 +179,7 @@ def _camera(random: np.random.Generator) -> dict[str, Any]:
 
 
 def _hardware(random: np.random.Generator) -> dict[str, Any]:
-    return _dump(Hardware())
+    return Hardware().model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
 def _sensor(random: np.random.Generator) -> dict[str, Any]:

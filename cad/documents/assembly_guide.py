@@ -56,7 +56,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
 
 def camera_toml(camera: CameraBody) -> str:
     """A camera's body as the text of its TOML file, which `read_camera` reads."""
-    body = camera.model_dump(mode="json")
+    body = camera.model_dump(mode="json", exclude_none=True)
     held_by = body.pop("held_by")
     return "\n".join([*_toml_lines(body), "", "[held_by]", *_toml_lines(held_by)])
 

@@ -28,6 +28,11 @@ _Size = Annotated[float, PART_MM.each]
 _Place = Annotated[float, PART_OFFSET_MM.each]
 
 
+def _as_tuple(value: object) -> object:
+    """A list as the tuple that strict reading asks for inside `Hardware`, whose camera is read before it is checked."""
+    return tuple(value) if isinstance(value, list) else value
+
+
 def _positive(default: float, description: str) -> Any:
     """A field of a dimension of a part."""
     return PART_MM.field(default, description)
@@ -171,6 +176,7 @@ class BoardHoles(Value):
 
 
 ViewAngle = Annotated[float, Field(gt=1, lt=179)]
+_FieldOfView = Annotated[tuple[ViewAngle, ViewAngle], BeforeValidator(_as_tuple)]
 
 
 class CameraBody(Value):
@@ -197,7 +203,7 @@ class CameraBody(Value):
     cable_mm: float = PART_MM.field(description="diameter of the cable")
     cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
     mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
-    field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
+    field_of_view_deg: _FieldOfView | None = Field(
         default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"
     )
     held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.files import TEMPORARY
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import no_progress
@@ -146,7 +147,7 @@ def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_pat
     assert not (out / "frames" / "0002.png").exists()
     written = (out / "frames" / "0000.png").stat().st_mtime_ns
     (out / "frames" / "0001.png").unlink()
-    (out / "frames" / ".0002-killed.png").write_bytes(b"left over by a killed run")
+    (out / "frames" / f"{TEMPORARY}killed.png").write_bytes(b"left over by a killed run")
     calls: list[tuple[int, int]] = []
     render(out, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(done, FRAMES + BASE) for done in range(1, FRAMES + BASE + 1)]
@@ -168,7 +169,7 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
         def replace(temporary: Path, target: Path) -> Path:
             if next(writes) == write:
                 # What a killed process leaves, which cannot remove its temporary file.
-                (temporary.parent / f".{target.stem}-left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
+                (temporary.parent / f"{TEMPORARY}left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
                 raise KeyboardInterrupt
             return put_in_place(temporary, target)
 

@@ -13,6 +13,7 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.files import TEMPORARY
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -283,8 +284,8 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(
     out = tmp_path / "scene"
     shutil.copytree(finished, out)
     (out / "truth/depth/1_2.exr").unlink()
-    (out / "frames/0000.png").write_bytes(b"torn")
-    (out / "frames/.0000-left.png").write_bytes(b"over")
+    (out / "frames/0000.png").unlink()
+    (out / f"frames/{TEMPORARY}left.png").write_bytes(b"over")
     heard: list[tuple[int, int]] = []
     render_tabletop(asked, out, progress=lambda done, total: heard.append((done, total)))
     assert contents(out) == contents(finished)
@@ -299,7 +300,7 @@ def test_other_requests_leave_a_set_alone(finished: Path, asked: TabletopRequest
         render_tabletop(asked.replaced(seed=12), finished)
     assert contents(finished) == before
     (tmp_path / "truth").mkdir()
-    with pytest.raises(InputError, match=r"has a folder 'truth' but no scene.json, expected a new or empty folder$"):
+    with pytest.raises(InputError, match=r"has 'truth' but no scene.json, expected a new or empty folder$"):
         render_tabletop(asked, tmp_path)
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match=r"file: is a file, expected a folder for the scene$"):
