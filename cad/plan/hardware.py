@@ -28,9 +28,11 @@ _Size = Annotated[float, PART_MM.each]
 _Place = Annotated[float, PART_OFFSET_MM.each]
 
 
-def _as_tuple(value: object) -> object:
-    """A list as the tuple that strict reading asks for inside `Hardware`, whose camera is read before it is checked."""
-    return tuple(value) if isinstance(value, list) else value
+def _with_tuples(value: Any) -> Any:
+    """Nested tables with tuples for lists: strict reading asks for them in a table that was looked at before."""
+    if isinstance(value, dict):
+        return {name: _with_tuples(each) for name, each in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
 
 
 def _positive(default: float, description: str) -> Any:
@@ -176,7 +178,6 @@ class BoardHoles(Value):
 
 
 ViewAngle = Annotated[float, Field(gt=1, lt=179)]
-_FieldOfView = Annotated[tuple[ViewAngle, ViewAngle], BeforeValidator(_as_tuple)]
 
 
 class CameraBody(Value):
@@ -203,7 +204,7 @@ class CameraBody(Value):
     cable_mm: float = PART_MM.field(description="diameter of the cable")
     cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
     mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
-    field_of_view_deg: _FieldOfView | None = Field(
+    field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
         default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"
     )
     held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")
@@ -251,7 +252,7 @@ def require_same_camera(camera: Camera, body: CameraBody) -> None:
 
 
 def _named(camera: object) -> object:
-    return read_camera(camera) if isinstance(camera, str) else camera
+    return read_camera(camera) if isinstance(camera, str) else _with_tuples(camera)
 
 
 class Hardware(Value):

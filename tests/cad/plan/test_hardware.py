@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,11 @@ def test_a_body_of_another_camera_than_the_layouts_is_refused() -> None:
     with pytest.raises(InputError, match=r"Pi HQ, 6 mm: 55\.3 x 42\.9 deg .* Logitech C920 has 70\.4 x 43\.3 deg"):
         require_same_camera(camera, other)
     require_same_camera(camera, other.replaced(field_of_view_deg=None))  # older files do not state it
+
+
+def test_a_board_camera_may_stand_in_a_table_of_hardware(tmp_path: Path) -> None:
+    body = read_camera("board_38").model_dump(mode="json", exclude_none=True)
+    (tmp_path / "hardware.json").write_text(json.dumps({"camera": body | {"field_of_view_deg": [60.0, 40.0]}}))
+    camera = read_model(Hardware, tmp_path / "hardware.json").camera
+    assert camera.held_by == read_camera("board_38").held_by
+    assert camera.field_of_view_deg == (60.0, 40.0)
