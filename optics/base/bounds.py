@@ -64,7 +64,7 @@ REFRACTIVE_INDEX = Bounds(1.0, 4.0)
 LINE_PX = Bounds(0, 65_535)
 LARGEST_PICTURE_PX = 120_000_000
 """Pixels of the largest picture that is decoded: more than any camera's, and at most 0.7 GB of memory."""
-LARGEST_DISTORTION = 1e3
+LARGEST_DISTORTION = 1e6
 
 
 def _depth_or_inf(depth_mm: float) -> float:

@@ -111,7 +111,7 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
     first: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
     out = tmp_path / "quick"
-    for stage in ("design", "cad"):
+    for stage in ("design", "cad", HIDDEN):
         shutil.copytree(first[0] / stage, out / stage)
     unfinished = out / HIDDEN / "unfinished" / "set"
     command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]

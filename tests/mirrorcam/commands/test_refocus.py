@@ -149,7 +149,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["refocus", "missing.npz"], "missing.npz: No such file"),
+        (["refocus", "missing.npz"], "missing.npz: no such file"),
         (["refocus", "card.npz", "elsewhere/card.npz"], "two light fields are called 'card'"),
         (
             ["refocus", "card.npz", "--depth-mm", "-90"],

@@ -125,7 +125,7 @@ def test_a_pixel_lands_on_the_point_that_it_shows(layout: Layout) -> None:
 
 
 def test_a_turn_of_the_camera_alone_moves_pictures_and_not_what_they_show(default_layout: Layout) -> None:
-    wide = default_layout.camera.replaced(width_px=19200, height_px=10800, cx_px=9599.5, cy_px=5399.5)
+    wide = default_layout.camera.replaced(width_px=14000, height_px=8000, cx_px=6999.5, cy_px=3999.5)
     layout = default_layout.replaced(camera=wide)
     turned = replace(exact(layout), camera_turns_rad=np.array([[0.01, -0.02, 0.03]]))
     views, design = built_views(layout, turned), built_views(layout, exact(layout))
