@@ -306,7 +306,7 @@ class _Tags(HTMLParser):
 
 
 def _raw(markdown: str) -> str:
-    """What of a name in Markdown is not text, where it is read with and without HTML; or nothing."""
+    """Find markup that a name makes in Markdown, where it is read with and without HTML; empty for plain text."""
     for raw in (True, False):
         found = _Tags(MarkdownIt("commonmark", {"html": raw}).enable("table").render(markdown)).found
         if found:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import stat
 import struct
 import zipfile
 import zlib
@@ -16,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line, shortened
+from mirrorcam.optics.base.files import one_line, shortened, stored_bytes
 from mirrorcam.optics.base.values import InputError
 
 LARGEST_BYTES = 400_000_000
 """Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""
 LARGEST_GROWTH = 8
-"""Arrays of more than `LARGEST_BYTES` may take so many times the size of their files, as those of big scenes do."""
+"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as those of big scenes do."""
 _PIECE_BYTES = 1 << 17
 _ERRORS = (
     *(ValueError, TypeError, LookupError, ArithmeticError, AttributeError, OSError, EOFError, RuntimeError),
@@ -45,19 +44,6 @@ def refusing(path: Path, what: str) -> Iterator[None]:
         said = one_line(error) if isinstance(error, ValidationError) else str(getattr(error, "strerror", None) or error)
         reason = " ".join(said.split()) or type(error).__name__
         raise InputError(shortened(f"{path}: not {what}: {reason}")) from None
-
-
-def stored_bytes(path: Path) -> int:
-    """Size of a regular file, or InputError in one line: opening anything else may never end."""
-    try:
-        status = path.stat()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        raise InputError(f"{str(path)[:200]!r}: {getattr(error, 'strerror', None) or error}") from None
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{path}: is {'a folder' if stat.S_ISDIR(status.st_mode) else 'no regular file'}")
-    return status.st_size
 
 
 def check_bytes(path: Path, wanted: int, stored: int) -> None:

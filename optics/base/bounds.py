@@ -68,9 +68,7 @@ LARGEST_DISTORTION = 1e6
 
 
 def _depth_or_inf(depth_mm: float) -> float:
-    if np.isfinite(depth_mm) and depth_mm <= DEPTH_MM.most:
-        return depth_mm
-    if depth_mm == np.inf:
+    if depth_mm <= DEPTH_MM.most or depth_mm == np.inf:
         return depth_mm
     raise ValueError(f"expected {DEPTH_OR_INF_MM}")
 

@@ -101,25 +101,37 @@ def linked(folder: Path) -> Path | None:
     return None
 
 
-def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
-    """The bytes of a regular file of at most so many of them, or InputError in one line."""
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn what the system raises for a path in the block into an InputError of one line."""
     try:
-        status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise InputError(f"{path}: is a folder, expected a file")
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is no regular file, expected one")
-        if status.st_size <= most:
-            with path.open("rb") as stream:
-                content = stream.read(most + 1)
-            if len(content) <= most:
-                return content
+        yield
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{str(path)[:200]!r}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def stored_bytes(path: Path) -> int:
+    """Size of a regular file, or InputError in one line: opening anything else may never end."""
+    with _readable(path):
+        status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{path}: is a folder, expected a file")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{path}: is no regular file, expected one")
+    return status.st_size
+
+
+def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
+    """The content of a regular file of at most `most` bytes, or InputError in one line."""
+    if stored_bytes(path) <= most:
+        with _readable(path), path.open("rb") as stream:
+            content = stream.read(most + 1)
+        if len(content) <= most:
+            return content
     raise InputError(f"{path}: is larger than {most // 1_000_000} MB, expected a smaller file")
 
 

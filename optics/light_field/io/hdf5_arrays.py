@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.array_files import check_bytes, refusing, stored_bytes
+from mirrorcam.optics.base.array_files import check_bytes, refusing
+from mirrorcam.optics.base.files import stored_bytes
 from mirrorcam.optics.base.values import InputError
 
 if TYPE_CHECKING:

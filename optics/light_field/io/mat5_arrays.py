@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mirrorcam.optics.base.array_files import check_bytes, refusing, stored_bytes
-from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.array_files import check_bytes, refusing
+from mirrorcam.optics.base.files import read_bytes, stored_bytes
 
 HEADER_BYTES = 128
 LARGEST_FILE_BYTES = 1 << 31

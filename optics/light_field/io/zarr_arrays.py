@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from mirrorcam.optics.base.array_files import check_bytes, refusing, stored_bytes
-from mirrorcam.optics.base.files import inside, read_bytes, read_model
+from mirrorcam.optics.base.array_files import check_bytes, refusing
+from mirrorcam.optics.base.files import inside, read_bytes, read_model, stored_bytes
 from mirrorcam.optics.base.values import InputError, Value
 
 METADATA = "zarr.json"

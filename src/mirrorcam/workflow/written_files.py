@@ -145,7 +145,8 @@ class FolderRecord:
             Where such a file would be replaced without `force`, or a folder or a link out of the folder is in the way;
             nothing is moved then.
         """
-        staged, before = file_digests(staging), self.of(command).settled(folder)
+        staged, written = file_digests(staging), self.of(command)
+        before = written.settled(folder)
         refuse_blocked(folder, staged)
         if not force:
             before.refuse_others(folder, staged, staged)
@@ -155,7 +156,7 @@ class FolderRecord:
             for name in before.now.keys() - staged.keys()
             if complete or ("/" in name and name.partition("/")[0] in rewritten)
         )
-        settled = dict(before.now.items() - self.of(command).now.items())
+        settled = {name: sha256 for name, sha256 in written.next.items() if before.now.get(name) == sha256}
         self._append(_Line(command=command, now=settled, next=staged))
         for name in stale:
             if before.holds(folder, name):

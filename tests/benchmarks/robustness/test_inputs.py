@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.robustness.guard import Category
 from benchmarks.robustness.inputs import CATEGORIES, toml_text
 from mirrorcam.optics.base.files import write_json
 
@@ -23,7 +25,8 @@ def test_a_table_is_written_as_toml() -> None:
 
 
 @pytest.mark.parametrize("category", CATEGORIES, ids=lambda category: category.name)
-def test_files_without_damage_are_used(category, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_files_without_damage_are_used(category: Category, tmp_path: Path) -> None:
+    assert isinstance(category.attempt, partial)
     parts = category.attempt.keywords
     name = parts["names"][-1]
     value = parts["good"](np.random.default_rng(0))

@@ -26,7 +26,7 @@ from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
 from mirrorcam.optics.light_field.io.pfm import read_pfm, write_pfm
-from mirrorcam.optics.light_field.io.view_images import common_size
+from mirrorcam.optics.light_field.io.view_images import check_size, common_size
 from mirrorcam.optics.light_field.io.views_file import views_of_fields
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
@@ -218,8 +218,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
 
 def _picture(path: Path, size: tuple[int, int], *, grey: bool = False) -> NDArray[np.uint8]:
     picture = read_image(path, grey=grey)
-    if picture.shape[1::-1] != size:
-        raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")
+    check_size(path, picture, size)
     return picture
 
 

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.array_files import stored_bytes
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.files import atomic, stored_bytes
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.hdf5_arrays import read_hdf5
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
