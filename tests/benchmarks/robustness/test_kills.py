@@ -48,8 +48,16 @@ def test_hidden_files_are_no_results(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are found by their environment on Linux only")
 def test_processes_are_found_by_their_mark() -> None:
-    process = subprocess.Popen(["sleep", "60"], env=os.environ | {MARK: "of this test"})
+    program = "print('began', flush=True); input()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        env=os.environ | {MARK: "of this test"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()  # its environment can be read from the moment that its program runs
     assert processes_with("of this test") == [process.pid]
     process.kill()
-    process.wait()
+    process.communicate()
     assert processes_with("of this test") == []
