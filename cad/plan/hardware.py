@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.files import read_model, shortened
 from mirrorcam.optics.base.names import Link, Name
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.geometry.camera import Camera
@@ -226,13 +226,10 @@ class Wrist(Value):
 
 def read_camera(name: str) -> CameraBody:
     """Read a camera's body: one of `cad/cameras/` by its name, or a TOML file by its path."""
-    path = CAMERAS / f"{name}.toml"
-    if not path.exists():
-        path = Path(name)
-        if path.suffix != ".toml":
-            known = ", ".join(sorted(file.stem for file in CAMERAS.glob("*.toml")))
-            raise InputError(f"camera body {name!r}: expected one of {known}, or a .toml file")
-    return read_model(CameraBody, path)
+    known = {path.stem: path for path in sorted(CAMERAS.glob("*.toml"))}
+    if name not in known and not name.endswith(".toml"):
+        raise InputError(f"camera body {shortened(name, 80)!r}: expected one of {', '.join(known)}, or a .toml file")
+    return read_model(CameraBody, known.get(name) or Path(name))
 
 
 def require_same_camera(camera: Camera, body: CameraBody) -> None:

@@ -65,6 +65,15 @@ def test_every_body_that_comes_along_is_whole(path: Path) -> None:
     assert abs(camera.lens_y_mm) < camera.height_mm / 2.0
 
 
+@pytest.mark.parametrize("name", ["other", "../cameras/c920", "a" * 10_000, "a\0b"])
+def test_a_body_is_taken_by_a_known_name_alone(name: str) -> None:
+    with pytest.raises(
+        InputError, match=r"camera body '.+': expected one of board_38, c920.*, or a \.toml file"
+    ) as caught:
+        read_camera(name)
+    assert len(str(caught.value)) < 300
+
+
 def test_a_body_of_another_camera_than_the_layouts_is_refused() -> None:
     camera, body = Camera.c920(), read_camera("c920")
     require_same_camera(camera, body)
