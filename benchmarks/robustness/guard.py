@@ -1,4 +1,4 @@
-"""Attempts with bad input, each watched: what it raises, how long it takes and how much memory it needs."""
+"""Attempts with bad input, each watched: what it raises and opens, how long it takes, how much memory it needs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+
+from benchmarks.robustness.file_access import watched_files
 
 LONGEST_S = 20.0
 LARGEST_BYTES = 1 << 30
@@ -89,7 +91,7 @@ def watched(attempt: Attempt, seed: int, longest_s: float = LONGEST_S) -> str:
     signal.signal(signal.SIGALRM, _interrupt)
     signal.setitimer(signal.ITIMER_REAL, longest_s)
     try:
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder, watched_files() as elsewhere:
             wrong = attempt(seed, Path(folder))
     except _TookTooLong:
         return f"took longer than {longest_s:g} s"
@@ -98,6 +100,8 @@ def watched(attempt: Attempt, seed: int, longest_s: float = LONGEST_S) -> str:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    if not wrong and elsewhere:
+        return elsewhere[0]
     return wrong or (f"took {grown / 2**20:.0f} MB of memory" if grown > LARGEST_BYTES else "")
 
 

@@ -45,6 +45,14 @@ def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> N
     assert "MB of memory" in watched(grows, 0)
 
 
+def test_files_elsewhere_are_wrong(tmp_path: Path) -> None:
+    def writes(seed: int, folder: Path) -> str:
+        (tmp_path / "file").write_text("x")
+        return ""
+
+    assert watched(writes, 0) == f"writes {tmp_path / 'file'}"
+
+
 def test_messages_are_one_short_line() -> None:
     assert refused_well("layout.json: no such file") == ""
     assert "2 lines" in refused_well("a\nb")
