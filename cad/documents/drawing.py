@@ -9,7 +9,7 @@ import numpy as np
 from build123d import Part
 
 from mirrorcam.cad.documents.annotation import TIERS_MM, WORDS_MM, annotate
-from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, fitted_text, text_width_mm
 from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
@@ -27,7 +27,9 @@ SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 VISIBLE_MM, SMALL_MM, HIDDEN_MM, FRAME_MM = 0.35, 0.25, 0.18, 0.5
 HIDDEN_DASHES_MM = (1.6, 0.8)
 HIDDEN_COLOUR = "#5d6778"
-TEXT_MM, NOTE_MM = 2.5, 2.0
+TEXT_MM, NOTE_MM, VALUE_MM = 2.5, 2.0, 2.8
+MATERIAL_MM = 56.0
+"""Width of the field of the material."""
 ROW_MM = 4.4
 
 
@@ -153,10 +155,13 @@ def _title_block(sheet: DrawingSheet, part: PartPlan, printer: Printer, scale: f
     head = BORDER_MM + BLOCK_MM
     sheet.lines([np.array([(BORDER_MM, head), (right, head)])], FRAME_MM)
     ratio = f"{scale:g} : 1" if scale >= 1.0 else f"1 : {1.0 / scale:g}"
+    printed = ", printed"
+    free = MATERIAL_MM - 4.0 - text_width_mm(printed, VALUE_MM)
+    material = fitted_text(printer.plastic, free, VALUE_MM) + printed
     columns: tuple[tuple[float, tuple[tuple[str, str, bool], ...]], ...] = (
         (96.0, (("Title", part.title, True), ("Project", "MirrorCam", False))),
         (46.0, (("Drawing number", part.number, True), ("Sheet", "1 / 1, A3", False))),
-        (56.0, (("Material", f"{printer.plastic}, printed", False), ("Licence", "Apache-2.0", False))),
+        (MATERIAL_MM, (("Material", material, False), ("Licence", "Apache-2.0", False))),
         (52.0, (("Scale (views)", ratio, True), ("Units", "mm", False))),
         (92.0, (("Tolerances", "ISO 2768-m; printed ± 0.2", False), ("Numbers of the plan", part.identity, False))),
     )
@@ -165,7 +170,7 @@ def _title_block(sheet: DrawingSheet, part: PartPlan, printer: Printer, scale: f
         for row, (label, value, bold) in enumerate(fields):
             y = head - 13.0 * row
             sheet.text((x + 2.0, y - 4.0), label, 1.8, colour=SOFT)
-            sheet.text((x + 2.0, y - 10.0), value, 3.5 if bold else 2.8, bold=bold)
+            sheet.text((x + 2.0, y - 10.0), value, 3.5 if bold else VALUE_MM, bold=bold)
         x += width
         sheet.lines([np.array([(x, BORDER_MM), (x, head)])], 0.25)
     sheet.lines([np.array([(BORDER_MM, head - 13.0), (x, head - 13.0)])], 0.25)

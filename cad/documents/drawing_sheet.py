@@ -12,11 +12,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
+from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.patches import Polygon
 from matplotlib.textpath import TextPath
 
 from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.sheet_text import drawable, fitted
 from mirrorcam.optics.base.values import FloatArray
 
 MM_PER_INCH = 25.4
@@ -44,8 +45,16 @@ def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
     return _width_of_size_1(text, bold) * height_mm / CAPITALS
 
 
+def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
+    """A text of any characters, cut to a width and with marks for what the font lacks."""
+    drawn = drawable(text, get_font(findfont(FONT)).get_charmap())
+    return fitted(drawn, width_mm, lambda part: text_width_mm(part, height_mm))
+
+
 @cache
 def _width_of_size_1(text: str, bold: bool) -> float:
+    if not text.strip():
+        return 0.0  # matplotlib makes no path without a glyph
     corners = TextPath((0.0, 0.0), text.replace("$", r"\$"), size=100.0, prop=BOLD if bold else FONT).vertices
     return float(np.ptp(corners[:, 0])) / 100.0
 

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field
 LONGEST = 100
 """Characters of the longest name."""
 _MARKDOWN = re.compile(r"[\\`*_\[\]|~#$]")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r", "\n")  # \uff..: full-width
 
 
 def _printable(name: str) -> str:

@@ -10,11 +10,13 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.textpath import TextPath
 
 from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.sheet_text import drawable, fitted
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
 from mirrorcam.optics.geometry.targets import Charuco, Target
@@ -113,8 +115,8 @@ def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: 
     _fill(axes, shapely.transform(ink_in_board_mm(target), lambda points: points + origin))
     _footer(axes, target, name, left=EDGE_MM, top=height - EDGE_MM - FOOTER_MM)
     metadata: dict[str, dict[str, Any]] = {
-        ".svg": {"Date": None, "Creator": "MirrorCam", "Title": name},
-        ".pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": name},
+        ".svg": {"Date": None, "Creator": "MirrorCam", "Title": _drawable(name)},
+        ".pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": _drawable(name)},
     }
     settings: dict[Any, Any] = {"svg.hashsalt": "mirrorcam", "svg.fonttype": "path", "path.simplify": False}
     with mpl.rc_context(settings), atomic(path) as temporary:
@@ -150,7 +152,7 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     width, height = target.size_mm
     kind = "ChArUco" if isinstance(target, Charuco) else "checkerboard"
     lines = [
-        _shortened(name, TEXT_MM - GAP_MM),
+        fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm),
         f"{kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm",
     ]
     if isinstance(target, Charuco):
@@ -161,14 +163,12 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
         axes.text(*place, line, fontsize=POINTS, va="baseline", parse_math=False)
 
 
-def _shortened(text: str, width_mm: float) -> str:
-    """A text, cut and ended by "..." where it is wider than `width_mm`."""
-    width_points = width_mm / MM_PER_INCH * 72.0
-    kept, end = text, ""
+def _drawable(text: str) -> str:
+    return drawable(text, get_font(findfont(FontProperties())).get_charmap())
 
-    def width_of(words: str) -> float:
-        return float(TextPath((0.0, 0.0), words.replace("$", r"\$"), size=POINTS).get_extents().width)
 
-    while kept and width_of(kept + end) > width_points:
-        kept, end = kept[:-1], "..."
-    return kept + end
+def _width_mm(text: str) -> float:
+    if not text.strip():
+        return 0.0  # matplotlib makes no path without a glyph
+    path = TextPath((0.0, 0.0), text.replace("$", r"\$"), size=POINTS)
+    return float(path.get_extents().width) / 72.0 * MM_PER_INCH

@@ -18,11 +18,12 @@ from shapely import LineString, Polygon
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.documents.annotation import number
-from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
+from mirrorcam.cad.documents.drawing import MATERIAL_MM, SMALL_MM, VISIBLE_MM, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
+from tests.hostile_names import ACCEPTED
 
 ROOT = Path(__file__).parents[3]
 
@@ -73,6 +74,21 @@ def test_any_size_finds_its_scale_and_room(block: Callable[..., PartPlan], size_
     assert overlaps(sheet) == []
     assert outside(sheet) == []
     assert crossed(sheet) == []
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[..., PartPlan], tmp_path: Path) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer.replaced(plastic=name))
+    (field,) = (words for words in sheet.words if words.text.endswith(", printed"))
+    said = "".join(shown if shown == sent else "?" for shown, sent in zip(field.text, name, strict=False))
+    assert name.startswith(said.split("?")[0])
+    assert np.ptp(field.corners[:, 0]) <= MATERIAL_MM
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    sheet.write(tmp_path / "part", "MC-99 Block")
+    ET.parse(tmp_path / "part.svg")
 
 
 def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> None:

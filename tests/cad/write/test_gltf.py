@@ -17,6 +17,7 @@ from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.cad.write.gltf import GLTF_FROM_RIG, linear, write_glb
 from mirrorcam.optics.geometry.layout import Layout
+from tests.hostile_names import ACCEPTED
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,14 @@ def test_every_piece_is_a_node_below_the_device(written: Path, pieces: tuple[Pie
         assert (extras["kind"], extras["number"], extras["title"]) == (piece.kind, piece.number, piece.title)
         np.testing.assert_allclose(extras["explode_mm"], piece.explode_mm, atol=1e-4)
         assert "matrix" not in nodes[piece.name]
+
+
+def test_a_reader_finds_any_title_as_it_is(pieces: tuple[Piece, ...], tmp_path: Path) -> None:
+    titled = [replace(pieces[0], name=f"piece_{number}", title=title) for number, title in enumerate(ACCEPTED)]
+    write_glb(tmp_path / "titles.glb", titled)
+    found = {node["name"]: node.get("extras", {}).get("title") for node in tree_of(tmp_path / "titles.glb")["nodes"]}
+    assert [found[piece.name] for piece in titled] == list(ACCEPTED)
+    assert set(trimesh.load_scene(tmp_path / "titles.glb").graph.nodes_geometry) == {piece.name for piece in titled}
 
 
 def test_mirrors_are_metal_and_colours_are_linear(written: Path, pieces: tuple[Piece, ...]) -> None:

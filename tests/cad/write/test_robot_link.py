@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,10 +13,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 from shapely import Polygon
+from urdf_parser_py.urdf import URDF
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece, camera_piece, composed, mirror_pieces
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, Wrist
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write.robot_link import hull_of, write_robot
 from mirrorcam.optics.base.values import FloatArray
@@ -70,6 +72,22 @@ def test_every_link_hangs_on_the_arm(urdf: Element, device: Device) -> None:
     for link in links:
         root_from(urdf, str(link))
     assert all(joint.get("type") == "fixed" for joint in urdf.findall("joint"))
+
+
+@pytest.mark.parametrize("name", ["mico_link_hand", "arm/tool-0", "a.b", "7", "null"])
+def test_parsers_of_robots_find_the_link_that_the_device_hangs_on(
+    name: str, device: Device, pieces: tuple[Piece, ...], tmp_path: Path
+) -> None:
+    wrist = Wrist.model_validate_json(json.dumps({"link": name, "name": "--> <img src=x onerror=alert(1)>"}))
+    hung = replace(device, hardware=device.hardware.replaced(wrist=wrist))
+    write_robot(tmp_path / "robot", hung, pieces)
+    robot = URDF.from_xml_file(str(tmp_path / "robot" / "mirrorcam.urdf"))
+    assert robot.get_root() == name
+    text = (tmp_path / "robot" / "mirrorcam.xacro").read_text(encoding="utf-8")
+    with_comments = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    macro = ElementTree.fromstring(text, with_comments)
+    assert macro.tag == "robot"
+    assert f'<xacro:mirrorcam parent="{name}" ' in text
 
 
 def test_views_look_from_their_virtual_centres_to_the_scene(urdf: Element, device: Device) -> None:

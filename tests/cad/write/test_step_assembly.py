@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from mirrorcam.cad.assembly.pieces import MIRROR_RGB
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
 from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
+from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.geometry.transforms import rigid
 
 SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
@@ -90,6 +92,22 @@ def test_the_same_device_gives_the_same_bytes_whatever_was_made_before(
     for name in ("first", "second", "third"):
         write_assembly(tmp_path / f"{name}.step", device, parts)
     assert len({file.read_bytes() for file in tmp_path.glob("*.step")}) == 1
+
+
+@pytest.mark.usefixtures("screws")
+@pytest.mark.parametrize("name", ["'); DROP", "Spiegel ä 鏡 🪞", "W" * LONGEST])
+def test_names_of_others_are_not_in_it(name: str, device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
+    hardware = device.hardware
+    named = hardware.replaced(
+        camera=hardware.camera.replaced(name=name),
+        printer=hardware.printer.replaced(plastic=name),
+        wrist=hardware.wrist.replaced(name=name),
+    )
+    write_assembly(tmp_path / "assembly.step", device, parts)
+    write_assembly(tmp_path / "named.step", replace(device, hardware=named), parts)
+    assert list(leaves(tmp_path / "named.step")) == list(leaves(tmp_path / "assembly.step"))
+    plain = (tmp_path / "assembly.step").read_bytes()
+    assert (tmp_path / "named.step").read_bytes() == plain.replace(b"assembly.step", b"named.step")
 
 
 def test_a_screw_in_no_printed_part_is_a_bug(

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import locale
 import shutil
 import subprocess
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import lib3mf
 import numpy as np
 import pytest
 
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.threemf import lying, write_3mf
+from tests.hostile_names import ACCEPTED
 
 BED = HARDWARE.printer.bed_mm
 
@@ -81,6 +85,25 @@ def test_it_says_what_it_is(written: Path, block: PartPlan) -> None:
     resource, place, _ = body.GetObjectLevelProperty()
     colour = model.GetBaseMaterialGroupByID(resource).GetDisplayColor(place)
     assert (colour.Red, colour.Green, colour.Blue) == (51, 102, 153)
+
+
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_a_reader_finds_any_name_of_a_material_as_it_is(
+    name: str, block: PartPlan, built_block: BuiltPart, tmp_path: Path
+) -> None:
+    printer = Printer.model_validate_json(json.dumps({"plastic": name}))
+    write_3mf(tmp_path / "block.3mf", built_block.stl, block, printer)
+    model = read(tmp_path / "block.3mf")
+    bodies = model.GetMeshObjects()
+    assert bodies.MoveNext()
+    resource, place, _ = bodies.GetCurrentMeshObject().GetObjectLevelProperty()
+    assert model.GetBaseMaterialGroupByID(resource).GetName(place) == name
+    group = model.GetMetaDataGroup()
+    texts = [group.GetMetaData(i).GetValue() for i in range(group.GetMetaDataCount())]
+    assert any(f" support: {name}, 60.0 x" in text for text in texts)
+    with zipfile.ZipFile(tmp_path / "block.3mf") as archive:
+        tree = ElementTree.fromstring(archive.read("3D/3dmodel.model"))
+    assert [each.get("name") for each in tree.iter() if each.tag.endswith("}base")] == [name]
 
 
 def test_the_same_part_gives_the_same_bytes_and_another_other_ids(

@@ -18,6 +18,7 @@ from mirrorcam.figures.board_print import (
     EDGE_MM,
     FOOTER_MM,
     PAGES_MM,
+    _drawable,
     board_in_page_mm,
     needed_mm,
     page_for,
@@ -25,6 +26,7 @@ from mirrorcam.figures.board_print import (
 )
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, save_board
+from tests.hostile_names import ACCEPTED, REFUSED
 from tests.mirrorcam.command_line import results
 
 MM_PER_POINT = 25.4 / 72.0
@@ -192,9 +194,14 @@ def test_a_page_as_small_as_it_is_said_to_need_fits() -> None:
     assert 124.5 - EDGE_MM - FOOTER_MM - EDGE_MM - 88.5 == EDGE_MM
 
 
-def test_a_name_is_no_mathematics(tmp_path: Path) -> None:
-    name = r"board $\frac$ <b>.toml"
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("suffix", [".svg", ".pdf"])
+@pytest.mark.parametrize("name", [r"board $\frac$ <b>.toml", *ACCEPTED, *REFUSED])
+def test_any_name_of_a_file_is_text(name: str, suffix: str, tmp_path: Path) -> None:
     board = Checkerboard(cols=8, rows=6, square_mm=20.0)
-    for suffix in (".svg", ".pdf"):
-        write_board(board, tmp_path / f"board{suffix}", page_for(board, ""), name)
-    assert name in [element.text for element in ElementTree.parse(tmp_path / "board.svg").iter()]
+    write_board(board, tmp_path / f"board{suffix}", page_for(board, ""), name)
+    if suffix == ".svg":
+        texts = [element.text or "" for element in ElementTree.parse(tmp_path / "board.svg").iter()]
+        assert _drawable(name).strip() in [text.strip() for text in texts]
+    else:
+        assert (tmp_path / "board.pdf").read_bytes().endswith(b"%%EOF\n")

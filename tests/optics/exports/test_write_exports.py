@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,10 +10,12 @@ import numpy as np
 import pycolmap
 import pytest
 
+from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
-from tests.optics.exports.conftest import Case
+from tests.hostile_names import ACCEPTED, REFUSED
+from tests.optics.exports.conftest import Case, sideways_layout
 
 
 def test_pictures_are_the_flipped_frame(case: Case, folder: Path) -> None:
@@ -56,6 +59,46 @@ def test_the_readme_names_flip_and_every_view(case: Case, folder: Path) -> None:
     assert len({line.split("|")[1] for line in lines}) == len(lines)
     for before, after in pairwise(lines):
         assert before < after
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", [ACCEPTED[3], "'\": {[# ä 鏡 🪞", "W" * LONGEST])
+def test_no_export_holds_the_name_of_the_camera(name: str, tmp_path: Path) -> None:
+    """What the readers of the other tests find is what they find of any camera."""
+    layout = sideways_layout()
+    named = layout.replaced(camera=layout.camera.replaced(name=name))
+    write_exports(layout, tmp_path / "plain")
+    write_exports(named, tmp_path / "named")
+    assert files_of(tmp_path / "named") == files_of(tmp_path / "plain")
+
+
+def test_colmap_finds_pictures_of_any_name(tmp_path: Path) -> None:
+    layout = sideways_layout()
+    frame = np.zeros((layout.camera.height_px, layout.camera.width_px), dtype=np.uint8)
+    write_image(tmp_path / "plain.png", frame)
+    odd = {name.replace("/", "_").replace("\x00", "_") for name in (*ACCEPTED, *REFUSED)} - {"", "x" * 300}
+    names = [name.encode("utf-8", "replace").decode() for name in sorted(odd)] + ["-rf", "..", "x" * 247]
+    for number, name in enumerate(names):
+        picture = tmp_path / f"{name}.png"
+        shutil.copy(tmp_path / "plain.png", picture)
+        write_exports(layout, tmp_path / str(number), [picture])
+        colmap = tmp_path / str(number) / "colmap"
+        found = [image.name for image in pycolmap.Reconstruction(colmap / "sparse").images.values()]
+        assert len(found) == len(layout.mirrors)
+        assert all((colmap / "images" / each).is_file() for each in found)
+        assert all((colmap / "masks" / f"{each}.png").is_file() for each in found)
+
+
+def test_a_picture_whose_mask_would_have_too_long_a_name_is_refused(tmp_path: Path) -> None:
+    layout = sideways_layout()
+    picture = tmp_path / f"{'x' * 251}.png"
+    write_image(tmp_path / "plain.png", np.zeros((layout.camera.height_px, layout.camera.width_px), dtype=np.uint8))
+    shutil.copy(tmp_path / "plain.png", picture)
+    with pytest.raises(InputError, match="cannot be written: File name too long"):
+        write_exports(layout, tmp_path / "exports", [picture])
 
 
 def test_colmap_reads_the_names_of_pictures_with_blanks(case: Case, tmp_path: Path) -> None:
