@@ -13,6 +13,15 @@ EVEN = Camera.c920()
 ODD = EVEN.replaced(width_px=1919)
 
 
+def refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> str:
+    """The complaint about a video, empty where there is none."""
+    try:
+        check_video(settings, camera, rate_hz)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
 @pytest.mark.parametrize(
     ("settings", "camera", "rate_hz", "complaint"),
     [
@@ -25,12 +34,16 @@ ODD = EVEN.replaced(width_px=1919)
 def test_videos_that_cannot_be_encoded_are_refused(
     settings: RenderSettings, camera: Camera, rate_hz: float | None, complaint: str
 ) -> None:
-    with pytest.raises(InputError) as error:
-        check_video(settings, camera, rate_hz)
-    assert str(error.value).startswith(complaint)
+    assert refused(settings, camera, rate_hz).startswith(complaint)
 
 
-def test_others_pass() -> None:
-    check_video(RenderSettings(), ODD, None)
-    check_video(RenderSettings(video="avi"), ODD, 30.0)
-    check_video(RenderSettings(video="mp4"), EVEN, 30.0)
+@pytest.mark.parametrize(
+    ("settings", "camera", "rate_hz"),
+    [
+        (RenderSettings(), ODD, None),
+        (RenderSettings(video="avi"), ODD, 30.0),
+        (RenderSettings(video="mp4"), EVEN, 30.0),
+    ],
+)
+def test_others_are_not_refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
+    assert refused(settings, camera, rate_hz) == ""

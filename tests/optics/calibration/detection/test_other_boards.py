@@ -59,12 +59,21 @@ def test_a_charuco_board_of_another_size_is_named(layout: Layout, stated: tuple[
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("found", [False, True])
 def test_the_stated_board_is_taken(layout: Layout, *, mirrored: bool, found: bool) -> None:
-    shown = pictures(MARKED, layout if mirrored else None)
-    refuse_other_board(shown, MARKED, mirrored=mirrored, found=found)
-    refuse_other_board(shown, MARKED.replaced(rows=12), mirrored=mirrored, found=found)  # the rest may be out of view
-    refuse_other_board([np.full_like(shown[0], 60)], MARKED, mirrored=mirrored, found=found)
-    refuse_other_board([np.full_like(shown[0], 60)], PLAIN, mirrored=mirrored, found=found)
-    refuse_other_board(pictures(PLAIN, layout if mirrored else None), PLAIN, mirrored=mirrored, found=found)
+    marked, plain = (pictures(target, layout if mirrored else None) for target in (MARKED, PLAIN))
+    grey = [np.full_like(marked[0], 60)]
+
+    def refused(shown: list[Grey], target: Target) -> str:
+        try:
+            refuse_other_board(shown, target, mirrored=mirrored, found=found)
+        except InputError as error:
+            return str(error)
+        return ""
+
+    assert refused(marked, MARKED) == ""
+    assert refused(marked, MARKED.replaced(rows=12)) == ""  # the other rows may be out of view
+    assert refused(grey, MARKED) == ""
+    assert refused(grey, PLAIN) == ""
+    assert refused(plain, PLAIN) == ""
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
