@@ -10,7 +10,7 @@ from mirrorcam.cad.assembly.pieces import pieces_of
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
-from mirrorcam.cad.documents.device_pictures import pictures_of, write_picture
+from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of, write_picture
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
@@ -36,7 +36,7 @@ def write_device(
     """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
     made: list[Call] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
-    done, total = 0, len(made) + 3
+    done, total = 0, len(made) + 3 + PICTURES
 
     def step() -> None:
         nonlocal done
@@ -53,7 +53,6 @@ def write_device(
     write_glb(out / "assembly.glb", pieces)
     pictures = pictures_of(device, parts, pieces)
     drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
-    total += len(drawn)
     checks, *_ = call_all(
         [(check_device, (device, parts, out)), (write_assembly, (out / "assembly.step", device, parts)), *drawn],
         workers,

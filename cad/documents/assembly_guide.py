@@ -12,10 +12,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
+from mirrorcam.cad.holder.glue import DOT_MM, DOTS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
 from mirrorcam.cad.plan.hardware import CameraBody
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.optics.base.figure_texts import number_word
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
 
@@ -39,6 +41,10 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         lips=hardware.camera.held_by.kind == "lips",
         inserts=hardware.screw.kind == "insert",
         parts=parts,
+        sliced=is_sliced(parts),
+        masses=masses_of(parts),
+        glue_dots=number_word(DOTS),
+        glue_dot_mm=DOT_MM,
         coupon=next((part for part in parts if part.name == COUPON), None),
         stages=Stages(pieces),
         sheets=sorted(
@@ -52,6 +58,17 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
+
+
+def is_sliced(parts: Sequence[BuiltPart]) -> bool:
+    """Whether a slicer gave the mass of every part."""
+    return all("print_g" in part.checks for part in parts)
+
+
+def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
+    """Mass of every part by its name, in grams: as sliced where a slicer gave all of them, or else as solids."""
+    sliced = is_sliced(parts)
+    return {part.name: f"{part.checks['print_g'].value if sliced else part.mass.mass_g:.0f}" for part in parts}
 
 
 def camera_toml(camera: CameraBody) -> str:

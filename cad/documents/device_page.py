@@ -12,6 +12,7 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
@@ -61,8 +62,8 @@ def write_page(
         ),
         identity=layout.identity,
         parts=parts,
-        mass={part.name: _mass(part) for part in parts},
-        sliced=all("print_g" in part.checks for part in parts),
+        masses=masses_of(parts),
+        sliced=is_sliced(parts),
         pictures=pictures,
         others=_other_files(folder),
         guide=Markup(markdown.render(_text(folder / "guide.md"))),
@@ -78,11 +79,6 @@ def write_page(
         glb=base64.b64encode(read_bytes(folder / "assembly.glb")).decode(),
     )
     write_text(folder / "index.html", page)
-
-
-def _mass(part: BuiltPart) -> str:
-    """Grams by the slicer, or of the solid where there is no slicer."""
-    return f"{part.checks['print_g'].value if 'print_g' in part.checks else part.mass.mass_g:.0f}"
 
 
 def _text(path: Path) -> str:

@@ -65,6 +65,10 @@ class DevicePicture:
         return f"pictures/{self.name}.png"
 
 
+PICTURES = 11
+"""Number of pictures of a device."""
+
+
 def write_picture(folder: Path, picture: DevicePicture) -> None:
     """Draw a picture and write it below a device's folder."""
     bodies = [item.body for item in picture.items]

@@ -23,6 +23,8 @@ ALONG_DEG = 30.0
 # Grooves end so far outside the rims, and so far before a neighbour's column: inside its pocket.
 BEYOND_MM = 0.2
 BESIDE_OF_FIT = 0.8
+DOTS, DOT_MM = 4, 2.0
+"""Number and width of the dots of glue behind a mirror."""
 
 
 @dataclass(frozen=True)

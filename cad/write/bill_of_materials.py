@@ -8,14 +8,17 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from pydantic import Field
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title
+from mirrorcam.cad.holder.glue import DOT_MM, DOTS
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.optics.base.figure_texts import number_word
 from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
@@ -29,8 +32,6 @@ STANDARDS = {
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
 }
-GLUE_MM = 0.1
-"""Thickness of the glue behind a mirror, for how much of it is bought."""
 
 
 class PrintedLine(Value):
@@ -149,13 +150,13 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
         lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard, note=where))
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(BoughtLine(title="1/4 in nut", count=1, note="mount, only to stand on a tripod"))
-    area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors)
-    millilitres = max(1, round(area * GLUE_MM / 1000.0))
+    glue_ml = 0.001 * len(device.layout.mirrors) * DOTS * np.pi / 6.0 * DOT_MM**3
+    dots = f"{number_word(DOTS)} dots of {DOT_MM:g} mm behind every mirror"
     lines.append(
         BoughtLine(
             title="Glue for acrylic that does not craze it (neutral silicone)",
             count=None,
-            note=f"about {millilitres} ml, a film of {GLUE_MM:g} mm behind every mirror",
+            note=f"less than {max(1, int(np.ceil(glue_ml)))} ml, {dots}",
         )
     )
     if any(item.kind == "insert" for item in items):

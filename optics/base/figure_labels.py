@@ -13,7 +13,7 @@ ASSEMBLY: Mapping[str, str] = {
     "pieces_amiss": "pieces missing or unexpected",
     "parts_sliced": "parts checked with a slicer",
     "meshes_broken": "meshes that enclose no solid",
-    "mass_g": "mass",
+    "mass_g": "mass, plastic as solid",
     "centre_x_mm": "centre of mass, x",
     "centre_y_mm": "centre of mass, y",
     "centre_z_mm": "centre of mass, z",
@@ -88,7 +88,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "floating_mm2": "largest area that starts in mid-air",
     "slices": "slicer accepts the 3MF file (1: yes)",
     "print_minutes": "printing time",
-    "print_g": "filament used, mass",
+    "print_g": "mass as sliced",
     "support_filament_mm": "filament used for support, length",
 }
 
@@ -111,7 +111,47 @@ DESIGNS: Mapping[str, str] = {
     "blocked_light": "light lost to other mirrors",
 }
 
+CALIBRATIONS: Mapping[str, str] = {
+    "rms_x_px": "reprojection error, RMS in x",
+    "rms_y_px": "reprojection error, RMS in y",
+    "direct_rms_x_px": "reprojection error without mirrors, RMS in x",
+    "direct_rms_y_px": "reprojection error without mirrors, RMS in y",
+    "spatial_rms_mm": "distance of corners from their viewing rays, RMS",
+    "corners": "corners used",
+    "outliers": "corners left out as outliers",
+    "held_out_outliers": "corners left out as outliers, held-out frames",
+    "sigma_px": "noise of a corner, per axis",
+    "iterations": "iterations of the solver",
+    "common_turn_sigma_deg": "rotation of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",
+    "common_shift_sigma_mm": "shift of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",
+    "mirror_to_mirror_normal_sigma_deg": "mirror normals to each other, largest \N{GREEK SMALL LETTER SIGMA}",
+    "mirror_to_mirror_distance_sigma_mm": "mirror distances to each other, largest \N{GREEK SMALL LETTER SIGMA}",
+    "projection_sigma_px": "projected point, \N{GREEK SMALL LETTER SIGMA}",
+    "projection_against_reference_sigma_px": "projected point against the reference view, \N{GREEK SMALL LETTER SIGMA}",
+    "uncertainty_widened": "factor by which tests increase every \N{GREEK SMALL LETTER SIGMA}",
+    "alarms": "alarms: the model contradicts the pictures",
+    "depth_matching_sigma_mm": "depth at working range, \N{GREEK SMALL LETTER SIGMA} of matching",
+    "depth_calibration_sigma_mm": "depth at working range, \N{GREEK SMALL LETTER SIGMA} of calibration",
+    "unexplained_px": "error that flat mirrors leave unexplained",
+    "split_halves_ratio": "similar halves: difference / predicted",
+    "split_near_ratio": "near and far boards: difference / predicted",
+    "damaged_pictures": "damaged pictures, not used",
+    "flat_board_rms_x_px": "reprojection error of a flat board, RMS in x",
+    "flat_board_rms_y_px": "reprojection error of a flat board, RMS in y",
+    "camera_turned_px": "largest rotation of the camera between pictures",
+    "sheet_mm": "thickness of the mirrors",
+    "sheet_sigma_mm": "thickness of the mirrors, \N{GREEK SMALL LETTER SIGMA}",
+    "views": "views that show corners",
+    "board_shift_in_plane_rms_mm": "errors of the board in its plane, RMS",
+    "board_warp_rms_mm": "errors of the board out of its plane, RMS",
+}
+
 VALIDATIONS: Mapping[str, str] = {
+    "normal_error_rms_deg": "mirror normals, against the ground truth, RMS",
+    "distance_error_rms_mm": "mirror distances, against the ground truth, RMS",
+    "focal_error_px": "focal length, against the ground truth",
+    "decoded_corner_p95_px": "corners in decoded views, 95 % quantile",
+    "decoded_corners": "corners found in decoded views",
     "normal_error_max_deg": "worst mirror normal, against the ground truth",
     "normal_error_between_mirrors_max_deg": "worst mirror normal, without the rotation common to all mirrors",
     "distance_error_max_mm": "worst mirror distance, against the ground truth",
@@ -121,4 +161,4 @@ VALIDATIONS: Mapping[str, str] = {
     "decoded_corner_rms_px": "corners in decoded views, against a pinhole at the true position, RMS",
 }
 
-LABELS: Mapping[str, str] = {**ASSEMBLY, **LIGHT, **MIRRORS, **PRINTED_PARTS, **DESIGNS, **VALIDATIONS}
+LABELS: Mapping[str, str] = {**ASSEMBLY, **LIGHT, **MIRRORS, **PRINTED_PARTS, **DESIGNS, **CALIBRATIONS, **VALIDATIONS}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 
@@ -14,6 +15,7 @@ UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that stand at their value without a space."""
 SIGNS = {
+    "1": "",
     "um": "\N{MICRO SIGN}m",
     **{f"{length}2": f"{length}\N{SUPERSCRIPT TWO}" for length in ("mm", "cm")},
     **{f"{length}3": f"{length}\N{SUPERSCRIPT THREE}" for length in ("mm", "cm")},
@@ -41,6 +43,19 @@ def figure_text(value: float, digits: int = 4) -> str:
     if abs(value) >= 1000:
         return f"{value:.0f}"
     return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def sigma_text(sigma: float) -> str:
+    """A standard deviation in two significant digits, also where the second is a zero: 0.0020."""
+    decimals = sigma_decimals(sigma)
+    return figure_text(sigma, 2) if decimals is None else f"{sigma:.{decimals}f}"
+
+
+def sigma_decimals(sigma: float) -> int | None:
+    """Number of decimals of a standard deviation in two significant digits; None for 0, NaN and the tiniest."""
+    if not 1e-4 <= sigma < float("inf"):
+        return None
+    return max(0, 1 - math.floor(math.log10(float(f"{sigma:.1e}"))))
 
 
 def unit_text(unit: str) -> str:

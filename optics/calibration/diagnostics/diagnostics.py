@@ -113,9 +113,7 @@ def _rms(parts: list[FloatArray]) -> float:
 
 def reference_of(observations: Observations, layout: Layout) -> int:
     """The direct view where a frame shows its board both directly and in a mirror, else the central mirror's view."""
-    mirrored = observations.view != DIRECT
-    both = np.intersect1d(observations.frame[mirrored], observations.frame[~mirrored])
-    return DIRECT if len(both) else layout.central_index
+    return DIRECT if observations.both_ways else layout.central_index
 
 
 def diagnose(

@@ -138,10 +138,7 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
     """Check that all views and both axes fit alike, as noise does: an error of one view can hide in the rms of all."""
-    names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
-    rms = {
-        (names[view.view], axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)
-    }
+    rms = {(view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)}
     seen = {place: value for place, value in rms.items() if np.isfinite(value)}
     worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
     ratio = seen[worst] / seen[best]

@@ -23,6 +23,9 @@ SYSTEMATIC_CHANCE = 0.01
 class ViewFigures:
     """One view (a mirror's index, or DIRECT) in figures.
 
+    DIRECT is called "direct view" where a picture shows the board both directly and in a mirror, and "bare
+    camera" where it was photographed without mirrors.
+
     `outline_px` (n, 2) on the sensor; `cells_px` (k, 4) left, top, right, bottom of the cells that count, with the
     corners in each, `cell_counts` (k,); per frame that shows the board there: `distances_mm` (f,) of its seen part from
     where the view looks from, `tilts_deg` (f,) of the board from the line of sight.
@@ -41,13 +44,18 @@ class ViewFigures:
     tilts_deg: FloatArray
 
     @property
+    def called(self) -> str:
+        """The view in a sentence: "mirror 1-2", "the bare camera"."""
+        return f"the {self.name}" if self.view == DIRECT else self.name
+
+    @property
     def coverage(self) -> float:
         """Part of the cells in which a corner was seen."""
         return float((self.cell_counts > 0).mean())
 
 
 def outline_px(layout: Layout, view: int) -> FloatArray:
-    """A view's sub-image (n, 2) on the sensor; of the direct view all of the sensor."""
+    """A view's sub-image (n, 2) on the sensor; of the view without a mirror all of the sensor."""
     if view != DIRECT:
         return layout.outline_px(view)
     right, bottom = layout.camera.width_px - 0.5, layout.camera.height_px - 0.5
@@ -55,7 +63,7 @@ def outline_px(layout: Layout, view: int) -> FloatArray:
 
 
 def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
-    """The figures of every mirror, and of the direct view where it was seen, which comes last."""
+    """The figures of every mirror, and of the view without a mirror where there was one, which comes last."""
     views = list(range(len(calibration.layout.mirrors)))
     if (calibration.observations.view == DIRECT).any():
         views.append(DIRECT)
@@ -74,7 +82,7 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
     met = [_board_met(calibration, view, seen.pixels[used & (seen.frame == f)], int(f)) for f in frames]
     return ViewFigures(
         view=view,
-        name="direct" if view == DIRECT else f"mirror {calibration.layout.mirror_names[view]}",
+        name=_name(calibration, view),
         corners=int(used.sum()),
         outliers=int((of_view & ~inliers).sum()),
         frames=len(frames),
@@ -85,6 +93,12 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
         distances_mm=np.array([distance for distance, _ in met]),
         tilts_deg=np.array([tilt for _, tilt in met]),
     )
+
+
+def _name(calibration: Calibration, view: int) -> str:
+    if view != DIRECT:
+        return f"mirror {calibration.layout.mirror_names[view]}"
+    return "direct view" if calibration.observations.both_ways else "bare camera"
 
 
 def _cells(outline: FloatArray) -> FloatArray:

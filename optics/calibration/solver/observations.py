@@ -73,6 +73,12 @@ class Observations:
     def __len__(self) -> int:
         return len(self.frame)
 
+    @property
+    def both_ways(self) -> bool:
+        """Whether a frame shows its board both directly and in a mirror; else frames without mirrors are separate."""
+        direct = self.view == DIRECT
+        return bool(np.isin(self.frame[direct], self.frame[~direct]).any())
+
     @classmethod
     def none(cls) -> Self:
         """No rows."""

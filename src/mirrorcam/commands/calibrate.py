@@ -25,7 +25,8 @@ class CalibrateOptions(Value):
     ] = Field(min_length=1, description="pictures of the board through the mirrors, or folders of them")
     board: Path = Field(description="board.toml of the target")
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="nominal layout.json, from which the calibration starts"
+        default=None,
+        description="layout.json of the design, to start from; required without --direct-view",
     )
     base: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
         default=(), description="pictures of the board without mirrors, or folders of them"
@@ -36,11 +37,19 @@ class CalibrateOptions(Value):
     mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Bounds(1, 4).field(
         None, "number of mirrors, with --direct-view"
     )
-    level: Annotated[
-        str | None, tyro.conf.arg(metavar="LEVEL", help_behavior_hint="(the largest that the pictures support)")
-    ] = Field(default=None, description="model to fit: paper, or joint with any of +sheet, +bend, +warp")
+    level: Annotated[str | None, tyro.conf.arg(metavar="LEVEL", help_behavior_hint="(chosen by tests)")] = Field(
+        default=None,
+        description=(
+            "what is fitted: paper (mirrors only), joint (also the camera), or joint with any of +sheet (thickness of "
+            "second-surface mirrors), +bend (curvature of each mirror) and +warp (bending of the board), as joint+bend"
+        ),
+    )
     live_hint: bool = Field(
-        default=False, description="recommend after each picture which mirror, depth and tilt the next one should show"
+        default=False,
+        description=(
+            "say after each picture at which mirror, distance and tilt the board should be in the next one; pictures "
+            "are not taken: run the command again with more"
+        ),
     )
     out: Path = Field(
         default=Path("output/calibrated"),

@@ -17,8 +17,10 @@ from mirrorcam.cad.assembly.pieces import item_pieces
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
 from mirrorcam.cad.plan.hardware import Hardware, read_camera
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.write.bill_of_materials import bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
+from mirrorcam.optics.base.values import Metric
 from tests.cad.documents.conftest import Made
 
 
@@ -37,6 +39,30 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "Slide each nut" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
+
+
+def test_the_guide_and_the_parts_list_state_one_amount_of_glue(made: Made) -> None:
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    assert "Put four dots of neutral-cure silicone, 2 mm wide, on the seat" in text
+    (glue,) = (line for line in bill_of(made.device, made.parts, ()).bought if line.title.startswith("Glue"))
+    assert glue.note == "less than 1 ml, four dots of 2 mm behind every mirror"
+
+
+def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    assert "mirrorcam cad LAYOUT --camera my_camera.toml --out FOLDER" in text
+    assert "LAYOUT is the path of the `layout.json` that this guide was made for" in text
+    assert " layout.json " not in "".join(re.findall(r"^mirrorcam .*$", text, re.MULTILINE))
+
+
+def test_masses_are_told_apart(made: Made, tmp_path: Path) -> None:
+    bare = [part.replaced(checks={}) for part in made.parts]
+    sliced = [part.replaced(checks={"print_g": Metric(value=1.25, unit="g")}) for part in made.parts]
+    for parts, head, mass in ((sliced, "mass sliced", "1"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f}")):
+        write_guide(tmp_path, made.device, parts, made.pieces)
+        text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+        assert f"| number | part | file | {head} |" in text
+        assert f"(parts/{parts[0].name}.3mf) | {mass} g |" in text
 
 
 def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None:

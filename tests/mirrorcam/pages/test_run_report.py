@@ -148,7 +148,7 @@ def test_a_figure_past_its_limit_is_named_first_and_fails_the_page(report: Repor
     assert "1 of 3 checks failed: Tilt" in text
     assert "FAIL" in text
     table = page[page.index("Comparison with the ground truth") :]
-    assert table.index("Tilt") < table.index("RMS x")
+    assert table.index("Tilt") < table.index("Reprojection error, RMS in x")
     assert "checks pass" not in text
 
 

@@ -12,6 +12,7 @@ from mirrorcam.optics.base.figure_texts import (
     number_word,
     sentence_case,
     share_of_limit,
+    sigma_text,
     value_text,
 )
 from mirrorcam.optics.base.values import Metric
@@ -61,7 +62,8 @@ def test_a_limit_beside_a_column_of_units_has_none() -> None:
         ("overlap_iou_1e+06mm", "overlap at 1e+06 mm"),
         ("common_area_300.5mm", "area in all views at 300.5 mm"),
         ("pixel_efficiency_300mm", "pixel efficiency at 300 mm"),
-        ("direct_rms_x_px", "direct RMS x"),
+        ("unheard_rms_x_px", "unheard RMS x"),
+        ("split_near_ratio", "near and far boards: difference / predicted"),
         ("device.stl_gap_mm", "device: STL gap"),
         ("mirror_holder.lie_error_um", "mirror holder: print orientation error"),
         ("mount.3mf_volume_error_mm3", "mount: volume error of the 3MF file"),
@@ -71,6 +73,17 @@ def test_a_limit_beside_a_column_of_units_has_none() -> None:
 )
 def test_names_in_words(name: str, text: str) -> None:
     assert label_text(name) == text
+
+
+@pytest.mark.parametrize(
+    ("sigma", "text"),
+    [
+        *[(0.002, "0.0020"), (0.0021, "0.0021"), (0.00996, "0.010"), (0.3, "0.30"), (1.234, "1.2"), (12.34, "12")],
+        *[(123.4, "123"), (0.0, "0"), (7e-6, "7.0e-6"), (float("inf"), "inf")],
+    ],
+)
+def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:
+    assert sigma_text(sigma) == text
 
 
 def test_a_name_given_by_hand_wins() -> None:

@@ -109,20 +109,20 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
-    """The drawings that every calibration has; there is none of the direct view where it was not seen."""
+    """The drawings that every calibration has; there is none of the view without a mirror where there was none."""
     sigma = sigma_px(calibration)
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
     turned = "Tilt of the boards, a dot per frame"
     if not board_normals(calibration)[1].all():
-        turned += ": filled, through the mirrors; open, bare camera"
+        turned += f": filled, through the mirrors; open, {direct[0].name}"
     return {
         "residuals": Card(
             residual_needles(calibration, mirrors, sigma),
             "Mean residuals, predicted minus detected. Red: significant at the 1 % level, as 1 % are by noise alone.",
         ),
         "histogram": Card(residual_histogram(calibration, sigma), "Residuals without outliers; logarithmic counts."),
-        "direct": Card(residual_needles(calibration, direct, sigma), "Mean residuals of the direct view.")
+        "direct": Card(residual_needles(calibration, direct, sigma), f"Mean residuals of {direct[0].called}.")
         if direct
         else None,
         "coverage": Card(
@@ -158,8 +158,7 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
     """Maps of the standard deviation of projected points, in the rig and against the reference view."""
     maps = [one for one in diagnostics.projection if one.view != DIRECT]
-    names = {view.view: "the direct view" if view.view == DIRECT else view.name for view in views}
-    reference = names[diagnostics.reference]
+    reference = next(view.called for view in views if view.view == diagnostics.reference)
     cards = []
     for name, values, words in (
         ("rig", [one.in_rig_px for one in maps], "of a point held before the camera"),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from mirrorcam.optics.base.figure_texts import SIGMA, SYMBOLS, figure_text
+from mirrorcam.optics.base.figure_texts import SIGMA, SYMBOLS, figure_text, sigma_decimals, sigma_text
 from mirrorcam.optics.base.html.templates import Table, full_stop
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
@@ -47,8 +47,9 @@ def mirror_table(calibration: Calibration) -> Table:
         known = diagnostics.mirrors
         columns = (known.distance_mm, known.normal_deg, known.relative_distance_mm, known.relative_normal_deg)
         sigmas = [tuple(float(column[number]) for column in columns) for number in range(len(mirrors))]
+    decimals = max(sigma_decimals(distance) or 3 for distance, *_ in sigmas)
     rows = [
-        (f"mirror {name}", f"{mirror.distance_mm:.3f}", *(figure_text(sigma, 2) for sigma in known_to))
+        (f"mirror {name}", f"{mirror.distance_mm:.{decimals}f}", *(sigma_text(sigma) for sigma in known_to))
         for name, mirror, known_to in zip(calibration.layout.mirror_names, mirrors, sigmas, strict=True)
     ]
     return Table(heads, rows, FIGURES)
@@ -58,8 +59,8 @@ def common_table(diagnostics: Diagnostics) -> Table:
     """Sigmas of a turn and a shift of all mirrors together."""
     known = diagnostics.mirrors
     rows = [
-        ("turn, °", *(figure_text(float(value), 2) for value in known.common_turn_deg)),
-        ("shift, mm", *(figure_text(float(value), 2) for value in known.common_shift_mm)),
+        ("turn, °", *(sigma_text(float(value)) for value in known.common_turn_deg)),
+        ("shift, mm", *(sigma_text(float(value)) for value in known.common_shift_mm)),
     ]
     return Table(("", "x, image right", "y, image down", "z, optical axis"), rows, FIGURES)
 
@@ -74,7 +75,7 @@ def weak_table(diagnostics: Diagnostics) -> Table:
 
 
 def _amount(name: str, value: float, unit: str) -> str:
-    return f"{name} {figure_text(value, 2)}{SYMBOLS.get(unit, f' {unit}')}".rstrip()
+    return f"{name} {sigma_text(value)}{SYMBOLS.get(unit, f' {unit}')}".rstrip()
 
 
 def camera_table(calibration: Calibration) -> Table:
@@ -90,7 +91,7 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
     rows = []
     for name, value in zip(INTRINSIC_NAMES, calibration.layout.camera.intrinsics, strict=True):
         unit = UNITS.get(name, "")
-        sigma = figure_text(sigmas[name], 2) if name in sigmas else "held"
+        sigma = sigma_text(sigmas[name]) if name in sigmas else "held"
         rows.append([f"{name.removesuffix('_px')} {unit}".strip(), f"{value:.3f}" if unit else f"{value:.6f}", sigma])
     return rows
 

@@ -205,7 +205,7 @@ def board_distances(views: Sequence[ViewFigures]) -> str:
         text(
             (x.start + x.end) / 2,
             bottom + 42,
-            "distance from the virtual camera (direct: from the camera), mm",
+            "distance from the virtual camera, or from the camera, mm",
             style="name",
         )
     )
@@ -230,7 +230,7 @@ def projection_sigmas(
     views
         Figures of the views, with their outlines.
     maps
-        The pixels at which points were projected, for each view; the direct view is left out.
+        The pixels at which points were projected, for each view; the view without a mirror is left out.
     values
         Standard deviations (n,) in px, at the pixels of each map.
     most
@@ -258,12 +258,12 @@ def projection_sigmas(
             shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
             parts.append(f'<rect {place} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
         parts.append("</g>")
-    words = {
-        one.view: f"{one.view}: {np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else f"{one.view}: reference"
+    medians = {
+        one.view: f"{np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else "reference"
         for one, sigmas in zip(maps, values, strict=True)
     }
     parts.append(_outlines(shown, window))
-    parts.append(_tags(shown, window, words=lambda view: words[view.view]))
+    parts.append(_tags(shown, window, words=lambda view: f"{view.name}: {medians[view.view]}"))
     return drawing(HALF, window.height, "".join(parts), "Standard deviations of projected points in every view")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.figure_texts import sigma_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution
@@ -122,7 +123,7 @@ def one_distance(calibration: Calibration) -> Calibration:
         (heavy_tails, r"\d\.\d% of the residuals are beyond 3", "Leave out blurred"),
         (a_shifted_view, r"mean residuals are significant in \d+% of the cells", "See where arrows are red"),
         (a_noisy_view, r"the residuals of mirror 0-1 in x are \d\.\d times those of .* in [xy]", "Look at mirror 0-1"),
-        (a_noisy_direct_view, r"the residuals of the direct view in y are \d\.\d times", "Look at the direct view"),
+        (a_noisy_direct_view, r"the residuals of the bare camera in y are \d\.\d times", "Look at the bare camera"),
         (bad_on_others, r"residuals of held-out frames are \d\.\d+ times", "Take more pictures"),
         (split_halves, r"calibrations differ by 3\.0 times", "Do not rely on the stated uncertainty"),
         (vague_depth, "the depth uncertainty of calibration", "Take more pictures with tilted boards"),
@@ -220,13 +221,17 @@ def test_the_page_states_the_uncertainty_that_the_layout_carries(calibration: Ca
     assert diagnostics is not None
     text = outline(report_html(calibration, command="")).text
     place = known.parameters.index("fx_px")
-    assert f"{calibration.layout.camera.fx_px:.3f}{np.sqrt(known.covariance[place, place]):.2g}" in text
+    assert f"{calibration.layout.camera.fx_px:.3f}{sigma_text(np.sqrt(known.covariance[place, place]))}" in text
+    digits = max(len(sigma_text(sigma).partition(".")[2]) for sigma in diagnostics.mirrors.distance_mm)
     for number, mirror in enumerate(calibration.layout.mirrors):
         name = calibration.layout.mirror_names[number]
-        assert f"mirror {name}{mirror.distance_mm:.3f}{diagnostics.mirrors.distance_mm[number]:.2g}" in text
+        assert (
+            f"mirror {name}{mirror.distance_mm:.{digits}f}{sigma_text(diagnostics.mirrors.distance_mm[number])}" in text
+        )
 
 
 def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
     page = report_html(replace(calibration, notes=("frame 3: no <board> & nothing",)), command="a <b>")
     assert "Frame 3: no &lt;board&gt; &amp; nothing." in page
     assert "a &lt;b&gt;" in page
+    assert "Notes: what was not found, not used, or not determined" in page

@@ -136,7 +136,7 @@ def test_shades_grow_with_the_sigma_and_are_cut_at_the_view(
     np.testing.assert_allclose(shades, 0.04 + 0.9 * np.concatenate(values), atol=0.006)
     for one in maps:
         assert f'<clipPath id="of-test-{one.view}">' in drawing
-        assert f"{one.view}: 0.5" in drawing
+        assert f"mirror {calibration.layout.mirror_names[one.view]}: 0.5" in drawing
     still = projection_sigmas(calibration.layout, views, maps, [0.0 * value for value in values], 1.0, name="of-test")
     assert still.count("reference") == len(maps)
 

@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
-from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.sound_calibration import (
     BOARD,
@@ -39,6 +39,20 @@ def test_distances_and_tilts_are_those_of_the_board(calibration: Calibration) ->
             assert distance == pytest.approx(np.median(lengths), rel=2e-3)
             cosines = np.abs(rays @ pose[:3, 2]) / lengths
             assert tilt == pytest.approx(np.median(np.degrees(np.arccos(cosines))), abs=0.3)
+
+
+def test_the_view_without_a_mirror_is_named_by_how_it_was_taken(calibration: Calibration) -> None:
+    *mirrors, bare = view_figures(calibration)
+    assert [view.called for view in mirrors] == [f"mirror {name}" for name in calibration.layout.mirror_names]
+    assert (bare.name, bare.called) == ("bare camera", "the bare camera")
+    seen = calibration.observations
+    in_one = seen.where((seen.frame == 0) | (seen.view == DIRECT))
+    both = Observations(np.zeros(len(in_one), dtype=np.int64), in_one.view, in_one.corner, in_one.pixels)
+    used = (seen.frame == 0) | (seen.view == DIRECT)
+    together = replace(
+        calibration, observations=both, inliers=calibration.inliers[used], residuals_px=calibration.residuals_px[used]
+    )
+    assert view_figures(together)[-1].called == "the direct view"
 
 
 def test_normals_are_in_view_axes_before_mirrors_only(calibration: Calibration) -> None:

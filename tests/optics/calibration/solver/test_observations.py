@@ -31,6 +31,14 @@ def test_joining_sorts_by_frame_and_keeps_the_order_within_one() -> None:
     assert joined.where(joined.view == DIRECT).corner.tolist() == [9, 0]
 
 
+def test_a_board_is_seen_both_ways_in_one_frame_only() -> None:
+    mirrored = Observations.of_view(0, 1, np.array([7]), np.zeros((1, 2)))
+    direct = Observations.of_view(0, DIRECT, np.array([7]), np.zeros((1, 2)))
+    assert Observations.join([mirrored, direct]).both_ways
+    assert not Observations.join([mirrored, direct.shifted(1)]).both_ways
+    assert not direct.both_ways
+
+
 def test_rows_cannot_be_changed() -> None:
     rows = Observations.of_view(0, 0, np.array([1]), np.zeros((1, 2)))
     with pytest.raises(ValueError, match="read-only"):
