@@ -122,7 +122,8 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
     for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
         bad = [degraded(picture, condition, random) for picture in pictures]
-        yield condition, score(detect_frames(bad, layout, target, mirrored=True, workers=cores()), truth_px, visible)
+        found = detect_frames(bad, layout, target, mirrored=True, workers=cores())
+        yield condition, score([frame.corners for frame in found], truth_px, visible)
 
 
 def main() -> None:

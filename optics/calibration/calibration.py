@@ -22,21 +22,23 @@ from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_imag
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, refuse_other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     fit_metrics,
+    held_out_metrics,
     spatial_rms_mm,
     uncertainty,
 )
 from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
-from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
+from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors, unknown_mirrors
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -44,7 +46,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 
-HOLD_OUT_EVERY = 5
+NO_UNKNOWN_MIRRORS = UnknownMirrors()
 
 
 def calibrate(
@@ -113,20 +115,29 @@ def calibrate(
             if grey is not None and len(first[mirrored]) < MOST_PICTURES:
                 first[mirrored].append(grey)
 
-    def report(found: Sequence[Observations]) -> None:
+    def report(found: Sequence[DetectedFrame]) -> None:
         on_frame(len(found))
-        on_seen(found)
+        on_seen([frame.corners for frame in found])
 
     if level is not None:
         additions_of(level)  # refused before pictures are searched
-    seen = detect(kept(frames, mirrored=True), mirrored=True, on_frame=report)
+    found = detect(kept(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = kept(base_frames, mirrored=False)
-    base = detect(pictures, mirrored=False, on_frame=lambda found: on_frame(len(seen) + len(found)))
+    found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
+    seen, base = ([frame.corners for frame in detected] for detected in (found, found_in_base))
     for mirrored, shown in ((False, base), (True, seen)):
         # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
         refuse_other_board(first[mirrored], target, mirrored=mirrored, found=any(len(o) for o in shown))
-    found = calibrate_corners(seen, base, layout, target.corners_in_board_mm, level=level, extremes=extremes)
-    return found.with_damaged_pictures(damaged)
+    calibration = calibrate_corners(
+        seen,
+        base,
+        layout,
+        target.corners_in_board_mm,
+        level=level,
+        extremes=extremes,
+        unknown=unknown_mirrors(layout, found),
+    )
+    return calibration.with_damaged_pictures(damaged)
 
 
 def _grey(pictures: Iterable[Grey | Path], layout: Layout, damaged: list[DamagedPicture]) -> Iterator[Grey | None]:
@@ -157,6 +168,7 @@ def calibrate_corners(
     *,
     level: str | None = None,
     extremes: Extremes | None = None,
+    unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
 ) -> Calibration:
     """Calibrate a mirror camera from detected corners.
 
@@ -172,6 +184,8 @@ def calibrate_corners(
         Model to fit, as in `calibrate`.
     extremes
         Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
+    unknown
+        Boards that belong to no mirror of the layout.
 
     Raises
     ------
@@ -180,15 +194,17 @@ def calibrate_corners(
     """
     if not seen:
         raise InputError("no pictures given")
-    notes = _notes(seen, base, layout)
+    notes = (*_notes(seen, base, layout), *unknown.notes)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)
         selection, observations = _fitted(screened, layout, corners_in_board_mm, level)
-        return _concluded(selection, observations, layout, extremes, (*notes, *screened.notes))
+        return _concluded(selection, observations, layout, extremes, (*notes, *screened.notes), unknown)
     except UndeterminedError as error:
-        raise InputError(f"the frames do not determine camera and mirrors: {error}") from None
+        raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
-        raise InputError(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
+        raise unknown.explained(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
+    except InputError as error:
+        raise unknown.explained(str(error)) from None
 
 
 def _fitted(
@@ -211,6 +227,7 @@ def _concluded(
     layout: Layout,
     extremes: Extremes | None,
     notes: tuple[str, ...],
+    unknown: UnknownMirrors,
 ) -> Calibration:
     """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
@@ -221,16 +238,15 @@ def _concluded(
     if edges:
         calibrated, moved = outlined(calibrated, edges)
         notes += moved
-    diagnostics = diagnose(selection, observations, calibrated, mismatches=mismatches)
+    diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution
     notes += (*doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
-    if mirrored_frames > HOLD_OUT_EVERY:
-        metrics |= _held_out(selection, observations, mirrored_frames)
-    metrics |= diagnostics.metrics
+    metrics |= held_out_metrics(solution.estimate, observations, selection.model, mirrored_frames=mirrored_frames)
+    metrics |= diagnostics.metrics | unknown.metrics
     return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
 
 
@@ -244,20 +260,6 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
     if not any(len(o) for o in base):
         notes.append("no frame without mirrors: the intrinsics rest on the mirrored views alone")
     return tuple(notes)
-
-
-def _held_out(selection: ModelSelection, observations: Observations, mirrored_frames: int) -> dict[str, Metric]:
-    """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted."""
-    out = np.zeros(len(selection.solution.estimate.rig_from_board), dtype=bool)
-    out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    left = held_out(selection.solution.estimate, observations, selection.model, out)
-    spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
-    return {
-        "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
-        "held_out_rms_y_px": Metric(value=left.rms_px[1], unit="px"),
-        "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
-        "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
-    }
 
 
 def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:

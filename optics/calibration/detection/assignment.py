@@ -1,4 +1,4 @@
-"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards."""
+"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards; what belongs to none."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import shapely
 from scipy.optimize import linear_sum_assignment
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.layout import Layout
@@ -18,6 +19,7 @@ from mirrorcam.optics.geometry.transforms import transform
 
 MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
 MAX_OFFSET = 0.7  # of a sub-image's size, between a board and its prediction by another view's pose
+MIN_WHOLE = 0.5  # of the corners that a typical board of the frame has, to count as one that belongs to no mirror
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,7 @@ def assign(
     list of (mirror index, Corners)
         In the order of the mirrors; boards that belong to no mirror are left out.
     """
-    outlines = [layout.outline_px(index) for index in range(len(layout.mirrors))]
-    regions = [shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]) for outline in outlines]
-    shapely.prepare(regions)
+    regions = regions_px(layout)
     sizes_px = np.array([np.sqrt(region.area) for region in regions])
     places = [_places(board, regions, layout, target) for board in boards]
     certain = [options for options in places if options]
@@ -82,12 +82,69 @@ def assign(
     return [(mirror, chosen[number, mirror]) for mirror, number in sorted(taken) if (number, mirror) in chosen]
 
 
+def regions_px(layout: Layout) -> list[shapely.Polygon]:
+    """The sub-image of each mirror, px, in the order of the mirrors."""
+    outlines = [layout.outline_px(index) for index in range(len(layout.mirrors))]
+    regions = [shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]) for outline in outlines]
+    shapely.prepare(regions)
+    return regions
+
+
+def unassigned_px(
+    boards: Sequence[tuple[Corners, ...]], assigned: Sequence[tuple[int, Corners]], layout: Layout
+) -> FloatArray:
+    """Find boards that belong to no mirror: another device than the layout's, or a second board.
+
+    A smaller part of a board is none, nor is what continues or repeats the board of the mirror that it lies in, as when
+    a cable crosses a board.
+
+    Parameters
+    ----------
+    boards
+        Each board in its possible numberings.
+    assigned
+        What `assign` made of them.
+    layout
+        The nominal layout.
+
+    Returns
+    -------
+    array
+        Their middles (k, 2), px.
+    """
+    taken = {id(corners) for _, corners in assigned}
+    left = [board for board in boards if not any(id(corners) in taken for corners in board)]
+    sizes = [len(corners) for _, corners in assigned] or [max((len(board[0]) for board in left), default=0)]
+    regions, least = regions_px(layout), MIN_WHOLE * np.median(sizes)
+    middles = []
+    for board in left:
+        shown = [corners for mirror, corners in assigned if _inside(regions[mirror], board[0]) >= MIN_INSIDE]
+        if len(board[0]) >= least and not any(_same_or_part(board, corners) for corners in shown):
+            middles.append(board[0].pixels.mean(axis=0))
+    return np.array(middles).reshape(-1, 2)
+
+
+def _same_or_part(board: tuple[Corners, ...], shown: Corners) -> bool:
+    """Return whether a board continues one in the same mirror, or is the same one found twice."""
+    for corners in board:
+        _, own, others = np.intersect1d(corners.ids, shown.ids, return_indices=True)
+        apart = np.linalg.norm(corners.pixels[own] - shown.pixels[others], axis=1)
+        if 2 * len(own) < len(corners) or np.median(apart) < np.median(cell_px(corners.pixels)):
+            return True
+    return False
+
+
+def _inside(region: shapely.Polygon, corners: Corners) -> float:
+    """Fraction of a board's corners in a sub-image."""
+    return float(shapely.contains_xy(region, *corners.pixels.T).mean())
+
+
 def _places(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
     """All mirrors that may show a board, in all of its numberings; the most likely mirror first."""
     found = []
-    inside = np.array([shapely.contains_xy(region, *board[0].pixels.T).mean() for region in regions])
+    inside = np.array([_inside(region, board[0]) for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():
         if inside[mirror] < MIN_INSIDE:
             break

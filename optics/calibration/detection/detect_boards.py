@@ -11,10 +11,11 @@ import numpy as np
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
-from mirrorcam.optics.calibration.detection.assignment import assign
+from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.detection.board_growing import grow_board
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings, spread_out
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -50,16 +51,17 @@ def direct_view(grey: Grey, target: Target) -> Observations:
     return Observations.none()
 
 
-def sub_images(grey: Grey, layout: Layout, target: Target) -> Observations:
+def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
     # More boards than there are mirrors, as some may belong to none.
     boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
     picture = np.asarray(grey, dtype=np.float32)
     views = []
-    for index, corners in assign(boards, layout, target):
+    assigned = assign(boards, layout, target)
+    for index, corners in assigned:
         seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[index], target)
         views.append(Observations.of_view(0, index, seen.ids, seen.pixels))
-    return Observations.join(views)
+    return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
 def detect_frames(
@@ -70,8 +72,8 @@ def detect_frames(
     mirrored: bool,
     folder: Path | None = None,
     workers: int = 1,
-    on_frame: Callable[[Sequence[Observations]], None] = lambda found: None,
-) -> list[Observations]:
+    on_frame: Callable[[Sequence[DetectedFrame]], None] = lambda found: None,
+) -> list[DetectedFrame]:
     """Detect the target in every picture.
 
     Parameters
@@ -90,11 +92,11 @@ def detect_frames(
     workers
         Number of threads.
     on_frame
-        Called after each frame with all observations so far.
+        Called after each frame with all that was detected so far.
 
     Returns
     -------
-    list of Observations
+    list of DetectedFrame
         One per picture, in their order, each as frame 0.
 
     Raises
@@ -104,12 +106,12 @@ def detect_frames(
     """
     expected = (layout.camera.height_px, layout.camera.width_px)
 
-    def find(grey: Grey) -> Observations:
-        return sub_images(grey, layout, target) if mirrored else direct_view(grey, target)
+    def find(grey: Grey) -> DetectedFrame:
+        return sub_images(grey, layout, target) if mirrored else DetectedFrame(direct_view(grey, target))
 
-    def look(grey: Grey | None) -> Observations:
+    def look(grey: Grey | None) -> DetectedFrame:
         if grey is None:
-            return Observations.none()
+            return DetectedFrame(Observations.none())
         if folder is None:
             return find(grey)
         name = detection_cache.key(grey, target, layout if mirrored else None)
@@ -127,21 +129,21 @@ def detect_frames(
                 raise InputError(f"frame {number} is {width}x{height} px, {camera}")
             yield grey
 
-    observations: list[Observations] = []
+    detected: list[DetectedFrame] = []
     for seen in _in_order(look, sized(), workers):
-        observations.append(seen)
-        on_frame(observations)
-    return observations
+        detected.append(seen)
+        on_frame(detected)
+    return detected
 
 
 def _in_order(
-    look: Callable[[Grey | None], Observations], pictures: Iterator[Grey | None], workers: int
-) -> Iterator[Observations]:
+    look: Callable[[Grey | None], DetectedFrame], pictures: Iterator[Grey | None], workers: int
+) -> Iterator[DetectedFrame]:
     if workers == 1:
         yield from map(look, pictures)
         return
     with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[Observations]] = deque()
+        waiting: deque[Future[DetectedFrame]] = deque()
         for picture in pictures:
             waiting.append(pool.submit(look, picture))
             if len(waiting) >= 2 * workers:

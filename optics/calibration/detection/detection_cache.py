@@ -18,11 +18,13 @@ from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.fingerprint import Fingerprint, digest, source_digest, versions
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
 FIELDS = ("view", "corner", "pixels")
+UNASSIGNED = "unassigned"
 MOST_BYTES = 10_000_000
 """Bytes of the largest file: a corner takes 32."""
 
@@ -40,7 +42,7 @@ def key(grey: Grey, target: Target, layout: Layout | None) -> str:
     return digest(asked.encode(), np.ascontiguousarray(grey).data)
 
 
-def load(folder: Path, name: str, *, views: int, corners: int) -> Observations | None:
+def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame | None:
     """Load the detections under a key, as frame 0; None where no file holds them whole.
 
     `views` and `corners` are the numbers of mirrors and of corners on the target that they may be of.
@@ -52,17 +54,19 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> Observations |
         with np.load(content, allow_pickle=False) as file:
             view, corner, pixels = (np.asarray(file[field]) for field in FIELDS)
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
+            frame = DetectedFrame(seen, file[UNASSIGNED])
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
         return None  # cut short or written by something else: found again, and written anew
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
-    return seen if known.all() else None
+    return frame if known.all() else None
 
 
-def save(folder: Path, name: str, seen: Observations) -> None:
+def save(folder: Path, name: str, frame: DetectedFrame) -> None:
     """Keep what was found in a picture under a key; written whole or not at all."""
     if folder.is_symlink():
         raise InputError(f"{folder}: is a link, expected a folder for found corners, or nothing")
     content = io.BytesIO()
-    np.savez(content, **{field: getattr(seen, field) for field in FIELDS})
+    arrays = {field: getattr(frame.corners, field) for field in FIELDS} | {UNASSIGNED: frame.unassigned_px}
+    np.savez(content, **arrays)
     write_bytes(folder / f"{name}.npz", content.getvalue())

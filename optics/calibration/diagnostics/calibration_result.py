@@ -10,12 +10,16 @@ import numpy as np
 
 from mirrorcam.optics.base.pictures import DamagedPicture
 from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+
+HOLD_OUT_EVERY = 5
 
 
 @dataclass(frozen=True)
@@ -164,3 +168,24 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
     rays = estimate.camera.unproject(rows.pixels)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return float(np.sqrt(np.mean(np.sum(np.cross(seen, rays) ** 2, axis=1))))
+
+
+def held_out_metrics(
+    start: Estimate, observations: Observations, model: Model, *, mirrored_frames: int
+) -> dict[str, Metric]:
+    """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted.
+
+    There are none of so few frames that none would be left out.
+    """
+    if mirrored_frames <= HOLD_OUT_EVERY:
+        return {}
+    out = np.zeros(len(start.rig_from_board), dtype=bool)
+    out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
+    left = held_out(start, observations, model, out)
+    spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
+    return {
+        "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
+        "held_out_rms_y_px": Metric(value=left.rms_px[1], unit="px"),
+        "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
+        "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,16 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import default_board, save_board
+from mirrorcam.optics.geometry.targets import Charuco, default_board, save_board
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
+from mirrorcam.render_scenes.settings import RenderSettings
 from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import sound_calibration
+from tests.optics.layouts import faceted_parabola
 
 TOGETHER = "--direct-view goes with --mirrors N, without --layout and --base"
 
@@ -78,3 +85,45 @@ def test_an_alarm_is_printed_and_ends_it_with_1(
     assert ("alarm: the mirrors bend" in printed) == bool(alarms)
     assert "mirror 0" not in printed  # figures of single mirrors are in the report
     assert [folder.is_relative_to(tmp_path) for folder in written] == [True]
+
+
+CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+
+
+def layout_of(rows: int, cols: int) -> Layout:
+    return faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=rows, cols=cols), fill=0.92)
+
+
+@pytest.fixture(scope="module")
+def six_mirrors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set of a device of 2 x 3 mirrors."""
+    folder = tmp_path_factory.mktemp("six") / "set"
+    board = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
+    settings = RenderSettings(renderer="fast", maps=False)
+    request = SetRequest(layout=layout_of(2, 3), target=board, frames=7, base_frames=5, seed=1, settings=settings)
+    render_set(request, folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("same_places", [True, False])
+def test_a_layout_of_four_mirrors_for_a_device_of_six_ends_with_1(
+    six_mirrors: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], *, same_places: bool
+) -> None:
+    own = layout_of(2, 3)
+    four = own.replaced(cols=2, mirrors=tuple(own.mirrors[number] for number in (0, 1, 3, 4)))
+    (four if same_places else layout_of(2, 2)).save(tmp_path / "layout.json")
+    pictures = [str(six_mirrors / "frames"), "--base", str(six_mirrors / "base")]
+    options = ["--board", str(six_mirrors / "board.toml"), "--out", str(tmp_path / "out")]
+    assert cli.main(["calibrate", *pictures, *options, "--layout", str(six_mirrors / "layout.json")]) == 0
+    assert cli.main(["calibrate", *pictures, *options, "--layout", str(tmp_path / "layout.json")]) == 1
+    alarm = "alarm: boards in 7 of 7 frames belong to no mirror of the layout"
+    cause = "the frames seem to show 2 x 3, the layout has 2 x 2 mirrors"
+    (line,) = (line for line in capfd.readouterr().out.splitlines() if alarm in line)
+    assert cause in line
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Do not use it" in page
+    assert cause in page
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["alarms"]["value"] >= 1
+    assert metrics["frames_with_unknown_mirrors"]["value"] == 7

@@ -94,7 +94,8 @@ def detections(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def corners(small_set: Set, detections: Path) -> tuple[list[Observations], list[Observations]]:
     """The corners of the frames with and without mirrors, for tests of the solving alone."""
     find = partial(detect_frames, layout=small_set.nominal, target=BOARD, folder=detections)
-    return find(small_set.frames, mirrored=True), find(small_set.base, mirrored=False)
+    seen, base = find(small_set.frames, mirrored=True), find(small_set.base, mirrored=False)
+    return [frame.corners for frame in seen], [frame.corners for frame in base]
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +189,7 @@ def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_pat
 
 def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
     pose = mirrored_pose(0)
-    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD)
+    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD).corners
     points = transform(pose, BOARD.corners_in_board_mm)
     for mirror in range(4):
         rows = seen.view == mirror
@@ -200,7 +201,7 @@ def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
 def test_a_plain_board_is_numbered_alike_in_all_views(small_set: Set) -> None:
     even = Checkerboard(cols=8, rows=6, square_mm=9.0)
     pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
-    seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even)
+    seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even).corners
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
     points = transform(pose, even.corners_in_board_mm)
     way_up = set()
@@ -221,7 +222,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
     assert (exchanged.cols, exchanged.rows) == (drawn.rows, drawn.cols)
     pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
     frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
-    seen = sub_images(frame, small_set.nominal, exchanged)
+    seen = sub_images(frame, small_set.nominal, exchanged).corners
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
     points = transform(pose, drawn.corners_in_board_mm)
     places = {}
@@ -244,7 +245,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
 def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
     small_set: Set, plain_frames: list[Grey], cols: int, rows: int
 ) -> None:
-    assert len(sub_images(plain_frames[0], small_set.nominal, PLAIN))
+    assert len(sub_images(plain_frames[0], small_set.nominal, PLAIN).corners)
     found = r"no corner of the board found in any of 1 frames|the pictures show a checkerboard of 9 x 6 squares"
     with pytest.raises(InputError, match=found):
         calibrate(plain_frames[:1], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
@@ -262,7 +263,7 @@ def test_a_frame_without_a_board_is_named_and_left_out(
     small_set: Set, corners: tuple[list[Observations], list[Observations]]
 ) -> None:
     seen, base = corners
-    assert len(sub_images(np.full_like(small_set.frames[0], 60), small_set.nominal, BOARD)) == 0
+    assert len(sub_images(np.full_like(small_set.frames[0], 60), small_set.nominal, BOARD).corners) == 0
     found = calibrate_corners([Observations.none(), *seen[:5]], base, small_set.nominal, BOARD.corners_in_board_mm)
     assert found.notes == ("frame 0: no board found, not used",)
     assert len(found.rig_from_board) == 5 + len(base)

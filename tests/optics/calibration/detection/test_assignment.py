@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.assignment import assign
+from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
@@ -51,6 +51,39 @@ def test_a_board_that_stands_elsewhere_is_left_out(default_layout: Layout) -> No
     assert set(found) == set(shown) - {mirror}
     again = dict(assign([*boards, (shown[mirror],)], default_layout, WIDE))
     assert set(again) == set(shown)
+
+
+def test_boards_of_no_mirror_are_left_over_whole_and_once(default_layout: Layout, pose: FloatArray) -> None:
+    shown = boards_of(default_layout, BOARD, pose)
+    boards = [(corners,) for corners in shown.values()]
+    mirrors = default_layout.mirrors
+    without = default_layout.replaced(rows=3, cols=2, mirrors=tuple(m for n, m in enumerate(mirrors) if n % 3 < 2))
+    assert not len(unassigned_px(boards, assign(boards, default_layout, BOARD), default_layout))
+    unknown = [corners.pixels.mean(axis=0) for view, corners in shown.items() if view % 3 == 2]
+    assert len(unknown) >= 2
+    assert unassigned_px(boards, assign(boards, without, BOARD), without).tolist() == np.array(unknown).tolist()
+    # A rest of a board is no board of a mirror of its own.
+    rests = [(Corners(board.ids[:6], board.pixels[:6]),) for view, board in shown.items() if view % 3 == 2]
+    known = [(board,) for view, board in shown.items() if view % 3 < 2]
+    assert not len(unassigned_px([*known, *rests], assign([*known, *rests], without, BOARD), without))
+
+
+def test_parts_and_repetitions_of_the_board_of_a_mirror_are_not_left_over(
+    default_layout: Layout, pose: FloatArray
+) -> None:
+    shown = list(boards_of(default_layout, BOARD, pose).values())
+    largest = max(shown, key=len)
+    others = [(board,) for board in shown if board is not largest]
+    half = len(largest) // 2 + 1
+    parts = [Corners(largest.ids[rows], largest.pixels[rows]) for rows in (np.s_[:half], np.s_[half:])]
+    again = Corners(largest.ids, largest.pixels + 0.5)
+    beside = Corners(largest.ids, largest.pixels + np.array([120.0, 0.0]))
+    for boards, count in (
+        ([*others, *((part,) for part in parts)], 0),
+        ([*others, (largest,), (again,)], 0),
+        ([*others, (largest,), (beside,)], 1),
+    ):
+        assert len(unassigned_px(boards, assign(boards, default_layout, BOARD), default_layout)) == count
 
 
 def test_a_plain_board_is_numbered_as_in_the_largest_view(default_layout: Layout) -> None:

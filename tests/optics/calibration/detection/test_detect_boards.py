@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, direct_view, sub_images
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -67,7 +68,7 @@ def test_mirrors_tilted_by_two_degrees_show_corners_exactly(charuco_frame: tuple
     grey, truth = charuco_frame
     moved = truth - [NOMINAL.project(_points(), i) for i in range(4)]
     assert np.nanmedian(np.linalg.norm(moved, axis=2)) > 30.0  # what the tilt does to the picture
-    seen = sub_images(grey, NOMINAL, BOARD)
+    seen = sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 60).all()
     assert errors(seen, truth).max() < 0.1
 
@@ -79,20 +80,20 @@ def _points() -> FloatArray:
 
 def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_given_to_that_mirror() -> None:
     grey, truth = frame(BOARD, (0.0, 10.0, 3.0), (-110.0, 300.0, 130.0))
-    seen = sub_images(grey, NOMINAL, BOARD)
+    seen = sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 10).all()
     assert errors(seen, truth).max() < 0.15
 
 
 def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
-    whole = sub_images(grey, NOMINAL, BOARD)
+    whole = sub_images(grey, NOMINAL, BOARD).corners
     spoilt = grey.astype(np.float32)
     y, x = np.mgrid[:540, :960]
     for u, v, size in ((200.0, 150.0, 25.0), (650.0, 400.0, 40.0)):
         spoilt += 400.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2.0 * size**2))
     cv2.rectangle(spoilt, (100, 380), (260, 430), (90.0,), -1)
-    seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD)
+    seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD).corners
     assert 0.6 * len(whole) < len(seen) < 0.97 * len(whole)
     assert errors(seen, truth).max() < 0.3
     hidden = (seen.pixels > [104, 384]).all(axis=1) & (seen.pixels < [256, 426]).all(axis=1)
@@ -102,16 +103,25 @@ def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame
 def test_a_plain_board_has_the_same_corner_numbers_in_every_mirror() -> None:
     assert PLAIN.looks_same_upside_down
     grey, truth = frame(PLAIN, (10.0, 15.0, 5.0), (0.0, 300.0, 85.0))
-    seen = sub_images(grey, NOMINAL, PLAIN)
+    seen = sub_images(grey, NOMINAL, PLAIN).corners
     assert len(set(seen.view.tolist())) == 4
     over = truth[:, ::-1]
     assert min(errors(seen, truth).max(), errors(seen, over).max()) < 0.15
 
 
+def test_boards_of_mirrors_that_the_layout_lacks_are_counted(charuco_frame: tuple[Grey, FloatArray]) -> None:
+    grey, truth = charuco_frame
+    assert not len(sub_images(grey, NOMINAL, BOARD).unassigned_px)
+    lacking = NOMINAL.replaced(rows=1, cols=3, mirrors=NOMINAL.mirrors[:3])
+    seen = sub_images(grey, lacking, BOARD)
+    assert set(seen.corners.view.tolist()) == {0, 1, 2}
+    assert np.abs(seen.unassigned_px - np.nanmean(truth[3], axis=0)).max() < 40.0  # some of its corners are hidden
+
+
 def test_no_board_no_corners() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (540, 960), dtype=np.uint8)
     for picture in (noise, np.zeros((540, 960), np.uint8), np.full((540, 960), 255, np.uint8)):
-        assert len(sub_images(picture, NOMINAL, BOARD)) == 0
+        assert len(sub_images(picture, NOMINAL, BOARD).corners) == 0
         assert len(direct_view(picture, BOARD)) == 0
 
 
@@ -125,8 +135,8 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
     assert heard == [1, 2, 3]
     together = detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path, workers=2)
 
-    def same(a: list[Observations], b: list[Observations]) -> None:
-        for one, other in zip(a, b, strict=True):
+    def same(a: list[DetectedFrame], b: list[DetectedFrame]) -> None:
+        for one, other in zip([frame.corners for frame in a], [frame.corners for frame in b], strict=True):
             assert one.pixels.tobytes() == other.pixels.tobytes()
             assert one.corner.tolist() == other.corner.tolist()
             assert one.view.tolist() == other.view.tolist()

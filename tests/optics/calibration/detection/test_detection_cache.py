@@ -12,6 +12,7 @@ import pytest
 from mirrorcam.optics.base.fingerprint import distributions
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import detection_cache
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.targets import Charuco
 
@@ -38,16 +39,17 @@ def test_the_key_follows_pixels_shape_and_board() -> None:
     assert len({key, *(detection_cache.key(grey, board, None) for grey, board in others)}) == 4
 
 
-def loaded(folder: Path) -> Observations | None:
+def loaded(folder: Path) -> DetectedFrame | None:
     return detection_cache.load(folder, "a", views=2, corners=5)
 
 
 def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
     seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
     assert loaded(tmp_path) is None
-    detection_cache.save(tmp_path, "a", seen)
+    detection_cache.save(tmp_path, "a", DetectedFrame(seen, np.array([[7.25, 8.0]])))
     found = loaded(tmp_path)
-    assert found is not None and found.pixels.tobytes() == seen.pixels.tobytes()
+    assert found is not None and found.corners.pixels.tobytes() == seen.pixels.tobytes()
+    assert found.unassigned_px.tolist() == [[7.25, 8.0]]
     content = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(content[: len(content) // 2])
     assert loaded(tmp_path) is None
@@ -64,13 +66,22 @@ def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
         {"pixels": np.zeros((3, 2))},
         {"view": np.array(["a", "b"])},
         {"view": np.zeros(2_000_000, np.int64)},
+        {"unassigned": np.zeros(2)},
+        {"unassigned": np.full((1, 2), np.inf)},
+        {"unassigned": np.array([["a", "b"]])},
     ],
 )
 def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_path: Path) -> None:
     right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
+    right |= {"unassigned": np.empty((0, 2))}
     np.savez_compressed(tmp_path / "a.npz", **right)
     assert loaded(tmp_path) is not None
     np.savez_compressed(tmp_path / "a.npz", **(right | arrays))
+    assert loaded(tmp_path) is None
+
+
+def test_a_file_that_does_not_say_which_boards_are_left_over_is_found_anew(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", view=np.array([0, 1]), corner=np.array([3, 4]), pixels=np.ones((2, 2)))
     assert loaded(tmp_path) is None
 
 
@@ -78,5 +89,5 @@ def test_nothing_is_kept_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "theirs").mkdir()
     (tmp_path / "detections").symlink_to(tmp_path / "theirs")
     with pytest.raises(InputError, match="detections: is a link"):
-        detection_cache.save(tmp_path / "detections", "a", Observations.none())
+        detection_cache.save(tmp_path / "detections", "a", DetectedFrame(Observations.none()))
     assert list((tmp_path / "theirs").iterdir()) == []

@@ -72,12 +72,12 @@ def test_the_ghost_of_the_front_moves_no_corner(
     frames: tuple[list[Grey], FloatArray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures, truth = frames
-    seen = [sub_images(picture, NOMINAL, BOARD) for picture in pictures]
+    seen = [sub_images(picture, NOMINAL, BOARD).corners for picture in pictures]
     assert np.abs(mean_errors(seen, truth)).max() < 0.006
     # What it would do to them: along the plane of incidence, in all mirrors the same way.
     with monkeypatch.context() as patched:
         patched.setattr(detect_boards, "refine_with_ghost_images", lambda picture, corners, *_: corners)
-        pulled = [sub_images(picture, NOMINAL, BOARD) for picture in pictures]
+        pulled = [sub_images(picture, NOMINAL, BOARD).corners for picture in pictures]
     assert (mean_errors(pulled, truth)[:, 1] > 0.015).all()
     assert sum(map(len, seen)) > 0.7 * sum(map(len, pulled))
 
@@ -86,7 +86,7 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(frames: tuple[
     pictures, _ = frames
     factors = []
     for picture in pictures:
-        for view, corners in boards_of(sub_images(picture, NOMINAL, BOARD)):
+        for view, corners in boards_of(sub_images(picture, NOMINAL, BOARD).corners):
             ghosts = ghost_images.ghost_images_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
             assert ghosts is not None
             assert 0.03 < ghosts.strengths.min() < ghosts.strengths.max() < 0.12

@@ -1,0 +1,128 @@
+"""Test whether frames show more mirrors than the nominal layout has: its boards would be left out without a word."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.detection.assignment import regions_px
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.geometry.layout import Layout
+
+ALARM_FRAMES = 0.2  # fraction of the frames that show a board
+UNEVEN = 0.25  # scatter of boards about a grid, relative to its spacing
+
+
+@dataclass(frozen=True)
+class UnknownMirrors:
+    """Boards that belong to no mirror of a layout.
+
+    Attributes
+    ----------
+    frames
+        Number of frames that show any.
+    alarms
+        Sentences on the layout, where there are many such frames.
+    notes
+        Sentences on single frames otherwise.
+    question
+        Which grid of mirrors the frames seem to show, where it is not the layout's; else empty.
+    """
+
+    frames: int = 0
+    alarms: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    question: str = ""
+
+    @property
+    def metrics(self) -> dict[str, Metric]:
+        """The number of such frames, where there are any."""
+        return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
+
+    def explained(self, refusal: str) -> InputError:
+        """Return why frames are refused: the alarm, which is behind what else is amiss, or the refusal as it is."""
+        if self.alarms:
+            return InputError(self.alarms[0])
+        return InputError(f"{refusal}; {self.question}" if self.question else refusal)
+
+
+def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownMirrors:
+    """Judge the boards that were assigned to no mirror.
+
+    A board counts that lies in no sub-image of the layout, or in one that shows another board: the layout has no
+    mirror for it. Where every fifth frame has one, the layout is that of another device.
+
+    Parameters
+    ----------
+    layout
+        The nominal layout.
+    frames
+        What was detected in each frame with mirrors.
+    """
+    regions = regions_px(layout)
+    surplus = {number: _surplus_px(frame, regions) for number, frame in enumerate(frames)}
+    places = [f"frame {number} at pixel ({at[0, 0]:.0f}, {at[0, 1]:.0f})" for number, at in surplus.items() if len(at)]
+    shown = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
+    grid = grid_shown([_middles_px(frame) for frame in frames])
+    own = f"the layout has {layout.rows} x {layout.cols} mirrors"
+    other = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
+    question = other and f"do the frames show {other} mirrors? {own}"
+    if not places or len(places) < max(ALARM_FRAMES * shown, min(2, shown)):
+        notes = tuple(f"{place}: a board that belongs to no mirror of the layout" for place in places)
+        return UnknownMirrors(len(places), notes=notes, question=question)
+    alarm = (
+        f"boards in {len(places)} of {shown} frames belong to no mirror of the layout, as in {places[0]}: "
+        f"{other and f'the frames seem to show {other}, '}{own}; calibrate with the layout of this device"
+    )
+    return UnknownMirrors(len(places), alarms=(alarm,), question=question)
+
+
+def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
+    """Rows and columns of the views that frames show, from the middles (k, 2) of the boards in each; None if unclear.
+
+    Most of the frames with most boards agree on them; a single frame with so many does not count among others.
+    """
+    counts = np.array([len(middles) for middles in middles_px])
+    often = min(2, len(counts))
+    numbers = [count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= often]
+    if not numbers:
+        return None
+    grids = [_grid(middles) for middles in middles_px if len(middles) == numbers[-1]]
+    grid, times = Counter(grids).most_common(1)[0]
+    return grid if 2 * times > len(grids) else None
+
+
+def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
+    """The rows and columns into which points (k, 2) fall, None where they do not."""
+    count = len(middles_px)
+    best, least = None, UNEVEN
+    for rows in (number for number in range(1, count + 1) if count % number == 0):
+        order = np.argsort(middles_px[:, 1], kind="stable").reshape(rows, -1)
+        grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in middles_px[order]])
+        across, down = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
+        off = max(float((grid[..., 0] - across).std()), float((grid[..., 1] - down[:, None]).std()))
+        uneven = off / max(float(min([*np.diff(across), *np.diff(down)])), 1e-9)
+        if uneven < least:
+            best, least = (rows, count // rows), uneven
+    return best
+
+
+def _surplus_px(frame: DetectedFrame, regions: Sequence[shapely.Polygon]) -> FloatArray:
+    """Middles (k, 2) of the unassigned boards for which there is no mirror."""
+    shown = set(frame.corners.view.tolist())
+    empty = [region for mirror, region in enumerate(regions) if mirror not in shown]
+    places = frame.unassigned_px
+    waiting = np.any([shapely.contains_xy(region, *places.T) for region in empty], axis=0)
+    return places[~waiting] if empty else places
+
+
+def _middles_px(frame: DetectedFrame) -> FloatArray:
+    """Middles (k, 2) of all boards in a frame."""
+    seen = frame.corners
+    of_views = [seen.pixels[seen.view == view].mean(axis=0) for view in np.unique(seen.view)]
+    return np.array([*of_views, *frame.unassigned_px]).reshape(-1, 2)
