@@ -27,14 +27,15 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, load_board
 from mirrorcam.render_scenes.mirror_finish import draw_finishes
-from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.set_request import SetRequest, planned_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
 from mirrorcam.workflow.poses_file import PosesFile
 from mirrorcam.workflow.set_check import check_set
+from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 ATTEMPTS = 3000
+FILES = {"frames/0000.jpg": "0" * 64, "layout.json": "0" * 64}
 Use = Callable[[Path], object]
 """Reads a file, and uses what it holds as a command would."""
 
@@ -126,42 +127,11 @@ def _board(random: np.random.Generator) -> dict[str, Any]:
 
 
 def _dataset(random: np.random.Generator) -> dict[str, Any]:
-    dataset = Dataset(
-        layout_identity="0" * 16,
-        target=default_board(),
-        frames=2,
-        base_frames=1,
-        width_px=1920,
-        height_px=1080,
-        tolerances={},
-        settings=RenderSettings(),
-        renderer="none",
-        coverage=(0.5,),
-        reaches=(Reach(nearest_mm=300, farthest_mm=500, tilt_deg=30),),
-        base_coverage=0.9,
-        request="0" * 64,
-        files={"frames/0000.jpg": "0" * 64, "layout.json": "0" * 64},
-    )
-    return _dump(dataset)
+    return _dump(dataset_of_two_frames().replaced(files=FILES))
 
 
 def _scene(random: np.random.Generator) -> dict[str, Any]:
-    scene = TabletopSet(
-        layout_identity="0" * 16,
-        depths_mm=(300.0, 500.0),
-        meshes=(),
-        width_px=1920,
-        height_px=1080,
-        tolerances={},
-        sensor=SENSORS["c920"],
-        spp=64,
-        mirror_reflectance=0.9,
-        renderer="none",
-        central_view=(1, 1),
-        request="0" * 64,
-        files={"frames/0000.jpg": "0" * 64, "layout.json": "0" * 64},
-    )
-    return _dump(scene)
+    return _dump(scene_of_two_depths().replaced(files=FILES))
 
 
 def _poses(random: np.random.Generator) -> dict[str, Any]:

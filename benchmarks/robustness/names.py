@@ -30,15 +30,11 @@ from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import default_board
-from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
-from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
-from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
 from mirrorcam.workflow.output_folder import output_folder
 from mirrorcam.workflow.set_check import check_set
 from mirrorcam.workflow.stages import Manifest, Stage, staleness
+from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 LAYOUT = Path(__file__).parents[2] / "tests" / "data" / "default_layout.json"
 SECRET, SECRET_TEXT = "secret", "nobody's business"
@@ -157,48 +153,11 @@ def _put(path: Path, value: Any, random: np.random.Generator) -> None:
     path.write_bytes(damaged_bytes(text.encode(), random) if kind > 0.85 else text.encode())
 
 
-@cache
-def _dataset() -> Dataset:
-    return Dataset(
-        layout_identity="0123456789abcdef",
-        target=default_board(),
-        frames=2,
-        base_frames=1,
-        width_px=1920,
-        height_px=1080,
-        tolerances=Tolerances(),
-        settings=RenderSettings(),
-        renderer="fast",
-        coverage=(0.5,),
-        reaches=(),
-        base_coverage=0.9,
-        request="abc",
-    )
-
-
-@cache
-def _scene() -> TabletopSet:
-    return TabletopSet(
-        layout_identity="0123456789abcdef",
-        depths_mm=(300.0,),
-        meshes=(),
-        width_px=1920,
-        height_px=1080,
-        tolerances=Tolerances(),
-        sensor=SENSORS["c920"],
-        spp=4,
-        mirror_reflectance=0.9,
-        renderer="mitsuba",
-        central_view=(1, 1),
-        request="abc",
-    )
-
-
 def dataset(folder: Path, random: np.random.Generator) -> str:
     """Verify a rendered set."""
     _put(
         folder / "dataset.json",
-        _dataset().replaced(files=_files(folder, random)).model_dump(mode="json", by_alias=True),
+        dataset_of_two_frames().replaced(files=_files(folder, random)).model_dump(mode="json", by_alias=True),
         random,
     )
     check_set(folder)
@@ -207,7 +166,7 @@ def dataset(folder: Path, random: np.random.Generator) -> str:
 
 def resumed(folder: Path, random: np.random.Generator) -> str:
     """Go on with a rendered set or scene."""
-    manifest = _dataset() if random.random() < 0.5 else _scene()
+    manifest = dataset_of_two_frames() if random.random() < 0.5 else scene_of_two_depths()
     listed = manifest.replaced(files=_files(folder, random))
     _put(folder / manifest.FILE, listed.model_dump(mode="json", by_alias=True), random)
     if random.random() < 0.3:

@@ -104,6 +104,9 @@ def plain(value: Any) -> Any:
     raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
 
 
+BoughtKind = Literal["screw", "insert", "nut", "pin"]
+
+
 @dataclass(frozen=True)
 class BoughtItem:
     """A bought piece in its place.
@@ -113,7 +116,7 @@ class BoughtItem:
     names of the parts that it joins.
     """
 
-    kind: Literal["screw", "insert", "nut", "pin"]
+    kind: BoughtKind
     size: str
     length_mm: float
     rig_from_item: FloatArray

@@ -12,11 +12,15 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_all_start_methods, get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from mirrorcam.optics.base.values import InputError
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext
+
+    _Context = ForkServerContext | SpawnContext
 
 if sys.platform == "linux":
     import fcntl
@@ -123,7 +127,7 @@ def _call(call: Call) -> Any:
     return function(*arguments)
 
 
-def _context(preload: Sequence[str]) -> BaseContext:
+def _context(preload: Sequence[str]) -> _Context:
     if preload and "forkserver" in get_all_start_methods():
         context = get_context("forkserver")
         context.set_forkserver_preload([WITH_PARENT, *preload])
@@ -156,7 +160,7 @@ class _Queue:
 class _Pool(Generic[Task, Answer]):
     """Workers by their places; each does one task at a time."""
 
-    def __init__(self, tasks: Sequence[Task], work: Work[Task, Answer], queue: _Queue, context: BaseContext) -> None:
+    def __init__(self, tasks: Sequence[Task], work: Work[Task, Answer], queue: _Queue, context: _Context) -> None:
         self._tasks, self._work, self._queue, self._context = tasks, work, queue, context
         self._deaths = [0] * len(tasks)
         self.busy: dict[int, _Worker] = {}
@@ -168,9 +172,7 @@ class _Pool(Generic[Task, Answer]):
             return
         ours, theirs = self._context.Pipe()
         their_lifeline, lifeline = self._context.Pipe(duplex=False)
-        process = self._context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(theirs, their_lifeline, self._work), daemon=True
-        )
+        process = self._context.Process(target=_serve, args=(theirs, their_lifeline, self._work), daemon=True)
         with _for_children():
             process.start()
         _kill_when_closed(process, their_lifeline)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,8 +40,8 @@ def question() -> Question:
     return Question(SMALL, first_problem(SMALL))
 
 
-def _finite_differences(function: object, x: FloatArray, step: float = 1e-6) -> FloatArray:
-    columns = [(function(x + d) - function(x - d)) / (2.0 * step) for d in step * np.eye(len(x))]  # type: ignore[operator]
+def _finite_differences(function: Callable[[FloatArray], Any], x: FloatArray, step: float = 1e-6) -> FloatArray:
+    columns = [(function(x + d) - function(x - d)) / (2.0 * step) for d in step * np.eye(len(x))]
     return np.stack(columns, axis=-1)
 
 

@@ -66,7 +66,7 @@ def test_a_name_loads_its_own_module_once() -> None:
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'mirrorcam' has no attribute 'nonsense'"):
-        _ = mirrorcam.nonsense  # type: ignore[attr-defined]
+        _ = mirrorcam.nonsense  # type: ignore[attr-defined]  # the very thing that must fail
     with pytest.raises(ImportError, match="cannot import name 'nonsense'"):
         exec("from mirrorcam import nonsense")
 

@@ -7,6 +7,7 @@ print), where the calibrator goes from the board to pixels.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -17,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid
 
 SUPERSAMPLING = 2
@@ -56,10 +56,22 @@ def undistorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArra
     return gx, gy
 
 
+class Drawn(Protocol):
+    """What can be drawn in squares on a sheet: a target, or any other print."""
+
+    @property
+    def square_mm(self) -> float: ...
+
+    @property
+    def corners_in_board_mm(self) -> FloatArray: ...
+
+    def image(self, px_per_square: int, /) -> NDArray[np.uint8]: ...
+
+
 def render(
     camera: Camera,
     layout: Layout | None,
-    target: Target,
+    target: Drawn,
     rig_from_board: FloatArray,
     *,
     blur_px: float = 0.7,
@@ -100,7 +112,7 @@ def render(
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def posed(target: Target, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool) -> FloatArray:
+def posed(target: Drawn, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool) -> FloatArray:
     """rig_from_board (4, 4): the board's middle at a point, facing the pupil (direct) or the mirrors, then turned."""
     facing = np.eye(3) if direct else np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     turn = facing @ Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()

@@ -6,7 +6,7 @@ import heapq
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -198,7 +198,7 @@ class CaptureDevice:
         self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, width_px)
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height_px)
 
-    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+    def frames(self, after: int = -1) -> Generator[Frame | Lost]:
         """Pictures from now on, numbered from `after` on; without an end, unless the camera goes."""
         started, number, missed = self._clock(), after + 1, 0
         try:
@@ -227,7 +227,7 @@ class _Failed:
     error: BaseException
 
 
-def read_ahead(items: Iterator[T], count: int = AHEAD) -> Iterator[T]:
+def read_ahead(items: Iterator[T], count: int = AHEAD) -> Generator[T]:
     """The same items, of which a thread gets at most `count` before they are asked for; errors arrive in their place.
 
     The thread ends with the items, or when the iterator that this returns is closed.

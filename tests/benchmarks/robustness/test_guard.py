@@ -67,7 +67,7 @@ def test_the_table_counts_and_shows_what_is_wrong() -> None:
 
 def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
     # Processes find an attempt by its name in an importable module: any function serves, this one as a faulty attempt.
-    found = tally(Category("odd", 100, benchmarks.robustness.damage.damaged_value), range(4), workers=2)  # type: ignore[arg-type]
+    found = tally(Category("odd", 100, benchmarks.robustness.damage.damaged_value), range(4), workers=2)  # type: ignore[arg-type]  # no attempt
     assert (found.tried, found.right) == (4, 0)
     assert "traceback: AttributeError" in found.wrong[3]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.assembly.pieces import Kind
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind
 from mirrorcam.optics.base.values import FloatArray
 
 
-def item(kind: Kind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
+def item(kind: BoughtKind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
     return BoughtItem(
-        kind=kind,  # type: ignore[arg-type]  # all kinds but the printed ones
+        kind=kind,
         size=size,
         length_mm=length_mm,
         rig_from_item=np.eye(4) if place is None else place,

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.bought_solids import item_solid
-from mirrorcam.cad.assembly.pieces import (
-    Kind,
-)
+from mirrorcam.cad.plan.part_plan import BoughtKind
 from tests.cad.assembly.bought import item
 
 
@@ -21,7 +19,7 @@ from tests.cad.assembly.bought import item
         ("pin", "3", 16.0, np.pi * 1.5**2 * 16.0),
     ],
 )
-def test_fasteners_have_the_volume_of_their_formula(kind: Kind, size: str, length: float, volume: float) -> None:
+def test_fasteners_have_the_volume_of_their_formula(kind: BoughtKind, size: str, length: float, volume: float) -> None:
     assert item_solid(item(kind, size, length)).volume == pytest.approx(volume, rel=1e-9)
 
 

@@ -58,10 +58,10 @@ def test_a_clip_that_would_slide_into_the_light_is_refused(default_layout: Layou
         plan_device(default_layout, hardware)
 
 
-def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_parabola: object) -> None:
+def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_parabola: Callable[..., Layout]) -> None:
     from mirrorcam.cad.assembly.catalogue import parts_of
 
-    other = plan_device(make_parabola(2, 2, scale_mm=60.0), HARDWARE)  # type: ignore[operator]
+    other = plan_device(make_parabola(2, 2, scale_mm=60.0), HARDWARE)
     same = {"camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"}
     first, second = ({part.name: part.identity for part in parts_of(d)} for d in (device, other))
     assert {name for name in first if first[name] == second[name]} == same

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.cad.documents.drawing_sheet import DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.drawing_sheet import Align, DrawingSheet, text_width_mm
 
 
 def test_width_grows_with_height_and_length_and_bold() -> None:
@@ -19,9 +19,9 @@ def test_width_grows_with_height_and_length_and_bold() -> None:
 
 @pytest.mark.parametrize(("align", "left"), [("left", 0.0), ("center", -0.5), ("right", -1.0)])
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0])
-def test_a_text_covers_its_width_from_where_it_is_aligned(align: str, left: float, turn_deg: float) -> None:
+def test_a_text_covers_its_width_from_where_it_is_aligned(align: Align, left: float, turn_deg: float) -> None:
     sheet = DrawingSheet(100.0, 80.0)
-    sheet.text((40.0, 30.0), "30 deep", 2.5, align=align, turn_deg=turn_deg)  # type: ignore[arg-type]
+    sheet.text((40.0, 30.0), "30 deep", 2.5, align=align, turn_deg=turn_deg)
     width = text_width_mm("30 deep", 2.5)
     (words,) = sheet.words
     along = 1 if turn_deg else 0

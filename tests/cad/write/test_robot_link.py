@@ -27,8 +27,8 @@ from mirrorcam.optics.geometry.transforms import rigid
 @pytest.fixture(scope="module")
 def pieces(device: Device, built_block: BuiltPart) -> tuple[Piece, ...]:
     mesh = trimesh.load_mesh(built_block.stl)
-    common = ("part", "MC-01", "Mirror holder", built_block.rgb, built_block.explode_mm, mesh, built_block.mass)
-    holder = Piece("mirror_holder", *common)  # type: ignore[arg-type]  # the kind is one
+    looks = (built_block.rgb, built_block.explode_mm, mesh, built_block.mass)
+    holder = Piece("mirror_holder", "part", "MC-01", "Mirror holder", *looks)
     return holder, *mirror_pieces(device, [holder]), camera_piece(device, holder)
 
 
@@ -53,13 +53,20 @@ def pose(origin: Element | None) -> FloatArray:
     return rigid((about[2] * about[1] * about[0]).as_matrix(), shift)
 
 
+def attribute(element: Element, child: str, name: str) -> str:
+    """An attribute of a child, which is there."""
+    found = element.find(child)
+    assert found is not None
+    return found.attrib[name]
+
+
 def root_from(urdf: Element, link: str) -> FloatArray:
     """The pose (4, 4), m, of a link in the arm's, by composing the joints on the way."""
-    joints = {joint.find("child").get("link"): joint for joint in urdf.findall("joint")}  # type: ignore[union-attr]
+    joints = {attribute(joint, "child", "link"): joint for joint in urdf.findall("joint")}
     matrix = np.eye(4)
     while link in joints:
         matrix = pose(joints[link].find("origin")) @ matrix
-        link = joints[link].find("parent").get("link")  # type: ignore[union-attr, assignment]
+        link = attribute(joints[link], "parent", "link")
     assert link == HARDWARE.wrist.link
     return matrix
 
@@ -129,8 +136,7 @@ def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: D
 def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[Piece, ...]) -> None:
     body = composed([piece.mass for piece in pieces])
     (inertial,) = urdf.findall("link/inertial")
-    mass = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
-    assert mass == pytest.approx(body.mass_g / 1000.0)
+    assert float(attribute(inertial, "mass", "value")) == pytest.approx(body.mass_g / 1000.0)
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
     centre = pose(inertial.find("origin"))
     np.testing.assert_allclose(centre[:3, :3], np.eye(3))

@@ -10,6 +10,7 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,14 +41,14 @@ def folder(tmp_path: Path, set_request: SetRequest, monkeypatch: pytest.MonkeyPa
     return tmp_path
 
 
-def command(options: str, **settings: object) -> subprocess.Popen[str]:
+def command(options: str, **settings: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "mirrorcam", "render", "layout.json", *options.split()],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
-        **settings,  # type: ignore[call-overload]
+        **settings,
     )
 
 

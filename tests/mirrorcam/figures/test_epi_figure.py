@@ -21,7 +21,7 @@ def test_bands_lie_around_the_places_of_views_and_slopes_are_those_of_depths(axi
     path = tmp_path / "epi.png"
     figure = drawn(lambda: draw_epi(path, light_field, found, (400.0, 900.0)), path)
     above, below = figure.axes
-    assert above.lines[0].get_ydata()[0] == 20  # type: ignore[index]
+    assert np.asarray(above.lines[0].get_ydata())[0] == 20
     assert len(below.images) == len(found.positions_mm)
     for image, place in zip(below.images, found.positions_mm, strict=True):
         _, _, high, low = image.get_extent()

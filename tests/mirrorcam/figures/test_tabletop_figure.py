@@ -11,10 +11,9 @@ from mirrorcam.figures.tabletop_figure import GAP_PX, HEIGHT_PX, overview
 from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
+from tests.render_scenes.manifests import scene_of_two_depths
 
 pytest.importorskip("OpenEXR", reason="rendering needs the extra render")
 LINEAR = 60  # of 255, in the frame and in the view
@@ -24,20 +23,9 @@ MIDDLE_PX = (HEIGHT_PX - GAP_PX) // 2
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A set of uniform pictures; the left half of its central view is at 300 mm, the right one at 600 mm."""
-    TabletopSet(
-        layout_identity="0123456789abcdef",
-        depths_mm=(300.0, 600.0),
-        meshes=(),
-        width_px=96,
-        height_px=54,
-        tolerances=Tolerances(),
-        sensor=SENSORS["ideal"].replaced(jpeg_quality=None),
-        spp=4,
-        mirror_reflectance=0.9,
-        renderer="none",
-        central_view=(1, 0),
-        request="",
-    ).save(tmp_path)
+    scene = scene_of_two_depths()
+    sensor = SENSORS["ideal"].replaced(jpeg_quality=None)
+    scene.replaced(width_px=96, height_px=54, sensor=sensor, central_view=(1, 0)).save(tmp_path)
     write_image(tmp_path / "frames/0000.png", np.full((54, 96, 3), LINEAR, np.uint8))
     write_image(tmp_path / "truth/views/1_0.png", np.full((30, 40, 3), LINEAR, np.uint8))
     depth_mm = np.full((30, 40), 300.0)

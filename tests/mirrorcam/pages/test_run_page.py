@@ -11,12 +11,11 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.pages.run_page import PICTURE_WIDTH_PX, gather, read_metrics, write_page, write_pictures
-from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import RenderSettings
 from tests.mirrorcam.pages.test_run_report import outline
+from tests.render_scenes.manifests import dataset_of_two_frames
 
 CHECKS = {"seat_error_mm": Metric(value=0.0001, unit="mm", limit=0.001)}
 TRUTH = {"normal_error_max_deg": Metric(value=0.004, unit="deg", limit=0.02)}
@@ -27,20 +26,11 @@ def root(small_layout: Layout, tmp_path: Path) -> Path:
     """The folder of a run of three frames, the second of which was decoded, in small pictures of unlike sizes."""
     small_layout.save(tmp_path / "design/layout.json")
     small_layout.save(tmp_path / "design/parabola.json")
-    dataset = Dataset(
+    dataset = dataset_of_two_frames().replaced(
         layout_identity=small_layout.identity,
-        target=default_board(),
         frames=3,
         base_frames=2,
-        width_px=1920,
-        height_px=1080,
         tolerances=Tolerances(tilt_deg=0.7, offset_mm=0.25),
-        settings=RenderSettings(),
-        renderer="none",
-        coverage=(1.0, 1.0),
-        reaches=(),
-        base_coverage=1.0,
-        request="",
     )
     dataset.save(tmp_path / "set")
     (tmp_path / "light_field").mkdir()

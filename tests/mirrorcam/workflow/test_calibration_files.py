@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,9 +17,10 @@ from tests.optics.calibration.sound_calibration import sound_calibration
 
 def test_a_request_has_a_layout_or_a_number_of_mirrors() -> None:
     board = Path("board.toml")
-    for wrong in ({}, {"layout": Path("layout.json"), "mirrors": 2}):
+    both: dict[str, Any] = {"layout": Path("layout.json"), "mirrors": 2}
+    for wrong in ({}, both):
         with pytest.raises(InputError, match="expected a nominal layout, or the number of mirrors"):
-            CalibrationRequest(pictures=(Path("a.png"),), board=board, **wrong)  # type: ignore[arg-type]
+            CalibrationRequest(pictures=(Path("a.png"),), board=board, **wrong)
 
 
 def test_a_direct_view_needs_a_checkerboard(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.workflow.set_check import SetCheck, check_set
-from tests.render_scenes.sets.test_dataset import manifest
+from tests.render_scenes.manifests import dataset_of_two_frames
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,6 @@ def test_no_file_outside_of_the_set_is_read(name: str, tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("theirs")
     (folder / "link").symlink_to(tmp_path)
     name = str(tmp_path / "secret") if name == "/secret" else name
-    manifest().replaced(files={name: file_digest(tmp_path / "secret")}).save(folder)
+    dataset_of_two_frames().replaced(files={name: file_digest(tmp_path / "secret")}).save(folder)
     with pytest.raises(InputError, match=r"set: lists .*, expected the name of a file in this folder"):
         check_set(folder)

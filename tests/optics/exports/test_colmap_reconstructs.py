@@ -81,8 +81,8 @@ def triangulated(folder: Path) -> pycolmap.Reconstruction:
 
 def test_colmap_triangulates_the_plane_that_was_seen(tmp_path: Path) -> None:
     layout, texture = two_by_two(), Texture()
-    rig_from_board = posed(texture, np.array([0.0, 420.0, 80.0]), np.array([15.0, 10.0, 5.0]), direct=False)  # type: ignore[arg-type]
-    frame = render(layout.camera, layout, texture, rig_from_board, noise_grey=1.0)  # type: ignore[arg-type]
+    rig_from_board = posed(texture, np.array([0.0, 420.0, 80.0]), np.array([15.0, 10.0, 5.0]), direct=False)
+    frame = render(layout.camera, layout, texture, rig_from_board, noise_grey=1.0)
     write_image(tmp_path / "frame.png", frame)
     write_exports(layout, tmp_path, [tmp_path / "frame.png"])
     model = triangulated(tmp_path / "colmap")

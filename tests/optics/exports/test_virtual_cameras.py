@@ -8,7 +8,7 @@ from shapely import Polygon, box
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import virtual_cameras
-from mirrorcam.optics.exports.virtual_cameras import flipped_camera, flipped_pixels
+from mirrorcam.optics.exports.virtual_cameras import Flip, flipped_camera, flipped_pixels
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.exports.conftest import TOLERANCE_PX, Case, sideways_layout
 
@@ -42,12 +42,12 @@ def test_views_are_upright(case: Case) -> None:
 
 
 @pytest.mark.parametrize("flip", ["left-right", "top-bottom"])
-def test_flipping_twice_changes_nothing(crooked_layout: Layout, flip: str) -> None:
+def test_flipping_twice_changes_nothing(crooked_layout: Layout, flip: Flip) -> None:
     camera = crooked_layout.camera
-    twice = flipped_camera(flipped_camera(camera, flip), flip)  # type: ignore[arg-type]
+    twice = flipped_camera(flipped_camera(camera, flip), flip)
     np.testing.assert_allclose(twice.intrinsics, camera.intrinsics, rtol=0, atol=1e-12)
     pixels = np.array([[0.0, 0.0], [12.25, 500.5]])
-    again = flipped_pixels(flipped_pixels(pixels, camera, flip), camera, flip)  # type: ignore[arg-type]
+    again = flipped_pixels(flipped_pixels(pixels, camera, flip), camera, flip)
     np.testing.assert_array_equal(again, pixels)
 
 

@@ -10,32 +10,13 @@ import pytest
 
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.geometry.targets import default_board
-from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset, Reach
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
-
-
-def manifest() -> Dataset:
-    return Dataset(
-        layout_identity="0123456789abcdef",
-        target=default_board(),
-        frames=2,
-        base_frames=1,
-        width_px=1920,
-        height_px=1080,
-        tolerances=Tolerances(),
-        settings=RenderSettings(),
-        renderer="mitsuba",
-        coverage=(0.5, 1.0),
-        reaches=(Reach(nearest_mm=281, farthest_mm=560, tilt_deg=44), Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)),
-        base_coverage=0.9,
-        request="abc",
-    )
+from tests.render_scenes.manifests import dataset_of_two_frames
 
 
 def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
-    dataset = manifest()
+    dataset = dataset_of_two_frames()
     dataset.save(tmp_path)
     assert Dataset.load(tmp_path) == dataset
     assert '"schema": "mirrorcam.dataset/1"' in (tmp_path / MANIFEST).read_text(encoding="utf-8")
@@ -51,7 +32,7 @@ def test_it_is_read_as_it_was_written(tmp_path: Path) -> None:
     ],
 )
 def test_what_does_not_belong_is_refused_by_name(tmp_path: Path, before: str, after: str, named: str) -> None:
-    manifest().save(tmp_path)
+    dataset_of_two_frames().save(tmp_path)
     path = tmp_path / MANIFEST
     path.write_text(path.read_text(encoding="utf-8").replace(before, after), encoding="utf-8")
     with pytest.raises(InputError, match=named):
@@ -67,7 +48,7 @@ def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
     picture = tmp_path / "frames" / "0000.png"
     picture.parent.mkdir()
     picture.write_bytes(b"picture")
-    dataset = manifest().replaced(files={"frames/0000.png": file_digest(picture)})
+    dataset = dataset_of_two_frames().replaced(files={"frames/0000.png": file_digest(picture)})
     assert dataset.intact(tmp_path, "frames/0000.png")
     assert not dataset.intact(tmp_path, "frames/0001.png")
     picture.write_bytes(b"pictur")
@@ -78,7 +59,7 @@ def test_a_file_is_intact_while_it_is_what_was_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("sensor", "suffix"), [("ideal", ".png"), ("c920", ".jpg")])
 def test_it_is_complete_with_every_frame(sensor: SensorName, suffix: str) -> None:
-    dataset = manifest().replaced(settings=RenderSettings(sensor=SENSORS[sensor]))
+    dataset = dataset_of_two_frames().replaced(settings=RenderSettings(sensor=SENSORS[sensor]))
     assert dataset.frame_names == (f"frames/0000{suffix}", f"frames/0001{suffix}")
     assert dataset.base_names == (f"base/0000{suffix}",)
     most = dict.fromkeys(dataset.frame_names, "0")
@@ -87,7 +68,7 @@ def test_it_is_complete_with_every_frame(sensor: SensorName, suffix: str) -> Non
 
 
 def test_maps_lie_in_the_truth_under_the_names_of_their_pictures() -> None:
-    dataset = manifest()
+    dataset = dataset_of_two_frames()
     assert dataset.map_of("frames/0001.jpg") == "truth/maps/frames/0001.exr"
     assert dataset.map_of("base/0000.png") == "truth/maps/base/0000.exr"
     assert dataset.replaced(settings=RenderSettings(maps=False)).map_of("frames/0001.jpg") is None

@@ -12,7 +12,7 @@ import pytest
 from mirrorcam.optics.base.files import TEMPORARY
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.progress import no_progress
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
@@ -33,8 +33,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def render(small_layout: Layout, small_board: Charuco) -> Render:
-    def call(out: Path, **changes: object) -> Dataset:
-        progress = changes.pop("progress", no_progress)
+    def call(out: Path, *, progress: Progress = no_progress, **changes: object) -> Dataset:
         request = SetRequest(
             layout=small_layout,
             target=small_board,
@@ -44,7 +43,7 @@ def render(small_layout: Layout, small_board: Charuco) -> Render:
             tolerances=Tolerances(centre_px=2.0),
             settings=RenderSettings(spp=4, sensor=SensorModel()),
         )
-        return render_set(request.replaced(**changes), out, progress=progress)  # type: ignore[arg-type]
+        return render_set(request.replaced(**changes), out, progress=progress)
 
     return call
 

@@ -130,7 +130,7 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
         calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
     with pytest.raises(InputError, match="plain checkerboard"):
         charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
-        calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]
+        calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]  # the very thing that must fail
     bare = [render(CAMERA, None, BOARD, lying(*pose)) for pose in POSES[:3]]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])

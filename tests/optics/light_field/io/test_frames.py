@@ -212,7 +212,7 @@ def test_who_stops_listening_ends_the_thread_and_closes_the_source() -> None:
 
     ahead = read_ahead(numbers())
     next(ahead)
-    ahead.close()  # type: ignore[attr-defined]  # a generator
+    ahead.close()
     assert closed == [True]
     assert not [thread for thread in threading.enumerate() if thread.name == "read ahead"]
 
@@ -255,7 +255,7 @@ def test_a_camera_gives_frames_until_nobody_asks(tmp_path: Path) -> None:
         assert item.time_s == pytest.approx((number + 1) / 30)
         assert np.array_equal(item.pixels, picture)
     assert (camera.asked[cv2.CAP_PROP_FRAME_WIDTH], camera.asked[cv2.CAP_PROP_FRAME_HEIGHT]) == (160, 96)
-    frames.close()  # type: ignore[attr-defined]  # a generator
+    frames.close()
     assert camera.released
 
 
