@@ -25,7 +25,7 @@ def main(out: Path) -> None:
     dataset = mirrorcam.render_set(request, out / "set")
     frame = mirrorcam.read_image(out / "set" / dataset.frame_names[0])
 
-    # The rendered camera is not quite the designed one; a real camera would be calibrated, here the truth is at hand.
+    # The rendered camera is not quite the designed one; a real camera would be calibrated, here the truth is known.
     layout = mirrorcam.Layout.load(out / "set" / "truth" / "layout.json")
     light_field = mirrorcam.Decoder(layout).decode(frame)
 

@@ -1,8 +1,8 @@
-"""Try six designs on two worker processes, and list what they trade.
+"""Try six designs on two worker processes, and list their trade-offs.
 
     python examples/sweep_two_workers.py [OUT]
 
-Interrupt it when you like: finished designs are kept, and the next run goes on. With the extra `cluster`,
+Interrupt it when you like: finished designs are kept, and the next run resumes. With the extra `cluster`,
 `design_on_cluster` in place of `design_here` shares the work among the workers of a Dask scheduler.
 """
 

@@ -60,7 +60,7 @@ class Tally:
 def tally(category: Category, seeds: Sequence[int], workers: int) -> Tally:
     """Make the attempts of a category with these seeds, in worker processes."""
     begun, found = time.monotonic(), Tally(category.name)
-    # Each worker starts anew: a crash or memory of one attempt is not that of another's.
+    # A new process for each worker: a crash or memory of one attempt is not that of another.
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         for seed, wrong in zip(
             seeds, pool.map(_watched, [(category, seed) for seed in seeds], chunksize=16), strict=True

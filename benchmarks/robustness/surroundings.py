@@ -1,4 +1,4 @@
-"""Commands in odd surroundings: full disk, folder of somebody else's, no HOME, no terminal, odd names of files.
+"""Commands in unusual surroundings: full disk, another user's folder, no HOME, no terminal, unusual names of files.
 
 Each attempt runs a cheap command in one of the surroundings. It must end well, or say in one line why not; whatever
 lies in its output folder is whole.
@@ -111,7 +111,7 @@ def _run(start: Start) -> subprocess.CompletedProcess[bytes]:
 
 
 def _full_disk(most: int, start: Start, folder: Path) -> Start:
-    """No file may grow beyond so many bytes, as if the disk were full there."""
+    """Limit the size of every file to `most` bytes, as if the disk were full there."""
     return replace(start, before=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
 
 

@@ -29,10 +29,10 @@ from mirrorcam.optics.base.values import FloatArray, Metric
 LAYER_MM = 0.2
 # An angle is read from a mesh: round shapes are facets, and numbers of a file are rounded.
 ANGLE_DEG = 0.5
-# What stands out by no more than a layer of a face at the printer's angle does is borne by the layer below: a region
-# that is nowhere wider than this, seen from above, does not hang.
+# What stands out by no more than a layer of a face at the printer's angle does is supported by the layer below: a
+# region that is nowhere wider than this, seen from above, does not hang.
 STRIP_MM = 0.2
-# A ceiling is flat where it lies within this angle; a bridge's end is borne this near to what stands below it.
+# A ceiling is flat where it lies within this angle; a bridge's end is supported this near to what stands below it.
 FLAT_DEG = 1.0
 TOUCH_MM = 0.05
 ON_BED_MM = 0.01
@@ -57,7 +57,7 @@ def overhangs(mesh: trimesh.Trimesh, solid: manifold3d.Manifold, printer: Printe
     """Area that needs support, area that bridges (both of the faces, mm2), and the longest bridge in mm.
 
     Faces that look down steeper than the printer can are taken together where they share an edge. A flat ceiling among
-    them bridges if straight lines in some direction, no longer than the printer can, cover it and are borne at both
+    them bridges if straight lines in some direction, no longer than the printer can, cover it and are supported at both
     ends. What lies on the bed is none of this.
     """
     triangles, normals = np.array(mesh.triangles), np.array(mesh.face_normals)

@@ -23,13 +23,13 @@ from mirrorcam.optics.geometry.mirror import Mirror
 # A face this far from where a seat belongs is not taken for that seat, but for what lies behind it.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
-# A seat may bear this much less of a mirror than planned: lines of a plan and of a file are rounded.
+# A seat may support this much less of a mirror than planned: lines of a plan and of a file are rounded.
 COVER_ROUNDING = 1e-3
 # A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
 WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
-# Areas below this, a third of the square of a printed line, are ignored, whether they bear the mirror or not.
+# Areas below this, a third of the square of a printed line, are ignored, whether they support the mirror or not.
 # What stands in a mirror's way, however small, is found when the mirror is let down into its seat.
 DOT_MM2 = 0.05
 
@@ -98,8 +98,8 @@ class Seat:
     """A mirror's seat as found in the files.
 
     `offset_mm` is how far the planes of its faces are, at most, from the corners of the mirror's back; `angle_deg` how
-    far they are tilted; `cover` the share of the outline that bears the mirror; `span_mm` the diameter of the largest
-    circle on the mirror that nothing bears.
+    far they are tilted; `cover` the share of the outline that supports the mirror; `span_mm` the diameter of the
+    largest circle on the mirror that nothing supports.
     """
 
     offset_mm: float

@@ -21,7 +21,7 @@ SURFACE_MM = 1e-3
 def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold) -> float:
     """Smallest distance, straight into the material, between two faces that are parallel to 15 deg; `THICK_MM` at most.
 
-    Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing hangs on them.
+    Dots that together cover less than `WALL_DOT_MM2` are no wall: no nozzle prints them, and nothing depends on them.
     """
     points, normals, areas = _samples(np.array(mesh.triangles), np.array(mesh.face_normals))
     walls = np.full(len(points), THICK_MM)

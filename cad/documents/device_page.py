@@ -45,7 +45,7 @@ def write_page(
 ) -> None:
     """Write index.html into `folder`, which holds assembly.glb, bom.md, guide.md and all that the page links to.
 
-    The model travels in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
+    The model is embedded in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
     """
     layout = device.layout
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")

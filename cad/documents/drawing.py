@@ -87,7 +87,7 @@ def dimensions_of(part: PartPlan, solid: Part) -> tuple[Length | Hole, ...]:
 def _arrange(
     top: PartView, front: PartView, right: PartView, right_end: float
 ) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float]:
-    """Place the views at the largest scale of the standard that leaves room for their dimensions."""
+    """Place the views at the largest scale of the standard that leaves space for their dimensions."""
     bottom = BORDER_MM + BLOCK_MM
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
     wide, deep = np.ptp(top.box, axis=0)

@@ -13,7 +13,7 @@ from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_wid
 from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
 from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
+from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
@@ -22,9 +22,9 @@ from mirrorcam.optics.geometry.layout import Layout
 
 # Fillers that recede into the slab end this far inside it.
 IN_SLAB_MM = 0.5
-# A part that is cut is thicker than its pins need by this much: room to place them.
+# A part that is cut is thicker than its pins need by this much: clearance to place them.
 PIN_SLACK_MM = 0.5
-# A cut leaves the place of equal pieces by at most this part of the length: a narrow piece has no room for pins.
+# A cut leaves the place of equal pieces by at most this part of the length: a narrow piece is too small for pins.
 OFF_MIDDLE = 0.1
 # A square millimetre of wall too thin to print costs as much as this length of cut through mirrors.
 THIN_MM_PER_MM2 = 1000.0
@@ -85,7 +85,7 @@ class FrontSurface:
         clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
-        # The slab bears the grounds of rims too, which are a little wider than fillers and lie a little lower.
+        # The slab supports the bases of rims too, which are a little wider than fillers and lie a little lower.
         grounds = [
             outline_at(mirror, mirror.back_mm - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True)
             for mirror in layout.mirrors
@@ -164,17 +164,17 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
 
     Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the
     cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by. Raises InputError
-    where there is no room.
+    where none fits.
     """
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    room = front.footprint.buffer(-around)
+    allowed = front.footprint.buffer(-around)
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
     # A part that is cut is everywhere thick enough for the pins.
-    thinnest = 2.0 * room_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
+    thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     thinnest = max(hardware.holder.floor_mm, thinnest)
     best: tuple[float, float] | None = None
     chosen = np.zeros((4, 2))
@@ -187,7 +187,7 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
             near_cut = any(
                 np.abs(centre[axis] + holes[:, axis] - cut).min() < joint for axis in (0, 1) for cut in cuts_mm[axis]
             )
-            if near_cut or not room.contains(MultiPoint(centre + holes)):
+            if near_cut or not allowed.contains(MultiPoint(centre + holes)):
                 continue
             bosses = [Point(centre + hole).buffer(around) for hole in holes]
             if hardware.screw.kind == "nut":
@@ -207,7 +207,7 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
                 best, chosen = (back, -a * b), holes
     if best is None:
         raise InputError(
-            f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected room for four M3 inserts "
+            f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
             f"with {around:g} mm of material around their centres"
         )
     return MountFace(best[0], centre, chosen)

@@ -1,4 +1,4 @@
-"""Glue grooves in every seat, and the share of each mirror's back that the seat still bears."""
+"""Glue grooves in every seat, and the share of each mirror's back that the seat still supports."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def runs_along_cut(
 def planned_cover(
     mirrors: tuple[Mirror, ...], grooves: list[tuple[Groove, ...]], keep_outs: list[list[Frustum]]
 ) -> tuple[float, ...]:
-    """Share of each mirror's back that its seat bears: its outline less grooves and other mirrors' keep-outs."""
+    """Share of each mirror's back that its seat supports: its outline less grooves and other mirrors' keep-outs."""
     shares = []
     for index, (mirror, own) in enumerate(zip(mirrors, grooves, strict=True)):
         outline = Polygon(mirror.outline_in_plane_mm)

@@ -277,7 +277,7 @@ def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
 
 
 def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
-    """Outline of the slab: the footprint and room for the walls against stray light, as far as the bed has room."""
+    """Outline of the slab: the footprint and space for the walls against stray light, as far as the bed reaches."""
     left, bottom, right, top = footprint.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)
     wide = footprint.buffer(hardware.holder.shade_out_mm, join_style="mitre", mitre_limit=1.5)

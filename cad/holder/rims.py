@@ -1,4 +1,4 @@
-"""Rims that keep a mirror in its place while the glue sets: along its edges, where there is room outside the light."""
+"""Rims that keep a mirror in its place while the glue sets: along its edges, where there is space outside the light."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# Room is tried at points this far apart; what is found free is shortened by as much at both ends.
+# Space is tested at points this far apart; what is found free is shortened by as much at both ends.
 STEP_MM = 0.25
 # What lies beside a seat ends this far below it.
 RELIEF_MM = 0.3
@@ -133,16 +133,16 @@ def _rims_of(
         # Per step the side from which on outwards no light is met.
         first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
         # Half a step to spare: between two points tried, light may reach a little further.
-        room = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
+        free = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
         for volume in others:
-            room &= ~volume.contains(points).any(axis=(1, 2))
+            free &= ~volume.contains(points).any(axis=(1, 2))
         # A groove leaves across the whole width of the rim, which it need not meet at right angles.
         band = np.concatenate([[0.0], sides])
         across = edge.start[0] + steps[:, None] * edge.direction[0] + band * edge.outward[0]
         for groove in grooves:
             notch = np.abs(across - groove.at_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
-            room &= ~(notch.any(axis=1) & edge.crosses(groove.shape))
-        for first, last in _runs(room):
+            free &= ~(notch.any(axis=1) & edge.crosses(groove.shape))
+        for first, last in _runs(free):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
             if to_mm - from_mm >= hardware.holder.rim_length_mm:
                 inner_mm = float(sides[first_free[first : last + 1].max()])

@@ -23,7 +23,7 @@ def screw_depths_mm(hardware: Hardware) -> tuple[float, float, float]:
         return 0.0, screw.insert_mm, screw.insert_depth_mm
     begin = hardware.holder.floor_mm
     end = begin + screw.nut_height_mm + hardware.fit.slide_mm
-    # The slot's roof rises at 45 deg over half the nut's width; the screw's tip has room below its ridge.
+    # The slot's roof rises at 45 deg over half the nut's width; the screw's tip has clearance below its ridge.
     return begin, end, end + slot_width_mm(hardware) / 2.0
 
 

@@ -131,7 +131,7 @@ def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
 
 
 def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardware) -> Hollow | None:
-    """The highest hollow over a convex cell, in the mount frame; None where there is no room.
+    """The highest hollow over a convex cell, in the mount frame; None where none fits.
 
     Its roof rises from the eaves towards the cell's middle, up to a flat top that a printer bridges. With roof and top
     moved out by the floor's thickness and the walls by a web's, it must meet no air. Under each side of the roof, and

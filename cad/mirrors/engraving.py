@@ -35,8 +35,8 @@ ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))
 def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, ...]:
     """Strokes (n, 2) of an up arrow, its shaft first, and a text inside a convex outline (n, 2), mm, y up.
 
-    Signs are `height_mm` high, or as high as there is room for, `LINE_GAP_MM` from the outline: in a row or a column,
-    spaced wider where only that keeps them as far from each other. Where there is no room even for that, they are as
+    Signs are `height_mm` high, or as high as fits, `LINE_GAP_MM` from the outline: in a row or a column,
+    spaced wider where only that keeps them as far from each other. Where not even that fits, they are as
     far apart as can be.
     """
     polygon = Polygon(outline)
@@ -77,5 +77,5 @@ def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
     loop = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(loop, axis=0)
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    room = (outward * loop[:-1]).sum(axis=1) - LINE_GAP_MM
-    return float((room / (outward @ corners.T).max(axis=1)).min())
+    free_mm = (outward * loop[:-1]).sum(axis=1) - LINE_GAP_MM
+    return float((free_mm / (outward @ corners.T).max(axis=1)).min())

@@ -18,7 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
 
-# Room for rounding, so that a piece as wide as the sheet's usable area is not refused.
+# Margin for rounding, so that a piece as wide as the sheet's usable area is not refused.
 ROUNDING_MM = 1e-6
 
 
@@ -54,15 +54,15 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
     if not all(fits(piece, sheet_mm, gap_mm) for piece in pieces):
         raise ValueError("a piece is larger than a sheet, expected each to fit")
     ways = [_ways_to_lie(piece) for piece in pieces]
-    room = _room(sheet_mm, gap_mm)
+    usable_mm = _usable_mm(sheet_mm, gap_mm)
     areas = [Polygon(piece).area for piece in pieces]
     lengths = [max(way.size.max() for way in turned) for turned in ways]
     widths = [min(way.size.min() for way in turned) for turned in ways]
-    fewest = np.ceil(sum(areas) / room.prod())
+    fewest = np.ceil(sum(areas) / usable_mm.prod())
     best: tuple[tuple[int, float], list[NestedOutline]] | None = None
     for sizes, along in product((areas, lengths, widths), (0, 1)):
         order = sorted(range(len(pieces)), key=lambda index: (-round(sizes[index], 6), index))
-        cost, placed = _lay_down(ways, order, room, gap_mm, along)
+        cost, placed = _lay_down(ways, order, usable_mm, gap_mm, along)
         if best is None or cost < best[0]:
             best = (cost, placed)
         if best[0][0] <= fewest:
@@ -72,11 +72,11 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
 
 def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
     """Return whether a convex piece (n, 2) lies on a sheet in one of the orientations tried, a gap from its edge."""
-    room = _room(sheet_mm, gap_mm)
-    return any((way.size <= room).all() for way in _ways_to_lie(piece))
+    usable_mm = _usable_mm(sheet_mm, gap_mm)
+    return any((way.size <= usable_mm).all() for way in _ways_to_lie(piece))
 
 
-def _room(sheet_mm: tuple[float, float], gap_mm: float) -> FloatArray:
+def _usable_mm(sheet_mm: tuple[float, float], gap_mm: float) -> FloatArray:
     return np.array(sheet_mm) - 2.0 * gap_mm + ROUNDING_MM
 
 
@@ -94,7 +94,7 @@ def _ways_to_lie(piece: FloatArray) -> list[_Turned]:
 
 
 def _lay_down(
-    ways: list[list[_Turned]], order: list[int], room: FloatArray, gap_mm: float, along: int
+    ways: list[list[_Turned]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
 ) -> tuple[tuple[int, float], list[NestedOutline]]:
     """Sheets needed and the share used of the last one along an axis, and the places, in the order of the pieces."""
     placed: list[NestedOutline | None] = [None] * len(ways)
@@ -105,27 +105,27 @@ def _lay_down(
             if number == len(sheets):
                 sheets.append([])
                 used.append(0.0)
-            found = _nearest_place(ways[index], sheets[number], room, along)
+            found = _nearest_place(ways[index], sheets[number], usable_mm, along)
             if found is None:
                 continue
             way, corner = found
             placed[index] = NestedOutline(number, way.turn, way.offset + corner + gap_mm)
             grown = Polygon(way.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
             sheets[number].append(shapely.get_coordinates(grown)[:-1])
-            used[number] = max(used[number], float((corner + way.size)[along] / room[along]))
+            used[number] = max(used[number], float((corner + way.size)[along] / usable_mm[along]))
             break
     return (len(sheets), used[-1] if used else 0.0), [place for place in placed if place is not None]
 
 
 def _nearest_place(
-    ways: list[_Turned], taken: list[FloatArray], room: FloatArray, along: int
+    ways: list[_Turned], taken: list[FloatArray], usable_mm: FloatArray, along: int
 ) -> tuple[_Turned, FloatArray] | None:
     """The orientation and the corner (2,) at which a piece reaches least far along an axis, then across it."""
     best: tuple[tuple[float, float], _Turned, FloatArray] | None = None
     for way in ways:
-        if (way.size > room).any():
+        if (way.size > usable_mm).any():
             continue
-        free = shapely.box(0.0, 0.0, *(room - way.size))
+        free = shapely.box(0.0, 0.0, *(usable_mm - way.size))
         if taken:
             free = free.difference(shapely.union_all(_no_fit(way.outline, taken)))
         for corner in shapely.get_coordinates(free):

@@ -8,7 +8,7 @@ import numpy as np
 from shapely import Polygon, box, get_coordinates
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import room_round_pin_mm
+from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
@@ -87,7 +87,7 @@ def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polyg
 
 
 def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
-    """Blocks on both skins at both ends of the width, so that a cut has room for its pins; none without a cut.
+    """Blocks on both skins at both ends of the width, so that a cut has space for its pins; none without a cut.
 
     Those at the end that prints last stand on slopes of 45 deg.
     """
@@ -96,7 +96,7 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
     normal = np.array([-laid.along[1], laid.along[0]])
     span = laid.at[1] - laid.at[0]
     askew = float(np.abs(span @ laid.along) / np.abs(span @ normal))
-    around = room_round_pin_mm(hardware)
+    around = clearance_round_pin_mm(hardware)
     # 1 mm to spare, of which the depth of a pin's hole takes some.
     reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
     thick = 2.0 * around + 1.0 + 2.0 * reach * askew

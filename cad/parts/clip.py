@@ -217,7 +217,7 @@ def _channel_walls(
 def _set_screw_cuts(
     spots: FloatArray, floor_mm: float, holds_mm: float, screw: Fastening
 ) -> Iterator[Frustum | Bore | Hexagon]:
-    """Holes through the floor at spots (n, 2), and room for their inserts or nuts."""
+    """Holes through the floor at spots (n, 2), and space for their inserts or nuts."""
     deep = holds_mm + OUTSIDE_MM
     for spot in spots:
         mouth = np.array([*spot, floor_mm]) + OUTSIDE_MM * ABOVE

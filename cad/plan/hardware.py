@@ -72,7 +72,7 @@ class Fastening(Value):
     head_height_mm: float = _positive(3.0, "height of the head")
     insert_hole_mm: float = _positive(4.0, "hole for a heat-set insert (outer diameter 4.6)")
     insert_mm: float = _positive(5.7, "length of a heat-set insert")
-    insert_depth_mm: float = _positive(6.7, "insert of 5.7 mm and room for melted plastic")
+    insert_depth_mm: float = _positive(6.7, "insert of 5.7 mm and space for melted plastic")
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
     nut_flats_mm: float = _positive(5.5, "nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
@@ -138,7 +138,7 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(2.8, "walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "how far the clip slides either way from the nominal depth of the pupil")
-    behind_mm: float = _positive(1.0, "room behind the body, for the tips of the set screws")
+    behind_mm: float = _positive(1.0, "space behind the body, for the tips of the set screws")
     rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
     screws_apart_mm: float = _positive(40.0, "distance of the two screws that hold the clip")
     set_screw_mm: float = _positive(10.0, "length of the M3 set screws (ISO 4026)")
@@ -172,7 +172,7 @@ class BoardHoles(Value):
         min_length=2, description="hole centres from the lens axis: x right, y down as in the image"
     )
     hole_mm: float = PART_MM.field(description="diameter of the holes")
-    post_mm: float = PART_MM.field(description="height of the posts: room for what is soldered to the board's back")
+    post_mm: float = PART_MM.field(description="height of the posts: space for what is soldered to the board's back")
     screw_mm: float = _positive(2.0, "thread of the screws, which cut it in the posts themselves")
     screw_length_mm: float = _positive(6.0, "length of these screws")
 
@@ -221,7 +221,7 @@ class Wrist(Value):
     gap_mm: float = _positive(2.0, "gap between the clamp's halves, closed by its screws")
     length_mm: float = _positive(17.0, "length of the cylindrical shell")
     riser_mm: float = _positive(16.0, "material between the shell and the mount's foot")
-    joint_mm: float = _positive(6.0, "room over the shell beside the clamp, for the joint's ring")
+    joint_mm: float = _positive(6.0, "space over the shell beside the clamp, for the joint's ring")
 
 
 def read_camera(name: str) -> CameraBody:

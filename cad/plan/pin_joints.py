@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 PINS_APART = 4.0
 
 
-def room_round_pin_mm(hardware: Hardware) -> float:
+def clearance_round_pin_mm(hardware: Hardware) -> float:
     """Least distance from a pin's axis to the outside: the roof of its hole reaches higher than its radius."""
     radius = hardware.holder.pin_mm[0] / 2.0 + hardware.fit.press_mm
     return radius / float(np.sin(np.radians(ROOF_DEG))) + hardware.printer.wall_mm

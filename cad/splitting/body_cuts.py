@@ -1,4 +1,4 @@
-"""Cuts through a meshed body: what falls apart, and where in a cut there is room for pins."""
+"""Cuts through a meshed body: what falls apart, and where in a cut there is space for pins."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from mirrorcam.cad.plan.bed import cut_slack_mm
 from mirrorcam.cad.plan.cuts import FAR_MM, Span
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import reach_of_pin_mm, room_round_pin_mm
+from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm, reach_of_pin_mm
 from mirrorcam.optics.base.values import FloatArray
 
 # How many places are tried for each cut.
@@ -60,7 +60,7 @@ def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
 def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
     """Places to cut a body, over a span along an axis, into equal pieces that fit the bed.
 
-    Each cut may be moved a little; of the places that are tried, the one with the most room for pins is taken.
+    Each cut may be moved a little; of the places that are tried, the one with the most space for pins is taken.
     """
     start, end = span
     count = int(np.ceil((end - start) / bed_mm))
@@ -69,14 +69,14 @@ def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardwar
     for i in range(1, count):
         middle = start + (end - start) * i / count
         tried = np.linspace(middle - slack, middle + slack, TRIED)
-        areas = [room_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
+        areas = [area_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
         # Of places that are as good, the one nearest to the middle.
         best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
         places.append(float(tried[best]))
     return tuple(places)
 
 
-def room_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
+def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
     """Places for the axis of a pin in a cut, with the thinnest wall all along the pin and beyond its ends.
 
     Parameters
@@ -100,7 +100,7 @@ def room_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardwa
     half = reach_of_pin_mm(hardware)
     levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
     solid = intersection_all([_section(turned, float(level)) for level in levels])
-    around = room_round_pin_mm(hardware)
+    around = clearance_round_pin_mm(hardware)
     return solid.buffer(-around).intersection(box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
 
 

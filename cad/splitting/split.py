@@ -23,7 +23,7 @@ from mirrorcam.cad.plan.cuts import (
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan
 from mirrorcam.cad.plan.pin_joints import PINS_APART, farthest_pair, hole_depth_mm, hole_frame, hole_mm
-from mirrorcam.cad.splitting.body_cuts import best_places_mm, fragments, inside, mesh_of, room_for_pins, triangles_of
+from mirrorcam.cad.splitting.body_cuts import area_for_pins, best_places_mm, fragments, inside, mesh_of, triangles_of
 from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -60,7 +60,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
         Places of cuts along the bed's x and y, kept to within `plan.bed.MOVED_MM`; without them, the places with the
-        most room for pins.
+        most space for pins.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     Raises
     ------
     InputError
-        With the measure that breaks: too high, no room for two pins in a cut, or a piece that falls apart.
+        With the measure that breaks: too high, no space for two pins in a cut, or a piece that falls apart.
     """
     corners = transform(part.print_from_rig, corners_in_rig)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -161,13 +161,13 @@ def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> Boug
 def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatArray, hardware: Hardware) -> list[_Pin]:
     """The two pins of a joint, as far apart as they can be."""
     axis, cut = joint.axis, joint.at_mm
-    area = room_for_pins(body, axis, cut, joint.span_mm, hardware)
+    area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
     corners, apart = farthest_pair(get_coordinates(area))
     needed = PINS_APART * hardware.holder.pin_mm[0]
     if apart < needed:
         raise InputError(
-            f"{part.title.lower()} is larger than the printer's bed, and a cut at {'xy'[axis]} = {cut:.1f} mm has room "
-            f"for two pins {apart:.1f} mm apart, expected {needed:g} mm"
+            f"{part.title.lower()} is larger than the printer's bed, and a cut at {'xy'[axis]} = {cut:.1f} mm has "
+            f"space for two pins {apart:.1f} mm apart, expected {needed:g} mm"
         )
     pins = []
     for corner in corners:

@@ -35,7 +35,7 @@ STANDARDS = {
 
 
 class PrintedLine(Value):
-    """A part to print. Time and plastic are a slicer's, with its infill, where one was at hand."""
+    """A part to print. Time and plastic are a slicer's, with its infill, where one was available."""
 
     number: str
     title: str

@@ -90,7 +90,7 @@ def _shaded(piece: Piece) -> trimesh.Trimesh:
         name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
     )
     normals = np.array(mesh.vertex_normals)
-    # The corners of a facet without area have none; nothing is seen of it, but glTF wants unit vectors.
+    # The corners of a facet without area have none; nothing is seen of it, but glTF requires unit vectors.
     normals[np.linalg.norm(normals, axis=1) < 0.5] = (0.0, 0.0, 1.0)
     return trimesh.Trimesh(
         mesh.vertices,

@@ -78,8 +78,8 @@ def source_digest(module: str) -> str:
 def distributions(*extras: str) -> tuple[str, ...]:
     """Return the distributions that MirrorCam needs, with these extras of it, by its installed metadata.
 
-    These are the ones that it requires itself, and the compiled ones that those require in turn: what of an
-    unchanged library's results can still change comes from there.
+    These are the ones that it requires itself, and the compiled ones that those require in turn: they can change the
+    results of an unchanged library.
     """
     direct = _required(OURS, frozenset(extras))
     found, waiting = set(direct), list(direct)

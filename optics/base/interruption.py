@@ -40,7 +40,7 @@ def remembered() -> Iterator[None]:
     """Record Ctrl-C and SIGTERM within the block, besides raising KeyboardInterrupt for either.
 
     A signal that the process ignores, as jobs in the background of a script do with Ctrl-C, stays ignored, and one with
-    a handler of somebody else's is left to that. Only for the main thread.
+    another handler is left to that. Only for the main thread.
     """
     global _asked, _raised_s, _held_back
     _asked, _raised_s, _held_back = None, float("-inf"), False

@@ -1,6 +1,6 @@
 """Names that people give to cameras and materials: what they may be, and how each kind of file takes them as text.
 
-A name comes from somebody else's file. In HTML and XML the writers of those formats escape it.
+Names come from files of other people. In HTML and XML the writers of those formats escape it.
 """
 
 from __future__ import annotations

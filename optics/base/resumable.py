@@ -37,7 +37,7 @@ def read_record(model: type[Model], path: Path) -> Model | None:
 
 
 class FolderManifest(Value):
-    """The manifest of a folder that follows from a request: the same request goes on where it was interrupted.
+    """The manifest of a folder that follows from a request: the same request is resumed where it was interrupted.
 
     A subclass has the fields `request`, a digest of everything that the bytes of the folder follow from, and `files`,
     the sha256 of each file written so far by its name in the folder; all others say what was asked for.
@@ -52,7 +52,7 @@ class FolderManifest(Value):
     FOLDERS: ClassVar[tuple[str, ...]] = ()
     """Folders beside the manifest."""
     FOLLOWS: ClassVar[frozenset[str]] = frozenset()
-    """Fields that follow from others, and say nothing about what was asked for."""
+    """Fields that follow from others, and are not part of the request."""
 
     if TYPE_CHECKING:  # fields of the subclasses, which say in which order they are written
         request: str
@@ -101,7 +101,7 @@ class FolderManifest(Value):
         whole = intact(folder, before.files)
         for name in before.files.keys() - whole.keys():
             if os.path.lexists(folder / name):
-                raise InputError(f"{folder / name}: was changed since it was written, expected it as it was, or gone")
+                raise InputError(f"{folder / name}: was changed since it was written, expected it unchanged or removed")
         return before.replaced(files=whole)
 
     def recorded(self, folder: Path, *names: str) -> Self:

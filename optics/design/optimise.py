@@ -127,7 +127,7 @@ def _by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOu
         if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
             break
     if not least or min(max(missed.values()) for missed in least) <= MISSED:
-        raise InfeasibleDesign(GAVE_UP, "the search came to no layout that meets them all")
+        raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets them all")
     raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
 
 

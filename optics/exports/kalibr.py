@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.transforms import inverse
 
 GAUSS_NEWTON_STEPS = 10
-SAMPLES = 40  # across and down a sub-image, where a lens with k3 is met by one without
+SAMPLES = 40  # across and down a sub-image, where a lens without k3 is fitted to one with k3
 
 
 def radtan(view: VirtualCamera) -> tuple[Camera, float]:

@@ -1,9 +1,9 @@
-"""Mirrors as the cameras that other tools know: a pinhole with a lens, at a rigid pose, with a separate picture.
+"""Mirrors as cameras for other tools: a pinhole with a lens, at a rigid pose, with a separate picture.
 
 What the base camera sees in a mirror is what a camera at the virtual centre c would see, but mirrored. With the
 mirror's unit normal n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, whose handedness is
-wrong: det S = -1. Flipping the *frame* mends it. Left and right exchanged, F = diag(-1, 1, 1), pixel column u becomes
-W - 1 - u, and since the lens model obeys
+wrong: det S = -1. Flipping the *frame* corrects it. Left and right exchanged, F = diag(-1, 1, 1), pixel column u
+becomes W - 1 - u, and since the lens model obeys
 
     distort(-x, y; k, p1, -p2) = (-x_d, y_d)    where    (x_d, y_d) = distort(x, y; k, p1, p2)
 

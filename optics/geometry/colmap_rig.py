@@ -16,7 +16,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 
 HALF_PIXEL = 0.5
-"""What COLMAP's principal points are more than ours."""
+"""Offset of COLMAP's principal points from ours."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 
 HALF_PIXEL = 0.5
-"""What nerfstudio's principal points are more than ours."""
+"""Offset of nerfstudio's principal points from ours."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Axes of OpenCV's cameras from those of OpenGL's, and back."""
 WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

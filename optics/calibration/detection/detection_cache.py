@@ -56,7 +56,7 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame 
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
             frame = DetectedFrame(seen, file[UNASSIGNED])
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        return None  # cut short or written by something else: found again, and written anew
+        return None  # incomplete, or of another program: detected and written again
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
     return frame if known.all() else None

@@ -64,7 +64,7 @@ def sigma_px(calibration: Calibration) -> float:
 
 
 def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
-    """An alarm of the diagnostics forbids the use; a figure past its limit asks to be looked at."""
+    """An alarm of the diagnostics forbids the use; a figure past its limit calls for an inspection."""
     checks = (
         *_noise_checks(calibration),
         *_evenness(views),
@@ -87,7 +87,7 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     """Advice on alarms: the model that the data ask for where one was tried, else to look for what moved."""
     if diagnostics is None or not diagnostics.alarms:
         return []
-    if diagnostics.mismatches:  # whatever else is amiss may follow from these
+    if diagnostics.mismatches:  # other failures may follow from these
         return ["Correct the board or layout as the alarm says, and calibrate again."]
     wanted = [
         comparison
@@ -163,7 +163,7 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
                 "RMS of held-out frames, relative to that of the fit",
                 Metric(value=ratio, unit="1", limit=MAX_HELD_OUT_RATIO),
                 f"residuals of held-out frames are {ratio:.2f} times those of the fit",
-                "Take more pictures: the model overfits so few.",
+                "Take more pictures: with these few, the model overfits.",
             )
         )
     if diagnostics is None:

@@ -60,8 +60,8 @@ def _outside_sensor_px(layout: Layout) -> float:
 def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     """Measure each figure that a spec limits.
 
-    Rays are cast to the farthest depth. Gaps are those in space between the solids of mirrors, which leave room for the
-    walls printed between them. Limits on lengths are looser by `LENGTH_TOLERANCE_MM`, far less than can be made.
+    Rays are cast to the farthest depth. Gaps are those in space between the solids of mirrors, which leave space for
+    the walls printed between them. Limits on lengths are looser by `LENGTH_TOLERANCE_MM`, far less than can be made.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ class DepthEstimator:
         found, statistics = self._refiner.stepped(found, pictures, reference, step)
         px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
         moved = found * np.float32(px)
-        # Where the views carry no information, a little trust lets the surroundings in.
+        # Where the views carry no information, this small weight lets neighbouring pixels decide.
         usual = max(float(statistics.information.mean()), float(np.finfo(np.float32).tiny))
         trust = statistics.information * np.float32(1.0 / usual) + np.float32(1e-3)
         found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)

@@ -25,9 +25,9 @@ SAMPLES = SIDE**2
 # Rounds that move patches only, then rounds that also slant them, then the last one, which again moves only.
 MOVING_ROUNDS = 2
 SLANTING_ROUNDS = 2
-# A step of more than a pixel of its scale is cut: the patches' gradients tell no more.
+# A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
 MOST_STEP_PX = 1.0
-# Of the two directions of a patch, the worse one must tell this part of what the better one tells.
+# Of the two directions of a patch, the worse one must have this part of the information of the better one.
 LEAST_ROUNDNESS = 0.015
 # A patch of less contrast (standard deviation in grey levels) shows noise.
 LEAST_CONTRAST_GREY = 1.5

@@ -19,7 +19,7 @@ MOST_TURN_DEG = 25.0
 # Most candidates for a keypoint in a view, the likest ones; consistency over the views chooses between them.
 KEPT = 4
 # More of them as like as that to the likest (in parts of its distance, and of the limit), in any view, show that a
-# keypoint is part of a pattern that repeats along the line, and tells nothing.
+# keypoint is part of a pattern that repeats along the line, and gives no information.
 REPEATED = (1.25, 0.1)
 # How unlike two descriptors of one point may be: bits of 256, bits of 488, 1 less the cosine of RootSIFT.
 MOST_UNLIKE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}

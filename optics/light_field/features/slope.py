@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
-# Pictures of eight bits tell no better where something is, however well views seem to agree.
+# Pictures of eight bits locate nothing better than this, however well views seem to agree.
 LEAST_NOISE_PX = 0.003
 
 

@@ -23,7 +23,7 @@ AHEAD = 4
 """Frames that wait between reading and decoding: enough to even out slow ones, 25 MB of 1920 x 1080."""
 
 PATIENCE = 30
-"""Pictures in a row that a camera may fail to give before it counts as gone."""
+"""Pictures in a row that a camera may fail to give before it counts as disconnected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,8 @@ class Video:
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """Frames that follow number `after`, in order of time.
 
-        Of a codec whose frames lean on earlier ones, all frames between a damaged one and the next key frame are lost:
-        they decode, but to something that nobody has seen.
+        Where frames are predicted from earlier ones, all frames between a damaged one and the next key frame are lost:
+        they decode, but to wrong pictures.
         """
         import av
         from av.video.reformatter import VideoReformatter
@@ -184,7 +184,7 @@ class CaptureDevice:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.number, self.width_px, self.height_px = number, width_px, height_px
-        # OpenCV would say on standard error how it tried; that it failed is ours to say.
+        # OpenCV would print its attempts on standard error; the failure is reported here.
         level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:

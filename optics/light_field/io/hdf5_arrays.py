@@ -87,7 +87,7 @@ def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
 
 
 def _check_inflated(dataset: h5py.Dataset, chunk_bytes: int, path: Path) -> None:
-    """Raise InputError for a compressed chunk that is larger than a chunk is: HDF5 would make room for all of it."""
+    """Raise InputError for a compressed chunk that is larger than a chunk is: HDF5 would allocate all of it."""
     for number in range(dataset.id.get_num_chunks()):
         chunk = dataset.id.get_chunk_info(number)
         # Deflate makes a byte of at most 1032; filters may add four for a checksum.

@@ -192,7 +192,7 @@ class Recording:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        kept = "before are whole, and the same command goes on after them"
+        kept = "before are whole, and the same command resumes after them"
         try:
             # Zarr leaves what it has begun unfinished where a signal's exception strikes it.
             with deferred():
@@ -248,7 +248,7 @@ class Folders:
         self._folder = folder
 
     def write(self, index: int, number: int, light_field: LightField) -> None:
-        """Write the frame's folder, anew where a run that was cut off has left one."""
+        """Write the frame's folder, in place of one that an interrupted run has left."""
         whole, beginning = self._folder / f"{number:06d}", self._folder / f"{number:06d}.partial"
         for left in (whole, beginning):
             if left.exists():
@@ -258,7 +258,7 @@ class Folders:
         beginning.rename(whole)
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write `frames.json`: what the recording says of itself, and its frames."""
+        """Write `frames.json`: the description of the recording, and its frames."""
         for left in folder.glob("*.partial"):
             shutil.rmtree(left)
         frames = [

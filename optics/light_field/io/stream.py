@@ -40,8 +40,8 @@ def record(
 ) -> None:
     """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
 
-    `on_frame` hears how many are done, and gets the light field of the last unless it was lost. Decoding is in a thread
-    of its own too: OpenCV, the video's decoder and the writing of files leave Python to others while they work. The
+    `on_frame` gets the number of frames done, and the light field of the last unless that was lost. Decoding has its
+    own thread too: OpenCV, the video's decoder and the writing of files release Python's lock while they work. The
     recording is neither finished nor closed here.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)

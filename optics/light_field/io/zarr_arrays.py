@@ -154,7 +154,7 @@ class ZarrArray:
         counts = [-(-length // chunk) for length, chunk in zip(self.shape, self.chunk_shape, strict=True)]
         if math.prod(counts) > MOST_CHUNKS:
             path = self._group / self._name / METADATA
-            raise InputError(f"{path}: more than {MOST_CHUNKS} chunks, expected at most so many")
+            raise InputError(f"{path}: has more than {MOST_CHUNKS} chunks, expected fewer and larger ones")
         return np.ndindex(*counts)
 
     def _bytes_of(self, shape: tuple[int, ...]) -> int:
@@ -166,14 +166,14 @@ def _decoded(raw: bytes, codec: str, size: int) -> NDArray[np.uint8]:
         return np.frombuffer(raw, np.uint8)
     from numcodecs import Blosc, Zstd
 
-    # Into room of that size: of several frames of Zstandard the first states its own alone.
+    # Into a buffer of that size: of several Zstandard frames, the first states only its own size.
     values = np.empty(size, np.uint8)
     (Blosc() if codec == "blosc" else Zstd()).decode(raw, values)
     return values
 
 
 def _stated(raw: bytes, codec: str) -> int:
-    """Number of bytes that the header of a compressed chunk states: decoders make room for as many."""
+    """Number of bytes that the header of a compressed chunk states: decoders allocate as many."""
     if codec == "bytes":
         return len(raw)
     if codec == "blosc":

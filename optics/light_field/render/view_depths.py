@@ -63,7 +63,7 @@ class ViewDepths:
     ) -> ViewDepths:
         """Measure by `DepthEstimator` in each view separately; a depth is sure where two others confirm it.
 
-        Raises InputError for what tells no depth, as `DepthEstimator`.
+        Raises InputError where no depth can be measured, as `DepthEstimator`.
         """
         depth = np.empty(light_field.weights.shape, np.float32)
         for index in np.ndindex(light_field.rows, light_field.cols):

@@ -72,7 +72,7 @@ class CalibrateOptions(Value):
 
 
 def run(options: CalibrateOptions) -> int:
-    """Calibrate, write the result, and print its figures; 1 where the diagnostics speak against the model."""
+    """Calibrate, write the result, and print its figures; 1 where the diagnostics contradict the model."""
     from mirrorcam.workflow.calibration_files import FILES, CalibrationRequest, calibrate_files, write_calibration
     from mirrorcam.workflow.output_folder import output_folder
 

@@ -1,4 +1,4 @@
-"""`mirrorcam cameras`: every mirror of a layout as a camera that other tools know."""
+"""`mirrorcam cameras`: every mirror of a layout as a camera for other tools."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def print_tolerance(study: Study) -> None:
     }
     print_metrics(medians)
     if study.shares:
-        say("tolerance", "causes of the departures from the design (share of their mean square, one cause at a time):")
+        say("tolerance", "causes of the deviations from the design (share of their mean square, one cause at a time):")
         print_metrics(
             {
                 cause: {name: Metric(value=round(100.0 * share), unit="%") for name, share in shares.items()}

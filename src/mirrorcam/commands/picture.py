@@ -1,4 +1,4 @@
-"""`mirrorcam picture`: the device as one would photograph it."""
+"""`mirrorcam picture`: a rendered photograph of the device."""
 
 from __future__ import annotations
 

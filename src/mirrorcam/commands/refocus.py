@@ -1,4 +1,4 @@
-"""`mirrorcam refocus`: pictures of a light field, focused, seen from elsewhere, without what stands in the way."""
+"""`mirrorcam refocus`: pictures of a light field: refocused, from other viewpoints, without occluders."""
 
 from __future__ import annotations
 

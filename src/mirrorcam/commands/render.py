@@ -1,4 +1,4 @@
-"""`mirrorcam render`: a synthetic calibration set with ground truth; and whether a set is still what was rendered."""
+"""`mirrorcam render`: a synthetic calibration set with ground truth; and the check of a set by its checksums."""
 
 from __future__ import annotations
 

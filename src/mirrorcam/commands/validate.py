@@ -31,7 +31,7 @@ def run(options: ValidateOptions) -> int:
 
     with output_folder(options.out, "validate", force=options.force) as output:
         output.refuse_others(*FILES)
-        with long_work("validate", "blind calibration, then the truth", "pictures") as advance:
+        with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
             validation = validate(options.set, advance)
         with output.staged() as folder:
             write_validation(validation, folder, command="mirrorcam validate")

@@ -32,13 +32,13 @@ def console() -> Console:
 
 
 def say(title: str, text: str) -> None:
-    """One line of the running commentary: what is worked on, then what happened."""
+    """Print one line: the title of the work, then a message."""
     console().print(Text.assemble((title.ljust(TITLE_WIDTH), "bold"), " ", text), soft_wrap=True)
 
 
 @contextmanager
 def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
-    """Show that `title` is at work until the block ends well, then say how long it took.
+    """Show the progress of the work `title` until the block ends without an error, then print its duration.
 
     The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
     """

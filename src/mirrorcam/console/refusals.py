@@ -1,4 +1,4 @@
-"""What was wrong with a command line, in one line."""
+"""Messages about a wrong command line, in one line."""
 
 from __future__ import annotations
 

@@ -11,13 +11,13 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 
 
 class Reporter(Protocol):
-    """Hears what work of several steps does: each step as it begins and proceeds, and remarks in between."""
+    """Receives the progress of work in several steps: the start and progress of each step, and remarks."""
 
     def note(self, title: str, text: str) -> None:
-        """Hear a remark about the step `title`."""
+        """Take a remark about the step `title`."""
 
     def work(self, title: str, doing: str, unit: str = "") -> AbstractContextManager[Progress]:
-        """Hear that a step begins; the context gives its `advance(done, total)` and ends with the step."""
+        """Take the start of a step; the context gives its `advance(done, total)` and ends with the step."""
 
 
 class Terminal:

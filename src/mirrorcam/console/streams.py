@@ -1,4 +1,4 @@
-"""Standard output and standard error that can say anything, whatever characters the terminal or the locale knows."""
+"""Standard output and standard error that print any text, also where the terminal or the locale lacks characters."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 def residual_figure(calibration: Calibration, path: Path) -> None:
     """Write a PNG: mean residuals in each part of the sensor, by view, beside their distribution.
 
-    Averages over a cell show what the model misses; where it misses nothing, the arrows point anywhere.
+    Averages over a cell show what the model misses; where it misses nothing, the directions of the arrows are random.
     """
     figure, (sensor, plot) = plt.subplots(1, 2, figsize=(13, 5), width_ratios=(2.3, 1), layout="constrained")
     _arrows(sensor, calibration)

@@ -77,14 +77,14 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
         raise ValueError(f"none of {len(outcomes)} designs is solved, expected one or more to draw")
     colours = counts_of(solved)
     columns = -(-len(colours) // LEGEND_ROWS)
-    room_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
+    width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
     above, below = HEIGHT_IN * 0.42, 0.0
     for place, (x, y) in enumerate(((FIELD_OF_VIEW, DEPTH_OF_FIELD), (GRID_ERROR, EFFICIENCY))):
-        axes = _panel(figure, place * room_in / 2.0, above, room_in / 2.0, HEIGHT_IN - above)
+        axes = _panel(figure, place * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above)
         _trade(axes, solved, x, y, colours)
     for place, axis in enumerate((FIELD_OF_VIEW, DEPTH_OF_FIELD, GRID_ERROR, EFFICIENCY)):
-        axes = _panel(figure, place * room_in / 4.0, below, room_in / 4.0, above)
+        axes = _panel(figure, place * width_in / 4.0, below, width_in / 4.0, above)
         _against_count(axes, solved, axis, colours)
     _legend(figure, colours, columns, endless=any(_endless(outcome) for outcome in solved))
     with atomic(path) as temporary:

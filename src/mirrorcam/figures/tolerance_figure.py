@@ -104,6 +104,6 @@ def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
     axes.set(xlim=(0.0, 1.0), ylim=(len(figures) - 0.4, -0.6))
     axes.set_yticks(places, [_label(name) for name in figures], fontsize=9)
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
-    axes.set_title("Which tolerance it hangs on: share of the mean square departure from the design, one at a time")
+    axes.set_title("Share of each tolerance in the mean square deviation from the design, one at a time")
     if study.shares:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=len(COLOURS), frameon=False, fontsize=10)

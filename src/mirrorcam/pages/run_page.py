@@ -101,9 +101,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
         files=(
             PageFile("design/layout.json", "the design: camera and mirrors"),
             PageFile("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
-            PageFile(
-                "validation/report.html", "how well the calibration fits, its uncertainty, and what speaks against it"
-            ),
+            PageFile("validation/report.html", "how well the calibration fits, its uncertainty, and its checks"),
             PageFile("metrics.json", "every figure on this page, with its unit and limit"),
             PageFile("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
             PageFile(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),

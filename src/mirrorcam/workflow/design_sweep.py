@@ -50,10 +50,10 @@ class Results:
         path, place = self._record(spec), self._folder / self.layout_name(spec)
         record = read_record(Record, path)
         if path.exists() and (record is None or record.outcome.spec != spec):
-            raise InputError(f"{path}: is no result of this design, expected it as it was written, or gone")
+            raise InputError(f"{path}: is no result of this design, expected it unchanged or removed")
         written = "" if record is None else record.layout_sha256
         if place.exists() and not intact(place.parent, {place.name: written}):
-            raise InputError(f"{place}: was changed since it was written, expected it as it was, or gone")
+            raise InputError(f"{place}: was changed since it was written, expected it unchanged or removed")
         if record is None:
             return None
         outcome, whole = record.outcome, place.exists() == bool(written)

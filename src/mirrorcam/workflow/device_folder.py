@@ -23,7 +23,7 @@ FILES = (
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/meshes/camera_hull.stl", "pictures/assembled.png"),
 )
-"""Files of a device, as patterns: what of others in their place ends the command before its work."""
+"""Files of a device, as patterns: a file of another origin at one of these places stops the command before its work."""
 
 
 def read_hardware(

@@ -1,4 +1,4 @@
-"""Folders that commands write their results into: one command at a time, and nothing of the user's is lost in them.
+"""Folders that commands write their results into: one command at a time, without loss of the user's files.
 
 In a folder of results, the hidden folder `.mirrorcam` holds the record of what commands have written there and, while
 one works, its lock and the files that it has not finished.
@@ -53,7 +53,7 @@ class OutputFolder:
     record
         What commands have written into it.
     command
-        Name of the command; only what it wrote itself is its to replace. A record that came with a shared folder says
+        Name of the command; it replaces only what it wrote itself. A record that came with a shared folder says
         so of files whose checksum its author knew: files that came with it, never those that the user adds.
     part
         Subfolder that is written, with a record of its own; empty for the root itself.
@@ -170,7 +170,7 @@ def output_folder(path: Path, command: str, *, force: bool = False) -> Iterator[
         write_text(hidden / HOLDER, _this_process(command).model_dump_json() + "\n")
         yield OutputFolder(path, FolderRecord(hidden / RECORD), command, force=force)
     finally:
-        # Removed while they are still locked: whoever has just opened them sees that they are gone, and makes new ones.
+        # Removed while they are still locked: a process that has just opened them notices it and makes new ones.
         for name in (HOLDER, LOCK):
             with suppress(OSError):
                 (hidden / name).unlink()

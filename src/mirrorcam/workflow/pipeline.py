@@ -51,7 +51,7 @@ def full_recipe(seed: int) -> Recipe:
 
 
 def quick_recipe(seed: int) -> Recipe:
-    """A first look: 2x2 mirrors before a camera of half the resolution, a board of larger squares, few frames.
+    """A small example: 2x2 mirrors before a camera of half the resolution, a board of larger squares, few frames.
 
     It keeps the limits of the full run: with other seeds, too, it uses about half of what they allow.
     """
@@ -149,7 +149,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         Stage(
             "validation",
             check,
-            doing="blind calibration, then the truth",
+            doing="blind calibration, comparison with the truth",
             reads=(synthetic,),
             unit="pictures",
             sources=(

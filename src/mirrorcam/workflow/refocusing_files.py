@@ -1,4 +1,4 @@
-"""Pictures of light fields as files: focused, sharp everywhere, from between the views, and loops of them."""
+"""Pictures of light fields as files: refocused, all in focus, from new viewpoints, and animations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
 # Ends of a sweep without depths, in reference depths.
 NEAR, FAR = 0.75, 2.0
 SHOWN_GREY = 0.01
-"""Share of a picture that no view shows, above which it is worth a remark."""
+"""Share of a picture that no view shows, above which it is reported."""
 
 LoopFormat = Literal["gif", "mp4"]
 ENDINGS = tuple(
@@ -39,7 +39,7 @@ ENDINGS = tuple(
     for title in titles
     for ending in endings
 )
-"""What the names of the files of a light field end in."""
+"""Endings of the names of the files of a light field."""
 
 
 @dataclass(frozen=True)

@@ -95,10 +95,10 @@ def _altered(folder: Path, written: Mapping[str, str]) -> str:
 
 
 def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress) -> None:
-    """Do the stage's work, and put the result in the place of an earlier one in the stage's subfolder.
+    """Do the stage's work, and replace an earlier result in the stage's subfolder by its result.
 
     Raises InputError, before any work, where the subfolder holds files that no stage has made, or that were changed
-    since: those are not ours to replace.
+    since: those are not replaced.
     """
     begun = Manifest(made_of=fingerprint_of(stage, output.root))
     place = output.subfolder(stage.name)

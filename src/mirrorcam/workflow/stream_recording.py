@@ -1,4 +1,4 @@
-"""A video or a camera's stream becomes a recording of light fields, which an interrupted run goes on with."""
+"""A video or a camera's stream becomes a recording of light fields, which is resumed after an interruption."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class StreamRecorder:
             kept = count_text(len(recording.entries.numbers), "frame")
             if isinstance(source, Video):
                 recording.close()
-                self.reporter.note("decode", f"{kept} kept, the same command goes on")
+                self.reporter.note("decode", f"{kept} kept, the same command resumes")
             else:
                 recording.finish()
                 self.reporter.note("decode", f"{path} written: {kept}")

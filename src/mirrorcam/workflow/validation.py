@@ -1,4 +1,4 @@
-"""Blind calibration of a rendered set, then the truth is opened.
+"""Blind calibration of a rendered set, then the comparison with its ground truth.
 
 `calibrate_set` sees what a real user would have: frames, base frames, nominal layout and board. `validate` calls it,
 and only then reads the `truth` folder.
@@ -62,7 +62,7 @@ class Validation:
 def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
     """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
 
-    `on_frame` hears how many of its pictures are done.
+    `on_frame` is called with the number of its pictures that are done.
     """
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")

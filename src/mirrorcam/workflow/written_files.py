@@ -34,7 +34,7 @@ class WrittenFiles:
         return {*self.now, *self.next}
 
     def settled(self, folder: Path) -> WrittenFiles:
-        """Return the record of a folder into which files were being put when that was cut off: what is there now."""
+        """Return the record of a folder after an interrupted move of files into it: the files that are there now."""
         return WrittenFiles({**self.now, **{n: sha256 for n, sha256 in self.next.items() if _is(folder, n, sha256)}})
 
     def holds(self, folder: Path, name: str) -> bool:
@@ -44,7 +44,7 @@ class WrittenFiles:
     def refuse_others(self, folder: Path, names: Iterable[str], new: Checksums | None = None) -> None:
         """Raise InputError for the first of the files that is in the folder, but not as it was written.
 
-        One that holds already what is to be written, by the checksums of `new`, is none to lose.
+        A file that already has its checksum of `new` is not refused.
         """
         for name in names:
             path = folder / name
@@ -78,7 +78,7 @@ def _is(folder: Path, name: str, sha256: str) -> bool:
 
 
 class _Line(Value):
-    """A line of the record of a folder: files of a command that take their places, or that have, or are gone."""
+    """A line of the record of a folder: files of a command that are being moved into place, that were, or are gone."""
 
     schema_id: Literal["mirrorcam.written/1"] = Field(default="mirrorcam.written/1", alias="schema")
     command: str
@@ -102,7 +102,7 @@ class FolderRecord:
             try:
                 self._note(_Line.model_validate_json(line))
             except ValidationError:
-                continue  # cut off while it was written, or by somebody else: what it lists is not known to be ours
+                continue  # incomplete, or not written by this program: its files are not known to be ours
         if len(lines) > len(self._written):
             every = (_Line(command=name, next=dict(w.next), now=dict(w.now)) for name, w in self._written.items())
             write_text(path, "".join(line.text for line in every))

@@ -1,4 +1,4 @@
-"""The back of the holder: its frame, the front as seen from it, and layouts without room for one."""
+"""The back of the holder: its frame, the front as seen from it, and layouts with too little space for one."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> No
 
 
 def test_a_back_without_room_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:
-    with pytest.raises(InputError, match="expected room for four M3 inserts with 4 mm of material"):
+    with pytest.raises(InputError, match="expected space for four M3 inserts with 4 mm of material"):
         plan_holder(make_parabola(1, 2, scale_mm=8.0, gap_mm=1.0), HARDWARE)
 
 

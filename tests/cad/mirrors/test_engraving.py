@@ -1,4 +1,4 @@
-"""What is engraved: as high as asked or as there is room for, inside, upright and unlike its mirror image."""
+"""What is engraved: as high as asked or as fits, inside, upright and unlike its mirror image."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_the_mount_lies_on_the_back_and_enters_nothing(planned: Planned) -> None
     assert beside(holder, mount) == pytest.approx(0.0, abs=1e-6)
     for volumes in keep_outs(layout, HARDWARE):
         assert max(overlap_mm(piece, volume) for piece in mount.pieces for volume in volumes) < 0.0
-    # The wall of the clip touches the slide wherever it is; its groove makes room for the rib, the last piece but webs.
+    # The wall of the clip touches the slide wherever it is; its groove leaves space for the rib, the last but webs.
     rib = [piece for piece in mount.pieces if len(piece.base) == 3]
     assert len(rib) == 1
     for by in (-clip.travel_mm, 0.0, clip.travel_mm):

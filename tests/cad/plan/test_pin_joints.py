@@ -7,12 +7,12 @@ import pytest
 
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.pin_joints import (
+    clearance_round_pin_mm,
     farthest_pair,
     hole_depth_mm,
     hole_frame,
     hole_mm,
     reach_of_pin_mm,
-    room_round_pin_mm,
 )
 
 DIAMETER, LENGTH = HARDWARE.holder.pin_mm
@@ -36,7 +36,7 @@ def test_holes_are_wider_and_deeper_than_half_their_pin_and_keep_a_wall() -> Non
     assert reach_of_pin_mm(HARDWARE) - hole_depth_mm(HARDWARE) == pytest.approx(wall)
     # The ridge of the roof is two tangents of the hole away from its axis.
     ridge = hole_mm(HARDWARE) / 2.0 / np.sin(np.radians(42.0))
-    assert room_round_pin_mm(HARDWARE) == pytest.approx(ridge + wall)
+    assert clearance_round_pin_mm(HARDWARE) == pytest.approx(ridge + wall)
 
 
 def test_the_farthest_two_of_points_are_found_and_none_of_none() -> None:

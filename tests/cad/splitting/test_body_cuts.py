@@ -1,4 +1,4 @@
-"""Cuts through meshed bodies: fragments, what lies inside spans, and the room for pins."""
+"""Cuts through meshed bodies: fragments, what lies inside spans, and the space for pins."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import pytest
 from manifold3d import Manifold
 
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.pin_joints import reach_of_pin_mm, room_round_pin_mm
+from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm, reach_of_pin_mm
 from mirrorcam.cad.splitting.body_cuts import (
+    area_for_pins,
     best_places_mm,
     falls_apart,
     fragments,
     inside,
-    room_for_pins,
     triangles_of,
 )
 
@@ -35,19 +35,19 @@ def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
     bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
     for beyond, room in ((0.05, True), (-0.05, False)):
         hollow = Manifold.cube((50.0, 26.0, 16.0)).translate((150.0 + needed + beyond, 2.0, 2.0))
-        found = room_for_pins(bar - hollow, 0, 150.0, axes, HARDWARE)
+        found = area_for_pins(bar - hollow, 0, 150.0, axes, HARDWARE)
         assert (not found.is_empty) == room
 
 
-def test_room_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> None:
-    bar, around = Manifold.cube((300.0, 30.0, 20.0)), room_round_pin_mm(HARDWARE)
-    room = room_for_pins(bar, 0, 150.0, (-1e4, 1e4), HARDWARE)
+def test_area_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> None:
+    bar, around = Manifold.cube((300.0, 30.0, 20.0)), clearance_round_pin_mm(HARDWARE)
+    room = area_for_pins(bar, 0, 150.0, (-1e4, 1e4), HARDWARE)
     np.testing.assert_allclose(room.bounds, (around, around, 30.0 - around, 20.0 - around), atol=1e-9)
     # Across y the other axis is x, and the span keeps as far off as the outside.
-    assert room_for_pins(bar, 1, 15.0, (50.0, 80.0), HARDWARE).bounds[0] == pytest.approx(50.0 + around)
+    assert area_for_pins(bar, 1, 15.0, (50.0, 80.0), HARDWARE).bounds[0] == pytest.approx(50.0 + around)
 
 
-def test_the_place_with_most_room_for_pins_is_taken_and_of_equals_the_middle() -> None:
+def test_the_place_with_most_area_for_pins_is_taken_and_of_equals_the_middle() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
     assert best_places_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
     assert best_places_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()

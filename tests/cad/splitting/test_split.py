@@ -126,7 +126,9 @@ def test_cuts_keep_to_the_places_asked_for_and_else_to_solid_ones() -> None:
 
 def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
     part, corners = bar_part(BarPlan(300.0, 30.0, 6.0))
-    with pytest.raises(InputError, match=r"a cut at x = 150\.0 mm has room for two pins 0\.0 mm apart, expected 12 mm"):
+    with pytest.raises(
+        InputError, match=r"a cut at x = 150\.0 mm has space for two pins 0\.0 mm apart, expected 12 mm"
+    ):
         split(part, corners, HARDWARE)
     part, corners = bar_part(BarPlan(300.0, 30.0, 260.0))
     with pytest.raises(InputError, match=r"bar is 260\.0 mm high, expected at most 250 mm"):

@@ -140,7 +140,7 @@ def test_an_interrupted_run_is_gone_on_with(here: Path, layout: Layout) -> None:
         if stop == signal.SIGINT:
             assert process.returncode == 130
             assert complaint == "mirrorcam: interrupted; finished files are whole\n"
-            assert "the same command goes on" in said
+            assert "the same command resumes" in said
         assert 30 <= len(StoredLightFields(journal.parent)) < count
     assert cli.main(["decode", "long.avi", "--layout", "layout.json", "--out", "cut"]) == 0
     assert cli.main(["decode", "long.avi", "--layout", "layout.json", "--out", "whole"]) == 0

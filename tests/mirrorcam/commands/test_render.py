@@ -132,7 +132,7 @@ def test_verify_names_what_is_altered_and_what_is_missing(
     assert said.count("\n") == 2
     # What is gone is rendered again; what was changed is somebody's work.
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 2
-    assert "0001.exr: was changed since it was written, expected it as it was, or gone" in capfd.readouterr().err
+    assert "0001.exr: was changed since it was written, expected it unchanged or removed" in capfd.readouterr().err
     (folder / "set" / "truth" / "maps" / "frames" / "0001.exr").unlink()
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
     assert contents(folder / "set") == contents(finished_set)

@@ -45,7 +45,7 @@ def test_the_same_request_goes_on_with_what_is_intact(tmp_path: Path) -> None:
     assert list(written(tmp_path).files) == ["frames/0.png", "frames/1.png"]
     assert Pictures().continued(tmp_path) == Pictures.load(tmp_path) == written(tmp_path)
     (tmp_path / "frames/0.png").write_text("altered")
-    with pytest.raises(InputError, match=r"0\.png: was changed since it was written, expected it as it was, or gone"):
+    with pytest.raises(InputError, match=r"0\.png: was changed since it was written, expected it unchanged or removed"):
         Pictures().continued(tmp_path)
     (tmp_path / "frames/0.png").unlink()
     assert Pictures().continued(tmp_path).files == {"frames/1.png": digest(b"frames/1.png")}

@@ -38,7 +38,7 @@ def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout)
         at = front.eye_in_rig_mm - way * height / slope
         frame = mirror.rig_from_plane
         x, y = (at - frame[:3, 3]) @ frame[:3, :2]
-        # With room for what makes it a lens: its pupil of 3 mm.
+        # With space for what makes it a lens: its pupil of 3 mm.
         assert shapely.contains_xy(shapely.Polygon(mirror.outline_in_plane_mm).buffer(-1.5), x, y)
     for view in (front, aside):
         np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)

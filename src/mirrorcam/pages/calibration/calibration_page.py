@@ -161,11 +161,11 @@ def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Seque
     reference = next(view.called for view in views if view.view == diagnostics.reference)
     cards = []
     for name, values, words in (
-        ("rig", [one.in_rig_px for one in maps], "of a point held before the camera"),
+        ("rig", [one.in_rig_px for one in maps], "of a point fixed in front of the camera"),
         (
             "reference",
             [one.against_reference_px for one in maps],
-            f"of a point held where {reference} shows it, which is what depth rests on",
+            f"of a point fixed where {reference} shows it, which determines depth",
         ),
     ):
         most = float(np.max(np.concatenate(values)))
