@@ -142,7 +142,7 @@ def _fragments(
         crossed = (np.minimum(a[:, 1], b[:, 1]) <= y) & (y <= np.maximum(a[:, 1], b[:, 1])) & (a[:, 1] != b[:, 1])
         left, right = np.where(crossed, np.minimum(left, x), left), np.where(crossed, np.maximum(right, x), right)
     crossed = left <= right
-    # A hair outside the triangle too, so that no crack shows between neighbours.
+    # Slightly outside the triangle too, so that no crack shows between neighbours.
     start = np.clip(np.ceil(np.where(crossed, left, 0.0) - 0.5 - 1e-4), 0, width).astype(int)
     stop = np.clip(np.floor(np.where(crossed, right, -1.0) - 0.5 + 1e-4) + 1, 0, width).astype(int)
     counts = np.maximum(stop - start, 0)

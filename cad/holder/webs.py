@@ -22,7 +22,7 @@ NARROWEST_MM = 5.0
 LOWEST_MM = 0.5
 # Where the body's own sides end is not looked at: by rounding, it is air or not.
 ROUNDING_MM = 1e-3
-# Roofs are a hair steeper than the overhang that prints.
+# Roofs are slightly steeper than the overhang that prints.
 STEEPER = 1.01
 
 
@@ -75,7 +75,7 @@ def plan_hollows(
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    # A hair more, so that no section through a joint lies in the side of a hollow.
+    # Slightly more, so that no section through a joint lies in the side of a hollow.
     joint = reach_of_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     footprint = footprint.buffer(-ROUNDING_MM, join_style="mitre")

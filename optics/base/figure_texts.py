@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+MOST_DECIMALS = 5
+"""Decimals of values beside each other; values that differ more keep their own."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that stand at their value without a space."""
@@ -45,6 +47,15 @@ def figure_text(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
 
 
+def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
+    """Values of one figure beside each other, with as many decimals as the one that has most."""
+    texts = [figure_text(value, digits) for value in values]
+    decimals = max((len(text.partition(".")[2]) for text in texts), default=0)
+    if decimals > MOST_DECIMALS or any("e" in text or not math.isfinite(float(text)) for text in texts):
+        return texts
+    return [f"{value:.{decimals}f}" for value in values]
+
+
 def sigma_text(sigma: float) -> str:
     """A standard deviation in two significant digits, also where the second is a zero: 0.0020."""
     decimals = sigma_decimals(sigma)
@@ -68,7 +79,19 @@ def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> s
     shown = metric.value if value is None else value
     if metric.unit.startswith("of the "):
         return f"{shown:.1%}"
-    return f"{figure_text(shown, digits)}{SYMBOLS.get(metric.unit, f' {unit_text(metric.unit)}')}".rstrip()
+    return _with_unit(figure_text(shown, digits), metric.unit)
+
+
+def values_text(metrics: Sequence[Metric]) -> list[str]:
+    """Values of one figure beside each other, as `value_text` writes them, with the same decimals."""
+    units = {metric.unit for metric in metrics}
+    if len(units) != 1 or min(units).startswith("of the "):
+        return [value_text(metric) for metric in metrics]
+    return [_with_unit(text, min(units)) for text in figures_alike([metric.value for metric in metrics])]
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text}{SYMBOLS.get(unit, f' {unit_text(unit)}')}".rstrip()
 
 
 def limit_sign(metric: Metric) -> str:

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.optics.base import interruption
-from mirrorcam.optics.base.figure_texts import figure_text, label_text, limit_text, unit_text
+from mirrorcam.optics.base.figure_texts import figure_text, figures_alike, label_text, limit_text, unit_text
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 
@@ -65,11 +65,18 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
     say(title, f"done in {time.monotonic() - started:.1f} s")
 
 
-def _cell(metric: Metric | None, unit: str) -> str:
-    """A value, with its unit only where that is not the row's."""
-    if metric is None:
-        return ""
-    return figure_text(metric.value) if metric.unit == unit else f"{figure_text(metric.value)} {unit_text(metric.unit)}"
+def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
+    """Values of one figure with the same decimals, each with its unit only where that is not the row's."""
+    alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
+    cells = []
+    for metric in metrics:
+        if metric is None:
+            cells.append("")
+        elif metric.unit == unit:
+            cells.append(next(alike))
+        else:
+            cells.append(f"{figure_text(metric.value)} {unit_text(metric.unit)}")
+    return cells
 
 
 def print_metrics(
@@ -94,7 +101,7 @@ def print_metrics(
 
     def add(name: str, indent: str) -> None:
         unit = every[name].unit
-        cells = [_cell(metrics.get(name), unit) for metrics in columns.values()]
+        cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
         row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:
             row.append(limit_text(every[name], with_unit=False))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.optics.base.figure_texts import TIMES, label_text, number_word, sentence_case, value_text
+from mirrorcam.optics.base.figure_texts import TIMES, label_text, number_word, sentence_case, value_text, values_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, render
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -56,7 +56,8 @@ def design_table(parabola: Layout, optimised: Layout) -> Table:
     rows = []
     for name, metric in optimised.metrics.items():
         before = parabola.metrics.get(name)
-        rows.append((sentence_case(label_text(name)), value_text(before) if before else "", value_text(metric)))
+        texts = values_text([before, metric]) if before else ["", value_text(metric)]
+        rows.append((sentence_case(label_text(name)), *texts))
     return Table(("Figure", "Parabola", "Optimised"), rows)
 
 

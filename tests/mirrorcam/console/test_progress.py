@@ -61,7 +61,7 @@ def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
     progress.print_metrics({"parabola": parabola, "optimised": optimised})
     lines = [line.split() for line in log.getvalue().splitlines()]
     assert lines[0] == ["parabola", "optimised", "unit", "limit"]
-    assert lines[1] == ["grid", "error", "0.4", "0.105", "≤", "0.11", "pass"]
+    assert lines[1] == ["grid", "error", "0.400", "0.105", "≤", "0.11", "pass"]
     assert lines[2] == ["efficiency", "0.4", "≥", "0.5", "FAIL"]
 
 

@@ -7,6 +7,7 @@ import pytest
 from mirrorcam.optics.base.figure_texts import (
     count_text,
     figure_text,
+    figures_alike,
     label_text,
     limit_text,
     number_word,
@@ -14,6 +15,7 @@ from mirrorcam.optics.base.figure_texts import (
     share_of_limit,
     sigma_text,
     value_text,
+    values_text,
 )
 from mirrorcam.optics.base.values import Metric
 
@@ -84,6 +86,31 @@ def test_names_in_words(name: str, text: str) -> None:
 )
 def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:
     assert sigma_text(sigma) == text
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        *[((54.8, 60.86), ["54.80", "60.86"]), ((1.0, 1.0), ["1", "1"]), ((0.12938, 0.058971), ["0.12938", "0.05897"])],
+        *[
+            ((0.0, 3e-8), ["0", "3.0e-8"]),
+            ((float("inf"), 2.5), ["inf", "2.5"]),
+            ((), []),
+            ((1234.56, 3.5), ["1234.6", "3.5"]),
+        ],
+        ((0.0, 0.000123456), ["0", "0.0001235"]),
+    ],
+)
+def test_values_beside_each_other_have_the_same_decimals(values: tuple[float, ...], texts: list[str]) -> None:
+    assert figures_alike(values) == texts
+
+
+def test_values_of_one_unit_are_alike() -> None:
+    mm = [Metric(value=54.8, unit="mm"), Metric(value=60.86, unit="mm")]
+    assert values_text(mm) == ["54.80 mm", "60.86 mm"]
+    assert values_text([mm[0], Metric(value=1e5, unit="mm or more")]) == ["54.8 mm", "100000 mm or more"]
+    shares = [Metric(value=0.5, unit="of the view"), Metric(value=0.25, unit="of the view")]
+    assert values_text(shares) == ["50.0%", "25.0%"]
 
 
 def test_a_name_given_by_hand_wins() -> None:
