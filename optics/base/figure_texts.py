@@ -11,8 +11,8 @@ from mirrorcam.optics.base.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
-MOST_DECIMALS = 5
-"""Decimals of values beside each other; values that differ more keep their own."""
+TINY, UNLIKE = 1e-3, 100.0
+"""Size of the largest, and largest ratio, of values beside each other that are written with the same decimals."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
 SYMBOLS = {"1": "", "deg": "°"}
 """Units that stand at their value without a space."""
@@ -48,12 +48,16 @@ def figure_text(value: float, digits: int = 4) -> str:
 
 
 def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
-    """Values of one figure beside each other, with as many decimals as the one that has most."""
-    texts = [figure_text(value, digits) for value in values]
-    decimals = max((len(text.partition(".")[2]) for text in texts), default=0)
-    if decimals > MOST_DECIMALS or any("e" in text or not math.isfinite(float(text)) for text in texts):
-        return texts
-    return [f"{value:.{decimals}f}" for value in values]
+    """Values of one figure beside each other, with as many decimals as the largest needs for its significant digits."""
+    sizes = [abs(value) for value in values if value != 0]
+    # Values that differ by more keep their own digits, and so do tiny and infinite ones.
+    if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
+        return [figure_text(value, digits) for value in values]
+    decimals = max(0, digits - 1 - math.floor(math.log10(float(f"{max(sizes):.{digits - 1}e}"))))
+    texts = [f"{value:.{decimals}f}" for value in values]
+    while decimals > 0 and all(text.endswith("0") for text in texts):
+        texts, decimals = [text[:-1].rstrip(".") for text in texts], decimals - 1
+    return texts
 
 
 def sigma_text(sigma: float) -> str:

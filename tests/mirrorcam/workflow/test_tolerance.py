@@ -11,7 +11,7 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.commands.design import print_tolerance
 from mirrorcam.console.progress import console
-from mirrorcam.optics.base.figure_texts import figure_text
+from mirrorcam.optics.base.figure_texts import figures_alike
 from mirrorcam.optics.design.assess.monte_carlo import Study
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -53,8 +53,8 @@ def test_tables_show_every_figure(found: Study, capsys: pytest.CaptureFixture[st
     for words in ("mirrors tilted 0.3° and shifted 0.3 mm", "p95", "0.25x", "mirror", "hidden mirrors"):
         assert words in printed
     for spread in found.spreads[1.0].values():
-        for value in (spread.nominal, spread.low, spread.median, spread.high):
-            assert figure_text(value) in printed
+        for text in figures_alike([spread.nominal, spread.low, spread.median, spread.high]):
+            assert text in printed
 
 
 def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> None:
