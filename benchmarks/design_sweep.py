@@ -25,6 +25,7 @@ from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.design_sweep import outcome_of, sweep, table_of, write_table
+from mirrorcam.workflow.output_folder import output_folder
 from mirrorcam.workflow.sweep_run import design_here
 from mirrorcam.workflow.sweep_work import Answer
 
@@ -148,7 +149,8 @@ def main(folder: Path, only: Sequence[str], workers: int) -> None:
             yield place, got
 
     started = time.perf_counter()
-    outcomes = sweep(chosen, folder, noted)
+    with output_folder(folder, "sweep") as output:
+        outcomes = sweep(chosen, output, noted)
     print(f"{len(outcomes)} specs, {workers} workers, {time.perf_counter() - started:.1f} s")
     print_sums(outcomes, times)
     write_table(folder / "sweep.csv", table_of(outcomes))

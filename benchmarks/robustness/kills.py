@@ -1,7 +1,8 @@
-"""Commands that are killed at a random moment and run again to their end: nothing half written, and the same bytes.
+"""Commands that are ended at a random moment and run again to their end: nothing half written, and the same bytes.
 
-Attempts take the commands in turn. Each kills one with SIGKILL, compares what then lies in its output folder with the
-result of a run that was left alone, and runs the command again: a seed says when it is killed.
+Attempts take the commands in turn. Each ends one, with SIGKILL or, as the second category, with SIGTERM, compares what
+then lies in its output folder with the result of a run that was left alone, and runs the command again: a seed says
+when it is ended. After SIGTERM, the command says so in one line, and its exit code is 143.
 """
 
 from __future__ import annotations
@@ -26,12 +27,17 @@ import numpy as np
 
 from benchmarks.robustness.guard import Category
 from mirrorcam.optics.base.fingerprint import file_digest
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.workflow.output_folder import HIDDEN
+from mirrorcam.workflow.pipeline import scaled
 
 ROOT = Path(__file__).parents[2]
 LONGEST_S = 600.0
 SECONDS_TO_END = 1.0
-"""Time within which every process of a killed command has ended."""
+"""Time within which every process of a command has ended once the command itself has."""
+SECONDS_TO_TERMINATE = 20.0
+"""Time within which a command ends after SIGTERM, whatever native code it is in, on a busy machine."""
+LONGEST_TO_END_S = 60.0
 OUT = "out"
 MARK = "MIRRORCAM_KILLED"
 """Environment variable by which the processes of an attempt are found."""
@@ -39,7 +45,7 @@ MARK = "MIRRORCAM_KILLED"
 
 @dataclass(frozen=True)
 class Killed:
-    """A command that is killed.
+    """A command that is ended.
 
     Attributes
     ----------
@@ -51,6 +57,15 @@ class Killed:
     arguments: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class End:
+    """The end of a command: its exit code, what it said, and the processes that ran on for SECONDS_TO_END or longer."""
+
+    code: int
+    said: str
+    left: tuple[str, ...]
+
+
 COMMANDS = (
     Killed("run", ("run", "--quick")),
     Killed("render", ("render", "layout.json", "--renderer", "fast", "--frames", "4", "--base-frames", "2")),
@@ -59,17 +74,24 @@ COMMANDS = (
     Killed("cad", ("cad", "layout.json")),
     Killed("scene", ("scene", "layout.json", "--spp", "4")),
 )
-VIDEO_FRAMES = 60
+TERMINATED = (*COMMANDS, Killed("design", ("design", "--rows", "2", "--cols", "3", "--tolerance")))
+CAMERA = scaled(Camera.c920(), 1 / 3)
+SIZE_PX = (CAMERA.width_px, CAMERA.height_px)
+VIDEO_FRAMES = 300
 CYCLES = 20
 """Attempts with each command in the full table."""
 
 
 @cache
 def inputs() -> Path:
-    """A folder with the layout of 1 x 2 mirrors and the video that the commands take; removed at the end."""
+    """A folder with the layout of 1 x 2 mirrors and the video that the commands take; removed at the end.
+
+    The camera has a ninth of the usual pixels.
+    """
     folder = Path(tempfile.mkdtemp(prefix="mirrorcam-kills-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    _whole(["design", "--rows", "1", "--cols", "2", "--out", "design"], folder)
+    (folder / "camera.json").write_text(CAMERA.model_dump_json())
+    _whole(["design", "--camera", "camera.json", "--rows", "1", "--cols", "2", "--out", "design"], folder)
     shutil.copy(folder / "design" / "layout.json", folder / "layout.json")
     _write_video(folder / "video.avi")
     return folder
@@ -80,10 +102,10 @@ def _write_video(path: Path) -> None:
     random = np.random.default_rng(0)
     with av.open(str(path), "w") as container:
         stream: Any = container.add_stream("mjpeg", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 1920, 1080, "yuvj420p"
+        stream.width, stream.height, stream.pix_fmt = *SIZE_PX, "yuvj420p"
         for _ in range(VIDEO_FRAMES):
             coarse = random.integers(0, 256, (9, 16, 3), dtype=np.uint8)
-            picture = cv2.resize(coarse, (1920, 1080), interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+            picture = cv2.resize(coarse, SIZE_PX, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
             container.mux(
                 stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuvj420p"))
             )
@@ -122,25 +144,48 @@ def _command(arguments: list[str]) -> list[str]:
     return [sys.executable, "-m", "mirrorcam", *arguments]
 
 
-def killed_after(command: Killed, folder: Path, seconds: float) -> list[int]:
-    """Run a command in a folder, kill it after a time, and return its processes that still run SECONDS_TO_END later."""
+def ended_after(command: Killed, folder: Path, seconds: float, number: signal.Signals = signal.SIGKILL) -> End:
+    """Run a command in a folder, and end it after a time.
+
+    Each process that is left is its command line, state and the time in s after which it had ended.
+    """
     mark = f"{os.getpid()}-{folder.name}"
     process = subprocess.Popen(
         _command([*command.arguments, "--out", str(folder / OUT)]),
         cwd=inputs(),
         env=os.environ | {MARK: mark},
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         process.wait(seconds)
     except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    deadline = time.monotonic() + SECONDS_TO_END
-    while (left := processes_with(mark)) and time.monotonic() < deadline:
+        process.send_signal(number)
+        process.wait(SECONDS_TO_TERMINATE)
+    finally:
+        process.kill()
+    ended = time.monotonic()
+    while (left := processes_with(mark)) and time.monotonic() < ended + SECONDS_TO_END:
         time.sleep(0.02)
-    return left
+    found = [_description(each) for each in left]
+    while processes_with(mark) and time.monotonic() < ended + LONGEST_TO_END_S:
+        time.sleep(0.02)
+    return End(
+        process.returncode,
+        process.communicate()[1],
+        tuple(f"{what}, for {time.monotonic() - ended:.1f} s" for what in found),
+    )
+
+
+def _description(number: int) -> str:
+    """Command line and state of a process (Linux)."""
+    try:
+        line = Path(f"/proc/{number}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return "gone"
+    return f"{line[-60:]!r} in state {state[0]}"
 
 
 def processes_with(mark: str) -> list[int]:
@@ -160,16 +205,23 @@ def attempt(seed: int, folder: Path) -> str:
     return cycle(COMMANDS[seed % len(COMMANDS)], seed, folder)
 
 
-def cycle(command: Killed, seed: int, folder: Path) -> str:
-    """Kill a command at a moment of the seed, look at what is there, and run it to its end."""
+def terminate(seed: int, folder: Path) -> str:
+    """Terminate the command of a seed at a moment of the seed."""
+    return cycle(TERMINATED[seed % len(TERMINATED)], seed, folder, signal.SIGTERM)
+
+
+def cycle(command: Killed, seed: int, folder: Path, number: signal.Signals = signal.SIGKILL) -> str:
+    """End a command at a moment of the seed, look at what is there, and run it to its end."""
     expected, takes_s = uninterrupted(command)
     seconds = float(np.random.default_rng(seed).uniform(0.0, takes_s))
-    left = killed_after(command, folder, seconds)
-    what = f"{command.name}, killed after {seconds:.1f} of {takes_s:.1f} s"
-    if left:
-        return f"{what}: {len(left)} of its processes run on"
+    end = ended_after(command, folder, seconds, number)
+    what = f"{command.name}, {number.name} after {seconds:.1f} of {takes_s:.1f} s"
+    if end.left:
+        return f"{what}: {len(end.left)} of its processes run on: {'; '.join(end.left)}"
     if half := half_written(folder / OUT, expected):
         return f"{what}: left {half}"
+    if wrong := unlike_the_end(end, number, contents(folder / OUT), expected):
+        return f"{what}: {wrong}"
     _whole([*command.arguments, "--out", str(folder / OUT)], inputs())
     found = contents(folder / OUT)
     differing = sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
@@ -179,10 +231,25 @@ def cycle(command: Killed, seed: int, folder: Path) -> str:
     return f"{what}: run again, left {HIDDEN}/lock" if (kept / "lock").exists() else ""
 
 
+def unlike_the_end(end: End, number: signal.Signals, found: dict[str, str], expected: dict[str, str]) -> str:
+    """What is wrong with how a command ended, or nothing.
+
+    A signal takes it unawares before it has begun to listen, and after it has written all.
+    """
+    if number == signal.SIGKILL or end.code in (0, 1):
+        return ""
+    if end.code == -number and found in ({}, expected):
+        return ""
+    if end.code != 143 or not end.said.startswith("mirrorcam: terminated") or end.said.count("\n") != 1:
+        return f"ended with {end.code}: {end.said[-200:]!r}"
+    return ""
+
+
 def half_written(folder: Path, expected: dict[str, str]) -> str:
     """Name of the first file that is neither as the result has it nor says what is there of it; empty where none.
 
-    The latter are manifests, of which each file that they list is as they say, and recordings, which end in ".partial".
+    The latter are manifests, of which each file that they list is as they say or still to come, and recordings, which
+    end in ".partial".
     """
     for name, sha256 in contents(folder).items():
         growing = any(part.endswith(".partial") for part in Path(name).parts[:-1])
@@ -194,9 +261,13 @@ def half_written(folder: Path, expected: dict[str, str]) -> str:
 def _is_manifest(path: Path) -> bool:
     try:
         files = json.loads(path.read_bytes())["files"]
-        return all(file_digest(path.parent / name) == sha256 for name, sha256 in files.items())
+        there = {name: sha256 for name, sha256 in files.items() if (path.parent / name).exists()}
+        return all(file_digest(path.parent / name) == sha256 for name, sha256 in there.items())
     except (ValueError, TypeError, KeyError, AttributeError, OSError):
         return False
 
 
-CATEGORY = Category("kills", CYCLES * len(COMMANDS), attempt, longest_s=LONGEST_S, tested=0)
+CATEGORIES = (
+    Category("kills", CYCLES * len(COMMANDS), attempt, longest_s=LONGEST_S, tested=0),
+    Category("terminations", CYCLES * len(TERMINATED), terminate, longest_s=LONGEST_S, tested=0),
+)

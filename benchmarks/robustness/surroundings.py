@@ -1,7 +1,7 @@
 """Commands in unusual surroundings: full disk, another user's folder, no HOME, no terminal, unusual names of files.
 
 Each attempt runs a cheap command in one of the surroundings. It must end well, or say in one line why not; whatever
-lies in its output folder is whole.
+lies in its output folder is whole. Where this process may mount file systems, there are full disks that are real.
 """
 
 from __future__ import annotations
@@ -63,6 +63,8 @@ class Start:
     before: Callable[[], None] | None = None
     output: str | None = None
     """File that takes standard output; None: a pipe."""
+    after: Callable[[], object] = lambda: None
+    """Called when what it has left was looked at."""
 
 
 Surroundings = Callable[[Start, Path], Start]
@@ -113,6 +115,24 @@ def _run(start: Start) -> subprocess.CompletedProcess[bytes]:
 def _full_disk(most: int, start: Start, folder: Path) -> Start:
     """Limit the size of every file to `most` bytes, as if the disk were full there."""
     return replace(start, before=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)))
+
+
+def _small_disk(kib: int, start: Start, folder: Path) -> Start:
+    """The output folder is a file system of its own, of so many KiB."""
+    start.out.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kib}k", "tmpfs", str(start.out)], check=True)
+    return replace(start, after=partial(subprocess.run, ["umount", str(start.out)], check=True))
+
+
+@cache
+def may_mount() -> bool:
+    """Whether this process may mount file systems, as root on Linux may."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            mounted = subprocess.run(["mount", "-t", "tmpfs", "tmpfs", folder], capture_output=True, check=False)
+        except OSError:
+            return False
+        return mounted.returncode == 0 and subprocess.run(["umount", folder], check=True).returncode == 0
 
 
 def _as_ordinary_user() -> None:
@@ -171,9 +191,11 @@ SURROUNDINGS: dict[str, Surroundings] = {
     "plain C": partial(_plain, {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}),
     "dumb terminal": partial(_plain, {"TERM": "dumb", "COLUMNS": "20"}),
 }
+DISKS: dict[str, Surroundings] = {f"disk of {kib} KiB": partial(_small_disk, kib) for kib in (8, 40, 100, 300, 600)}
 CASES: tuple[tuple[str, str, str], ...] = (
     *((name, around, "") for name, around in itertools.product(COMMANDS, SURROUNDINGS)),
     *((name, kind, odd) for name, kind, odd in itertools.product(COMMANDS, ("input", "output"), ODD_NAMES)),
+    *((name, disk, "") for name, disk in itertools.product(COMMANDS, DISKS) if may_mount()),
 )
 """Command, surroundings, and the odd name where they are one of a file."""
 
@@ -185,9 +207,12 @@ def attempt(seed: int, folder: Path) -> str:
     if odd:
         start = _start(name, folder, **{"called" if around == "input" else "out": odd})
     else:
-        start = SURROUNDINGS[around](_start(name, folder), folder)
-    done = _run(start)
-    wrong = fault(done, contents(start.out) if os.access(folder, os.R_OK) else {}, expected, named=bool(odd))
+        start = (SURROUNDINGS | DISKS)[around](_start(name, folder), folder)
+    try:
+        done = _run(start)
+        wrong = fault(done, contents(start.out) if os.access(folder, os.R_OK) else {}, expected, named=bool(odd))
+    finally:
+        start.after()
     return f"{name}, {around} {odd!r}: {wrong}" if wrong else ""
 
 

@@ -213,6 +213,12 @@ def write_bytes(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their names in a folder, each atomically."""
+    for name, content in files.items():
+        write_bytes(folder / name, content)
+
+
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays by name to a compressed .npz file, atomically; the same arrays give the same bytes."""
     # By an open file: to a path that does not end in .npz, NumPy would append it and leave this one empty.

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import ValidationError
 
 from mirrorcam.optics.base.files import TEMPORARY, Model, inside, linked, read_bytes, read_model, write_text
-from mirrorcam.optics.base.fingerprint import differing, file_digest
+from mirrorcam.optics.base.fingerprint import differing, file_digest, file_digests
+from mirrorcam.optics.base.interruption import deferred
 from mirrorcam.optics.base.values import InputError, Value
+
+UNFINISHED = f"{TEMPORARY}unfinished"
+"""Hidden folder for files that are not finished, which may hold what a killed run has left."""
 
 
 def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
@@ -60,7 +66,11 @@ class FolderManifest(Value):
 
     def save(self, folder: Path) -> None:
         """Write the manifest atomically."""
-        write_text(folder / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
+        unfinished = folder / UNFINISHED
+        write_text(unfinished / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
+        (unfinished / self.FILE).replace(folder / self.FILE)
+        with suppress(OSError):  # it holds files that are to follow
+            unfinished.rmdir()
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -71,18 +81,19 @@ class FolderManifest(Value):
         """Return whether a file of the folder exists with the checksum of what was written."""
         return name in self.files and _is_intact(inside(folder, name), self.files[name])
 
-    def continued(self, folder: Path) -> Self:
+    def continued(self, folder: Path, planned: Collection[str]) -> Self:
         """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
 
-        Raises InputError where the folder holds something else, or a file that was changed since: it is not replaced.
+        `planned` are the names of all files that are to be written. Raises InputError where the folder holds something
+        else, a file that was changed since, or one of these names that is not listed: it is not replaced.
         """
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
         if not (folder / self.FILE).exists():
-            foreign = [name for name in (*self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
+            foreign = [name for name in (*planned, *self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
             if foreign:
                 raise InputError(f"{folder}: has {foreign[0]!r} but no {self.FILE}, expected a new or empty folder")
-            _remove_temporaries(folder, ())
+            _discard(folder)
             self.save(folder)
             return self
         before = self.load(folder)
@@ -93,28 +104,64 @@ class FolderManifest(Value):
             raise InputError(
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
-        for name in self.FOLDERS:
-            link = folder / name if (folder / name).is_symlink() else linked(folder / name)
-            if link is not None:
-                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
-        _remove_temporaries(folder, self.FOLDERS)
+        self._refuse_links(folder)
+        _discard(folder)
         whole = intact(folder, before.files)
-        for name in before.files.keys() - whole.keys():
+        for name in sorted(before.files.keys() - whole.keys()):
             if os.path.lexists(folder / name):
                 raise InputError(f"{folder / name}: was changed since it was written, expected it unchanged or removed")
-        return before.replaced(files=whole)
+        before = before.replaced(files=whole)
+        before._refuse_others(folder, planned)
+        return before
 
-    def recorded(self, folder: Path, *names: str) -> Self:
-        """Return the manifest with the checksums of files just written, saved."""
-        written = self.files | {name: file_digest(folder / name) for name in names}
-        # In the order of their names, not of the workers that made them.
-        manifest = self.replaced(files=dict(sorted(written.items())))
-        manifest.save(folder)
+    def _refuse_links(self, folder: Path) -> None:
+        """Raise InputError for what is no file and no folder among what is there."""
+        for name in self.FOLDERS:
+            place = folder / name
+            if os.path.lexists(place) and not place.is_symlink() and not place.is_dir():
+                raise InputError(f"{place}: is a file, expected a folder of the {self.WHAT}")
+            link = place if place.is_symlink() else linked(place)
+            if link is not None:
+                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
+
+    def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
+        """Raise InputError for the first of the names that is there and not listed, unless with its `new` checksum."""
+        for name in names:
+            if name in self.files or not os.path.lexists(folder / name):
+                continue
+            if new is None or not _is_intact(inside(folder, name), new[name]):
+                expected = f"expected it removed, or a new folder for the {self.WHAT}"
+                raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
+
+    def added(self, folder: Path, write: Callable[[Path], None]) -> Self:
+        """Put files that a function writes into an empty folder in their places, and return the manifest with them.
+
+        The manifest is saved first: a file that it does not list is never one of its own. Raises InputError where such
+        a file would be replaced.
+        """
+        staging = folder / UNFINISHED
+        _discard(folder)
+        staging.mkdir(parents=True)
+        try:
+            write(staging)
+            new = file_digests(staging)
+            self._refuse_others(folder, new, new)
+            # In the order of their names, not of the workers that made them.
+            manifest = self.replaced(files=dict(sorted((self.files | new).items())))
+            with deferred():
+                manifest.save(folder)
+                for name in new:
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    (staging / name).replace(folder / name)
+        finally:
+            _discard(folder)
         return manifest
 
 
-def _remove_temporaries(folder: Path, folders: tuple[str, ...]) -> None:
-    """Remove what a killed run could not: the temporary files of `optics.base.files.atomic`."""
-    for pattern in (f"{TEMPORARY}*", *(f"{name}/**/{TEMPORARY}*" for name in folders)):
-        for leftover in list(folder.glob(pattern)):
-            leftover.unlink(missing_ok=True)
+def _discard(folder: Path) -> None:
+    """Remove the files that are not finished."""
+    unfinished = folder / UNFINISHED
+    if unfinished.is_symlink():
+        unfinished.unlink()
+    elif unfinished.exists():
+        shutil.rmtree(unfinished)

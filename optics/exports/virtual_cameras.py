@@ -111,6 +111,11 @@ class VirtualCamera:
         return self.camera.project(transform(self.camera_from_rig, points_in_rig))
 
 
+def view_name(row: int, column: int) -> str:
+    """Name of the camera of a mirror."""
+    return f"view_{row}_{column}"
+
+
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
     """All mirrors of a layout as cameras, row by row; those that are no pinholes as the nearest (`exports.nearest`).
 
@@ -121,7 +126,7 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
     views = []
     for number, mirror in enumerate(layout.mirrors):
         row, column = divmod(number, layout.cols)
-        name = f"view_{row}_{column}"
+        name = view_name(row, column)
         corners = mirror.usable_normalized
         if not len(corners):
             raise InputError(f"{name} shows nothing: light that enters its plate does not leave it")

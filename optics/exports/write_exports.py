@@ -19,17 +19,36 @@ from mirrorcam.optics.exports.nerfstudio_views import transforms_json
 from mirrorcam.optics.exports.opencv import opencv_yaml
 from mirrorcam.optics.exports.ros import camera_info_yaml
 from mirrorcam.optics.exports.urdf import urdf
-from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, view_name, virtual_cameras
 from mirrorcam.optics.geometry.colmap_rig import rig_config, sparse_model
 from mirrorcam.optics.geometry.layout import Layout
 
 PICTURE = "0000.png"
 FILES = (
-    *("README.md", "opencv.yaml", "kalibr_camchain.yaml", "mirrorcam_calibrated.urdf", "ros/view_*.yaml"),
+    *("README.md", "opencv.yaml", "kalibr_camchain.yaml", "mirrorcam_calibrated.urdf"),
     *("colmap/rig_config.json", "nerfstudio/transforms.json"),
     *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
-"""Files of the exports beside their pictures."""
+"""Files of the exports of all cameras together."""
+
+
+def picture_names(pictures: Sequence[Path]) -> list[str]:
+    """Names of frames in the files of COLMAP, where a name ends at a blank; raises InputError for two alike."""
+    names = [word(f"{path.stem}.png") for path in pictures]
+    if len(set(names)) < len(names):
+        raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
+    return names
+
+
+def export_names(layout: Layout, pictures: Sequence[Path] = ()) -> tuple[str, ...]:
+    """Names of all files that `write_exports` writes, before it does."""
+    names, found = picture_names(pictures), list(FILES)
+    for view in (view_name(*divmod(number, layout.cols)) for number in range(len(layout.mirrors))):
+        found += [f"ros/{view}.yaml", f"nerfstudio/masks/{view}.png"]
+        found += [f"colmap/masks/{view}/{name}.png" for name in names or [PICTURE]]
+        found += [f"colmap/images/{view}/{name}" for name in names]
+        found += [f"nerfstudio/images/{view}.png"] if names else []
+    return tuple(found)
 
 
 def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:
@@ -40,9 +59,7 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     where a picture has another size or shares its name with another.
     """
     views = virtual_cameras(layout)
-    names = [word(f"{path.stem}.png") for path in pictures]  # a name in COLMAP's files ends at a blank
-    if len(set(names)) < len(names):
-        raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
+    names = picture_names(pictures)
     colmap, nerfstudio = folder / "colmap", folder / "nerfstudio"
     write_text(folder / "opencv.yaml", opencv_yaml(views))
     write_text(folder / "kalibr_camchain.yaml", camchain_yaml(views))

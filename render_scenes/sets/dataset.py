@@ -16,6 +16,13 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
+KNOWN = ("layout.json", "board.toml")
+"""What the user has besides the pictures."""
+TRUTH = (
+    *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
+    *("truth/readout.json", "truth/finish.json"),
+)
+"""Files of the ground truth beside its maps; the last two only where shutter or mirrors are not ideal."""
 
 
 class Reach(Value):
@@ -34,7 +41,7 @@ class Dataset(FolderManifest):
 
     FILE = MANIFEST
     WHAT = "set"
-    FILES = ("layout.json", "board.toml", "video.avi", "video.mp4")
+    FILES = (*KNOWN, "video.avi", "video.mp4")
     FOLDERS = ("frames", "base", "truth")
     FOLLOWS = frozenset({"coverage", "reaches", "base_coverage"})
 
@@ -72,6 +79,13 @@ class Dataset(FolderManifest):
     def video_name(self) -> str | None:
         """The name of the video; None where there is none."""
         return None if self.settings.video is None else f"video.{self.settings.video}"
+
+    @property
+    def planned_names(self) -> tuple[str, ...]:
+        """Names of all files of the set when it is complete."""
+        pictures = (*self.frame_names, *self.base_names)
+        maps = (self.map_of(name) for name in pictures)
+        return (*KNOWN, *TRUTH, *(name for name in (*pictures, *maps, self.video_name) if name is not None))
 
     def map_of(self, name: str) -> str | None:
         """Name of the ground-truth maps of a picture; None where there are none."""

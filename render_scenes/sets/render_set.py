@@ -7,10 +7,11 @@ whole or not at all, so an interrupted set is continued where it stopped.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from mirrorcam.optics.base.files import write_bytes
+from mirrorcam.optics.base.files import write_files
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -69,13 +70,12 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
-    dataset = dataset.continued(out)
-    dataset = _write_known(out, dataset, layout)
+    dataset = dataset.continued(out, dataset.planned_names)
+    dataset = dataset.added(out, partial(_write_known, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
-    names = write_truth(out, oracle, finishes, moments, base_plan, request.seed)
-    dataset = dataset.recorded(out, *names)
+    dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 
@@ -151,16 +151,16 @@ def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run
     done = len(tasks) - len(missing) + (in_video if dataset.video_name in dataset.files else 0)
     progress(done, total)
     for _, files in run([task.model_dump_json() for task in missing]):
-        # The picture last, so that there is none without its maps.
-        for name, content in sorted(files.items(), reverse=True):
-            write_bytes(out / name, content)
-        dataset = dataset.recorded(out, *files)
+        dataset = dataset.added(out, partial(write_files, files=files))
         done += 1
         progress(done, total)
     if dataset.video_name is not None and dataset.video_name not in dataset.files:
-        write_video(out, dataset, lambda frames: progress(done + frames, total))
-        dataset = dataset.recorded(out, dataset.video_name)
+        dataset = _with_video(out, dataset, lambda frames: progress(done + frames, total))
     return dataset
+
+
+def _with_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> Dataset:
+    return dataset.added(out, lambda folder: write_video(folder / f"{dataset.video_name}", out, dataset, on_picture))
 
 
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
@@ -175,8 +175,7 @@ def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan
     return value_digest(asked | drawn)[:16]
 
 
-def _write_known(out: Path, dataset: Dataset, layout: Layout) -> Dataset:
+def _write_known(folder: Path, dataset: Dataset, layout: Layout) -> None:
     """Write the data that the user has besides the pictures."""
-    layout.save(out / "layout.json")
-    save_board(out / "board.toml", dataset.target)
-    return dataset.recorded(out, "layout.json", "board.toml")
+    layout.save(folder / "layout.json")
+    save_board(folder / "board.toml", dataset.target)

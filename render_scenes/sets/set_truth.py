@@ -18,9 +18,8 @@ def write_truth(
     moments: FloatArray,
     base_plan: PosePlan,
     seed: int,
-) -> tuple[str, ...]:
-    """Write the ground truth of a set, which only a validation may read; return the names of the files."""
-    names = ["layout.json", "poses.json", "seed.json", "corners.npz"]
+) -> None:
+    """Write the ground truth of a set, which only a validation may read."""
     halfway = moments[:, moments.shape[1] // 2]
     truth = out / "truth"
     frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
@@ -29,10 +28,8 @@ def write_truth(
     write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
     if moments.shape[1] == 3:
         write_json(truth / "readout.json", {"poses": moments.tolist()})
-        names.append("readout.json")
     if finishes:
         write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
-        names.append("finish.json")
     write_json(truth / "seed.json", {"seed": seed})
     corners = {
         "frames_px": frames_px,
@@ -41,4 +38,3 @@ def write_truth(
         "base_visible": base_visible,
     }
     write_npz(truth / "corners.npz", corners)
-    return tuple(f"truth/{name}" for name in names)

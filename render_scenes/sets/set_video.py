@@ -24,10 +24,10 @@ def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None)
         raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")
 
 
-def write_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
-    """Write the video of a set; `on_picture` is called with the number of pictures written so far."""
+def write_video(path: Path, out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
+    """Write the video of the set in a folder; `on_picture` is called with the number of pictures written so far."""
     assert dataset.rate_hz is not None
-    path, pictures = out / f"{dataset.video_name}", [out / name for name in dataset.frame_names]
+    pictures = [out / name for name in dataset.frame_names]
     settings = dataset.settings
     if settings.video == "avi":
         write_mjpeg(path, pictures, dataset.rate_hz, on_picture)

@@ -8,6 +8,7 @@ interrupted set is continued where it stopped.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mirrorcam.optics.base.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
-from mirrorcam.optics.base.files import read_bytes, write_bytes, write_json
+from mirrorcam.optics.base.files import read_bytes, write_files, write_json
 from mirrorcam.optics.base.fingerprint import digest, value_digest
 from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -38,6 +39,8 @@ from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
 
 MANIFEST = "scene.json"
+KNOWN = ("layout.json", "truth/layout.json", "truth/things.json")
+"""Files that are written before any picture."""
 MAPS = "truth/maps/frames/0000.exr"
 # Values of a mask: no object, or an object of this material.
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
@@ -147,30 +150,30 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     check_meshes(layout, tabletop.objects)
     views = _views(built, default_reference_depth_mm(layout))
     manifest = _manifest(request, depths, variant)
-    manifest = manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed)).continued(out)
-    layout.save(out / "layout.json")
-    built.save(out / "truth/layout.json")
-    write_json(out / "truth/things.json", _object_list(tabletop.objects, views, request.seed))
-    manifest = manifest.recorded(out, "layout.json", "truth/layout.json", "truth/things.json")
-    total = 1 + views.rows * views.cols
+    manifest = manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed))
+    truth = {(t, s): _truth_names(t, s, views.rows * views.cols) for t, s in np.ndindex(views.rows, views.cols)}
+    pictures = (manifest.frame_name, MAPS, *(name for names in truth.values() for name in names.values()))
+    manifest = manifest.continued(out, (*KNOWN, *pictures))
+
+    def write_known(folder: Path) -> None:
+        layout.save(folder / "layout.json")
+        built.save(folder / "truth/layout.json")
+        write_json(folder / "truth/things.json", _object_list(tabletop.objects, views, request.seed))
+
+    manifest = manifest.added(out, write_known)
+    total = 1 + len(truth)
     progress(0, total)
     scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(scene, request)
-        write_bytes(out / MAPS, maps)
-        write_bytes(out / manifest.frame_name, picture)
-        manifest = manifest.recorded(out, MAPS, manifest.frame_name)
+        manifest = manifest.added(out, partial(write_files, files={MAPS: maps, manifest.frame_name: picture}))
     progress(1, total)
     classes = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
-    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
-        # One view alone has no disparity.
-        kinds = [kind for kind in _KINDS if kind != "disparity" or total > 2]
-        names = {kind: f"truth/{kind}/{t}_{s}{_KINDS[kind]}" for kind in kinds}
+    for number, ((t, s), names) in enumerate(truth.items()):
         if not set(names.values()) <= manifest.files.keys():
             files = _true_view(scene, views, t, s, request, classes)
-            for kind, name in names.items():
-                write_bytes(out / name, files[kind])
-            manifest = manifest.recorded(out, *names.values())
+            named = {name: files[kind] for kind, name in names.items()}
+            manifest = manifest.added(out, partial(write_files, files=named))
         progress(2 + number, total)
     return manifest
 
@@ -205,6 +208,13 @@ def read_map(path: Path, channel: str) -> FloatArray:
             return np.array(file.channels()[channel].pixels, dtype=np.float64)
     except (RuntimeError, KeyError):
         raise InputError(f"{path}: no EXR file that can be read with a channel {channel!r}") from None
+
+
+def _truth_names(t: int, s: int, views: int) -> dict[str, str]:
+    """Names of the files of a true view by their kinds; one view alone has no disparity."""
+    return {
+        kind: f"truth/{kind}/{t}_{s}{ending}" for kind, ending in _KINDS.items() if kind != "disparity" or views > 1
+    }
 
 
 _KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png", "things": ".png"}

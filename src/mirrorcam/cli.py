@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -44,12 +45,14 @@ from mirrorcam.commands import (
     validate,
 )
 from mirrorcam.console.refusals import one_line_message, refusal
-from mirrorcam.console.streams import make_readable
+from mirrorcam.console.streams import make_readable, quieten_libraries
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""What the system says where a stream without a name, such as standard output, takes no more."""
 
 RUNNERS: dict[type, Callable[[Any], int]] = {
     run.RunOptions: run.run,
@@ -128,6 +131,12 @@ def _help_command(arguments: Sequence[str]) -> str:
     return f"mirrorcam {first} --help" if first in COMMANDS else "mirrorcam --help"
 
 
+def _flush() -> None:
+    """Write out what was printed, to hear while it can still be told that it cannot be."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
 def parse(arguments: Sequence[str]) -> Command:
     """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
     if any("\x00" in argument for argument in arguments):
@@ -146,6 +155,7 @@ def parse(arguments: Sequence[str]) -> Command:
             )
     except SystemExit as error:
         if not error.code:
+            _flush()
             raise
         reason = refusal(error, printed.getvalue(), arguments, COMMANDS)
         raise InputError(one_line_message(reason, f" (see {_help_command(arguments)})")) from error
@@ -153,27 +163,38 @@ def parse(arguments: Sequence[str]) -> Command:
 
 def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:
     """Say in one line on standard error why it ends (with --debug, also where it happened), and pass the code on."""
-    if "--debug" in arguments:
-        traceback.print_exc()
-    print(f"mirrorcam: {one_line_message(message)}", file=sys.stderr)
+    with suppress(OSError):  # where standard error takes nothing, the code says it alone
+        if "--debug" in arguments:
+            traceback.print_exc()
+        print(f"mirrorcam: {one_line_message(message)}", file=sys.stderr)
     return code
+
+
+def _say_no_more() -> None:
+    """Let standard output go nowhere, also what is flushed to it at the end of this process."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated."""
     arguments = sys.argv[1:] if arguments is None else arguments
     make_readable()
+    quieten_libraries()
     try:
         with interruption.remembered():
             command = parse(arguments)
-            return RUNNERS[type(command.command)](command.command)
+            code = RUNNERS[type(command.command)](command.command)
+            _flush()
+            return code
     except InputError as error:
         return _refuse(str(error), BAD_INPUT, arguments)
     except BrokenPipeError:
-        # Whoever read our output has gone; leave quietly, also from the flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()  # whoever read our output has gone
         return CHECK_FAILED
     except OSError as error:
+        if error.filename is None and error.errno in FULL:
+            _say_no_more()
+            return _refuse(f"cannot write: {error.strerror}", BAD_INPUT, arguments)
         if error.filename is None:
             raise
         return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)

@@ -286,6 +286,15 @@ def test_sigterm_ends_a_command_as_ctrl_c_does(
     assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("arguments", [["--help"], ["board"]])
+def test_a_full_standard_output_is_told_in_one_line(arguments: list[str], tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "mirrorcam", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "mirrorcam: cannot write: No space left on device\n")
+
+
 def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -> None:
     options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
     monkeypatch.setitem(cli.RUNNERS, options, raising(KeyError("bug")))

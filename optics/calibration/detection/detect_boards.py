@@ -102,9 +102,11 @@ def detect_frames(
     Raises
     ------
     InputError
-        Where a picture does not have the size of the layout's camera.
+        Where a picture does not have the size of the layout's camera, and where nothing can be cached in the folder.
     """
     expected = (layout.camera.height_px, layout.camera.width_px)
+    if folder is not None:
+        detection_cache.check_folder(folder)
 
     def find(grey: Grey) -> DetectedFrame:
         return sub_images(grey, layout, target) if mirrored else DetectedFrame(direct_view(grey, target))

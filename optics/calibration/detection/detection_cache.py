@@ -1,12 +1,14 @@
 """Cache of detections, keyed by the content of the picture.
 
 A file is named by the SHA-256 of the picture's pixels and of all else that decides what is found, the programs that
-find it among them, so that it is never out of date; one that cannot be read is found again.
+find it among them, so that it is never out of date. Where one cannot be read, the corners are found again each time: it
+may be somebody else's, and is not replaced.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import zipfile
 import zlib
 from functools import cache
@@ -56,16 +58,25 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame 
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
             frame = DetectedFrame(seen, file[UNASSIGNED])
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        return None  # incomplete, or of another program: detected and written again
+        return None  # incomplete, or of another program: detected again
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
     return frame if known.all() else None
 
 
-def save(folder: Path, name: str, frame: DetectedFrame) -> None:
-    """Keep what was found in a picture under a key; written whole or not at all."""
+def check_folder(folder: Path) -> None:
+    """Raise InputError where nothing can be kept in a folder: it is a link or a file."""
     if folder.is_symlink():
         raise InputError(f"{folder}: is a link, expected a folder for found corners, or nothing")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, expected a folder for found corners, or nothing")
+
+
+def save(folder: Path, name: str, frame: DetectedFrame) -> None:
+    """Keep what was found in a picture under a key, written whole or not at all; what is there already stays."""
+    check_folder(folder)
+    if os.path.lexists(folder / f"{name}.npz"):
+        return
     content = io.BytesIO()
     arrays = {field: getattr(frame.corners, field) for field in FIELDS} | {UNASSIGNED: frame.unassigned_px}
     np.savez(content, **arrays)

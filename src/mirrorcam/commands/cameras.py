@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 from typing import Annotated
 
@@ -27,13 +28,13 @@ class CamerasOptions(Value):
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
     from mirrorcam.optics.base.pictures import pictures_in
-    from mirrorcam.optics.exports.write_exports import FILES, write_exports
+    from mirrorcam.optics.exports.write_exports import export_names, write_exports
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.workflow.output_folder import output_folder
 
     layout, pictures = Layout.load(options.layout), pictures_in(options.pictures)
     with output_folder(options.out, "cameras", force=options.force) as output:
-        output.refuse_others(*FILES)
+        output.refuse_others(*(glob.escape(name) for name in export_names(layout, pictures)))
         with output.staged() as folder:
             write_exports(layout, folder, pictures)
     say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")

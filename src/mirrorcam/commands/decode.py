@@ -32,7 +32,7 @@ class DecodeOptions(Value):
             "(t, s, 3) and the other fields of LightField), NAME.zarr of each video, and NAME_views.png of both"
         ),
     )
-    force: bool = FORCE
+    force: bool = Field(default=False, description=f"{FORCE.description}; recordings are never replaced")
     device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = DEVICES.field(
         None,
         "number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 
 import tyro
@@ -40,7 +41,7 @@ def run(options: PictureOptions) -> int:
     from mirrorcam.workflow.rendering import write_product_picture
 
     with output_folder(options.out.parent, "picture", force=options.force) as output:
-        output.refuse_others(options.out.name)
+        output.refuse_others(glob.escape(options.out.name))
         say("picture", f"{options.spp} samples per pixel ...")
         with output.staged(complete=False) as folder:
             write_product_picture(layout, options.parts, folder / options.out.name, spp=options.spp)

@@ -72,7 +72,6 @@ def run(options: SceneOptions) -> int:
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     require("render")
     from mirrorcam.render_scenes.tabletop.tabletop_set import MANIFEST, TabletopRequest
-    from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.rendering import OVERVIEW, write_scene
 
     request = TabletopRequest(
@@ -85,10 +84,7 @@ def run(options: SceneOptions) -> int:
         spp=options.spp,
     )
     views = layout.rows * layout.cols
-    with (
-        output_folder(options.out, "scene"),
-        long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance,
-    ):
+    with long_work("scene", f"1 frame + {views} true views, {options.spp} samples", "pictures") as advance:
         write_scene(request, options.out, advance)
     truth = options.out / "truth"
     say(

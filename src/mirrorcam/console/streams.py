@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import logging
 import sys
 from io import TextIOWrapper
 
@@ -22,6 +23,11 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
     character = error.object[error.start]
     spelling = _PLAIN.get(character) or character.encode("ascii", "backslashreplace").decode("ascii")
     return spelling, error.start + 1
+
+
+def quieten_libraries() -> None:
+    """Keep remarks of libraries off standard error: matplotlib's on fonts and folders of settings."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def make_readable() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,8 +39,11 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     target = default_board() if board is None else load_board(board)
     numbers = path.with_suffix(".toml") if board is None else board
     page_mm = page_for(target, page.lower())
-    with output_folder(path.parent, "board", force=force) as output, output.staged(complete=False) as folder:
-        write_board(target, folder / path.name, page_mm, numbers.name)
-        if board is None:
-            save_board(folder / numbers.name, target)
+    names = (path.name, numbers.name) if board is None else (path.name,)
+    with output_folder(path.parent, "board", force=force) as output:
+        output.refuse_others(*map(glob.escape, names))
+        with output.staged(complete=False) as folder:
+            write_board(target, folder / path.name, page_mm, numbers.name)
+            if board is None:
+                save_board(folder / numbers.name, target)
     return PrintedBoard(page_mm, numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,7 +24,7 @@ from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
-from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder
+from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams
 
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
@@ -84,13 +85,17 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
 def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter) -> int:
     layout = Layout.load(request.layout)
     check_frames(request.frames, layout, request.layout)
+    images = [path for path in request.frames if is_picture(path)]
+    output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path)))
+    if request.equalise and _equalisation_file(request) is None:
+        output.refuse_others(EQUALISATION)
+    refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
     decoder = _decoder(request, layout)
     if layout.kind == "nominal":
         reporter.note(
             "decode",
             f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
         )
-    images = [path for path in request.frames if is_picture(path)]
     damaged = _decode_pictures(images, decoder, output, reporter) if images else 0
     if decoder.equalisation is not None and _equalisation_file(request) is None:
         with output.staged(complete=False) as folder:
@@ -122,11 +127,17 @@ def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFol
     return len(damaged)
 
 
+def picture_files(path: Path) -> tuple[str, str]:
+    """Names of the light field of a picture, and of the picture of its views."""
+    return f"{path.stem}.npz", f"{path.stem}_views.png"
+
+
 def decode_picture(path: Path, decoder: Decoder, folder: Path) -> None:
     """Decode a picture into NAME.npz and NAME_views.png of a folder."""
     light_field = decoder.decode(read_image(path))
-    save_npz(folder / f"{path.stem}.npz", light_field)
-    write_image(folder / f"{path.stem}_views.png", tiles(light_field))
+    samples, views = picture_files(path)
+    save_npz(folder / samples, light_field)
+    write_image(folder / views, tiles(light_field))
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:

@@ -8,7 +8,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirrorcam.optics.base.files import atomic, inside, write_json, write_text
+from mirrorcam.optics.base.files import atomic, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing, value_digest
 from mirrorcam.optics.base.names import spreadsheet_text
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -17,6 +17,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.output_folder import OutputFolder
 from mirrorcam.workflow.sweep_work import Answer, Record, made_with, record_text
 
 if TYPE_CHECKING:
@@ -28,40 +29,36 @@ Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
 class Results:
     """Finished designs in a folder: results/KEY.json holds the outcome of a spec, layouts/KEY.json its layout."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        for part in ("results", "layouts"):
-            inside(folder, part)
-            (folder / part).mkdir(parents=True, exist_ok=True)
+    def __init__(self, output: OutputFolder) -> None:
+        self._output = output
+
+    @staticmethod
+    def names(spec: DesignSpec) -> tuple[str, str]:
+        """Paths in the folder of the record of a spec and of its layout."""
+        return f"results/{_key(spec)}.json", f"layouts/{_key(spec)}.json"
 
     @staticmethod
     def layout_name(spec: DesignSpec) -> str:
         """Path in the folder of the layout of a spec."""
-        return f"layouts/{_key(spec)}.json"
-
-    def _record(self, spec: DesignSpec) -> Path:
-        return self._folder / "results" / f"{_key(spec)}.json"
+        return Results.names(spec)[1]
 
     def finished(self, spec: DesignSpec) -> Outcome | None:
         """The outcome of a spec; None where it is missing, a failure, or made by other versions than now.
 
-        Raises InputError where its files are not as they were written: they are not replaced.
+        Raises InputError, unless files of others may be replaced, where its files are not as they were written.
         """
-        path, place = self._record(spec), self._folder / self.layout_name(spec)
+        self._output.grouped(_key(spec)).refuse_others(*self.names(spec))
+        path, layout = (self._output.path / name for name in self.names(spec))
         record = read_record(Record, path)
-        if path.exists() and (record is None or record.outcome.spec != spec):
-            raise InputError(f"{path}: is no result of this design, expected it unchanged or removed")
-        written = "" if record is None else record.layout_sha256
-        if place.exists() and not intact(place.parent, {place.name: written}):
-            raise InputError(f"{place}: was changed since it was written, expected it unchanged or removed")
-        if record is None:
+        if record is None or record.outcome.spec != spec:
             return None
-        outcome, whole = record.outcome, place.exists() == bool(written)
+        outcome, files = record.outcome, {layout.name: record.layout_sha256}
+        whole = bool(intact(layout.parent, files)) if record.layout_sha256 else not layout.exists()
         current = record.made_with == made_with() and outcome.status != "failed"
         return outcome if whole and current else None
 
     def keep(self, spec: DesignSpec, got: Answer | Died) -> Outcome:
-        """Write the outcome of a spec: its record, then the layout whose checksum is in it.
+        """Write the outcome of a spec: its record, and the layout whose checksum is in it.
 
         Raises InputError where a worker runs another version of the sources or distributions that designs depend on.
         """
@@ -73,12 +70,11 @@ class Results:
             raise InputError(
                 f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them"
             )
-        layout = self._folder / self.layout_name(spec)
-        # Of an earlier version: `finished` has seen that it is as it was written.
-        layout.unlink(missing_ok=True)
-        write_text(self._record(spec), got.record)
-        if got.layout:
-            write_text(layout, got.layout)
+        name, layout = self.names(spec)
+        with self._output.grouped(_key(spec)).staged() as folder:
+            write_text(folder / name, got.record)
+            if got.layout:
+                write_text(folder / layout, got.layout)
         return record.outcome
 
 
@@ -93,12 +89,14 @@ def _key(spec: DesignSpec) -> str:
     return value_digest(spec.model_dump(mode="json"))[:16]
 
 
-def sweep(specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress) -> list[Outcome]:
-    """Return the outcome of each spec, in their order: those in `folder` are read, the others run.
+def sweep(
+    specs: Sequence[DesignSpec], output: OutputFolder, run: Runner, progress: Progress = no_progress
+) -> list[Outcome]:
+    """Return the outcome of each spec, in their order: those in the folder are read, the others run.
 
     Every design is stored as soon as it is finished, so that an interrupted sweep loses none.
     """
-    results = Results(folder)
+    results = Results(output)
     outcomes = {number: found for number, spec in enumerate(specs) if (found := results.finished(spec)) is not None}
     missing = [number for number in range(len(specs)) if number not in outcomes]
     progress(len(outcomes), len(specs))

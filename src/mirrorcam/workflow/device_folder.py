@@ -16,12 +16,21 @@ from mirrorcam.workflow.output_folder import output_folder
 WHOLE = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
+PICTURES = (
+    *("assembled", "exploded", "light", "behind", "print", "inserts"),
+    *("mirrors", "holder", "camera", "clip", "adapter"),
+)
+"""Names of the pictures of a device."""
 FILES = (
     *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
     *(f"parts/{part}.{ending}" for part in PARTS for ending in ("step", "stl", "3mf")),
+    *(f"parts/.{part}.json" for part in PARTS),
     *(f"drawings/{part}.{ending}" for part in PARTS for ending in ("svg", "pdf")),
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
-    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/meshes/camera_hull.stl", "pictures/assembled.png"),
+    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
+    *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),
+    *(f"robot/meshes/{part}_hull.stl" for part in PARTS),
+    *(f"pictures/{name}.png" for name in PICTURES),
 )
 """Files of a device, as patterns: a file of another origin at one of these places stops the command before its work."""
 

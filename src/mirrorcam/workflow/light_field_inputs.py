@@ -48,6 +48,11 @@ class LightFieldInputs:
         if twice is not None:
             raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
 
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the results of files; those of a folder, which may hold many light fields, are known later."""
+        return tuple(path.stem for path in self.paths if not path.is_dir())
+
     def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
         """Open the light fields one after the other; `progress` is called after each file or folder.
 

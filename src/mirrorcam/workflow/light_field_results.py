@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,14 @@ from mirrorcam.workflow.output_folder import output_folder
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
+DEPTH_ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
+FEATURE_ENDINGS = ("features.npz", "features.csv", "features.png")
+EPI_ENDINGS = ("epi.npz", "epi.png")
+
+
+def result_names(name: str, endings: Sequence[str]) -> list[str]:
+    """Names of the files of a light field's results, as patterns of `refuse_others`."""
+    return [f"{glob.escape(name)}_{ending}" for ending in endings]
 
 
 @dataclass(frozen=True)
@@ -58,11 +67,12 @@ def write_depths(
     estimator: DepthEstimator | None = None
     summaries = []
     with output_folder(folder, "depth", force=force) as output:
+        output.refuse_others(*(name for each in inputs.file_names for name in result_names(each, DEPTH_ENDINGS)))
         for each in inputs.each(progress):
             if estimator is None or not estimator.fits(each.light_field):
                 near, far = each.depths_to_search(near_mm, far_mm)
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
-            output.refuse_others(f"{glob.escape(each.name)}_depth.*")
+            output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field)
             with output.staged(complete=False) as staged:
                 save_depth(staged / f"{each.name}_depth.npz", depth)
@@ -113,6 +123,7 @@ def write_features(
     depth_range_mm: tuple[float, float] | None = None
     summaries = []
     with output_folder(folder, "features", force=force) as output:
+        output.refuse_others(*(name for each in inputs.file_names for name in result_names(each, FEATURE_ENDINGS)))
         for each in inputs.each(progress):
             if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
                 depth_range_mm = each.depth_range_mm
@@ -127,7 +138,7 @@ def write_features(
                     farthest_mm=np.inf if far is None else far,
                     two_slope_sigma=search.two_slope_sigma,
                 )
-            output.refuse_others(f"{glob.escape(each.name)}_features.*")
+            output.refuse_others(*result_names(each.name, FEATURE_ENDINGS))
             found = finder.find(each.light_field)
             with output.staged(complete=False) as staged:
                 save_npz(staged / f"{each.name}_features.npz", found)
@@ -155,8 +166,9 @@ def write_epipolar_images(
     """
     empty = []
     with output_folder(folder, "epi", force=force) as output:
+        output.refuse_others(*(name for each in inputs.file_names for name in result_names(each, EPI_ENDINGS)))
         for each in inputs.each(progress):
-            output.refuse_others(f"{glob.escape(each.name)}_epi.*")
+            output.refuse_others(*result_names(each.name, EPI_ENDINGS))
             light_field = each.light_field
             lines = light_field.height_px if axis == "s" else light_field.width_px
             found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)

@@ -22,7 +22,7 @@ from pydantic import Field
 from mirrorcam.optics.base.files import inside, write_text
 from mirrorcam.optics.base.resumable import read_record
 from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.written_files import FolderRecord, WrittenFiles, refuse_blocked
+from mirrorcam.workflow.written_files import ADVICE, FORCE_ADVICE, FolderRecord, WrittenFiles, refuse_blocked
 
 HIDDEN = ".mirrorcam"
 RECORD, LOCK, HOLDER, UNFINISHED = "written.jsonl", "lock", "holder.json", "unfinished"
@@ -57,15 +57,18 @@ class OutputFolder:
         so of files whose checksum its author knew: files that came with it, never those that the user adds.
     part
         Subfolder that is written, with a record of its own; empty for the root itself.
+    group
+        Name of files that are replaced together, with a record of their own; empty for all others.
     force
-        Whether any file may be replaced.
+        Whether any file may be replaced; None where the command has no such option.
     """
 
     root: Path
     record: FolderRecord
     command: str
     part: str = ""
-    force: bool = False
+    group: str = ""
+    force: bool | None = None
 
     @property
     def path(self) -> Path:
@@ -77,10 +80,14 @@ class OutputFolder:
         inside(self.root, name)
         return replace(self, part=name)
 
+    def grouped(self, name: str) -> OutputFolder:
+        """Return the same folder for a group of files that are replaced together, whatever else is written there."""
+        return replace(self, group=name)
+
     @property
     def unfinished(self) -> Path:
         """Folder for files that are not finished, which may hold what a killed run has left."""
-        return self.root / HIDDEN / UNFINISHED / (self.part or "files")
+        return self.root / HIDDEN / UNFINISHED / (self.part or self.group or "files")
 
     def refuse_others(self, *patterns: str) -> None:
         """Raise InputError where a file of these names is there that this command has not written, or that was changed.
@@ -92,7 +99,7 @@ class OutputFolder:
         if not self.force:
             matching = [path for pattern in patterns for path in sorted(self.path.glob(pattern))]
             found = (path for path in matching if path.is_symlink() or not path.is_dir())
-            self._written.refuse_others(self.path, (path.relative_to(self.path).as_posix() for path in found))
+            self._refuse(path.relative_to(self.path).as_posix() for path in found)
 
     def refuse_unknown(self) -> None:
         """Raise InputError where the folder holds files, and none that this command has written."""
@@ -104,7 +111,7 @@ class OutputFolder:
     def refuse_changed(self) -> None:
         """Raise InputError where a file that this command has written was changed since."""
         if not self.force:
-            self._written.refuse_others(self.path, sorted(self._written.names))
+            self._refuse(sorted(self._written.names))
 
     @contextmanager
     def staged(self, *, complete: bool = True) -> Iterator[Path]:
@@ -131,9 +138,12 @@ class OutputFolder:
         """Put the unfinished files in their places, as `FolderRecord.adopt` says."""
         self.record.adopt(self._key, self.unfinished, self.path, complete=complete, force=self.force)
 
+    def _refuse(self, names: Iterable[str]) -> None:
+        self._written.refuse_others(self.path, names, advice=ADVICE if self.force is None else FORCE_ADVICE)
+
     @property
     def _key(self) -> str:
-        return f"{self.command} {self.part}".rstrip()
+        return f"{self.command} {self.part or self.group}".rstrip()
 
     @property
     def _written(self) -> WrittenFiles:
@@ -141,7 +151,7 @@ class OutputFolder:
 
 
 @contextmanager
-def output_folder(path: Path, command: str, *, force: bool = False) -> Iterator[OutputFolder]:
+def output_folder(path: Path, command: str, *, force: bool | None = None) -> Iterator[OutputFolder]:
     """Lock a folder for a command that writes into it, and make it where there is none.
 
     Raises InputError where another process holds the lock, and where the folder cannot be written. A folder in which

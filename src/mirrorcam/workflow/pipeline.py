@@ -23,7 +23,7 @@ from mirrorcam.workflow.decoding import decode_picture
 from mirrorcam.workflow.design_files import write_design
 from mirrorcam.workflow.extras import require
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
-from mirrorcam.workflow.stages import Stage, perform, staleness
+from mirrorcam.workflow.stages import MANIFEST, Stage, perform, staleness
 from mirrorcam.workflow.validation import validate, write_validation
 
 # The frame that the page shows and decodes.
@@ -225,6 +225,7 @@ def run_all(
             place = output.subfolder(stage.name)
             place.refuse_unknown()
             place.refuse_changed()
+            place.refuse_others(MANIFEST)
         for stage in stages(recipe, root):
             finish(stage, output, reporter)
         figures = _figures(root)

@@ -30,16 +30,6 @@ SHOWN_GREY = 0.01
 """Share of a picture that no view shows, above which it is reported."""
 
 LoopFormat = Literal["gif", "mp4"]
-ENDINGS = tuple(
-    f"{title}.{ending}"
-    for titles, endings in (
-        (("focus_*mm", "all_in_focus", "from"), ("npz", "png")),
-        (("orbit", "sweep"), ("gif", "mp4")),
-    )
-    for title in titles
-    for ending in endings
-)
-"""Endings of the names of the files of a light field."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +99,8 @@ def write_refocused(
     grey = []
     with output_folder(folder, "refocus", force=force) as output:
         for each in inputs.each(progress):
-            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in ENDINGS))
+            names = endings(each.light_field, request)
+            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in names))
             with output.staged(complete=False) as staged:
                 grey += _write(each, staged, request)
     return grey
@@ -149,12 +140,29 @@ def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -
     )
 
 
+def _depths_mm(light_field: LightField, request: RefocusRequest) -> tuple[float, ...]:
+    """Depths to focus on."""
+    others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
+    return request.depths_mm or (() if others else (light_field.reference_depth_mm,))
+
+
+def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
+    """What the names of the files of a light field end in."""
+    titles = [f"focus_{depth_mm:g}mm" for depth_mm in _depths_mm(light_field, request)]
+    titles += ["all_in_focus"] if request.all_in_focus else []
+    titles += ["from"] if request.from_mm is not None else []
+    loops = {"orbit": request.orbit, "sweep": request.sweep}
+    return [
+        *(f"{title}.{ending}" for title in titles for ending in ("npz", "png")),
+        *(f"{title}.{ending}" for title, ending in loops.items() if ending is not None),
+    ]
+
+
 def stills(
     light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
 ) -> Iterator[tuple[str, RenderedPicture]]:
     """The pictures of a request, each with what its name ends in."""
-    others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
-    for depth_mm in request.depths_mm or (() if others else (light_field.reference_depth_mm,)):
+    for depth_mm in _depths_mm(light_field, request):
         yield f"focus_{depth_mm:g}mm", focused(light_field, request, depth_mm)
     if depths is not None and request.all_in_focus:
         yield "all_in_focus", all_in_focus(light_field, depths)

@@ -18,6 +18,7 @@ from mirrorcam.render_scenes.sets.frame_task import FrameTask, render_frame_in_t
 from mirrorcam.render_scenes.sets.render_set import Run
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
 from mirrorcam.workflow.cluster import run_cluster
+from mirrorcam.workflow.output_folder import output_folder
 
 OVERVIEW = "truth/overview.jpg"
 JPEG_QUALITY = 85
@@ -48,9 +49,15 @@ def finished_frames(
 
 
 def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_progress) -> None:
-    """Render a photographed tabletop scene with its truth into a folder, and an overview of both."""
-    render_tabletop(request, folder, progress=progress)
-    write_image(folder / OVERVIEW, overview(folder))
+    """Render a photographed tabletop scene with its truth into a folder, and an overview of both.
+
+    Raises InputError where a file in their place is not of the scene, or was changed since.
+    """
+    with output_folder(folder, "scene") as output:
+        output.refuse_others(OVERVIEW)
+        render_tabletop(request, folder, progress=progress)
+        with output.staged(complete=False) as staged:
+            write_image(staged / OVERVIEW, overview(folder))
 
 
 def write_product_picture(layout: Layout, parts: Path, path: Path, *, spp: int = 64) -> None:

@@ -1,7 +1,7 @@
 """Stages: steps of work that are done once, and again only when something they depend on has changed.
 
 A stage owns one subfolder of the run's folder. It works in a hidden folder, whose files take their places when the work
-has ended well; then comes a manifest of everything that decided about the result: parameters, contents of the files
+has ended well. Among them is a manifest of everything that decided about the result: parameters, contents of the files
 read, the sources of the packages involved, versions of what is installed, and the contents of the files written.
 Interrupted work therefore leaves nothing behind that could be mistaken for a result.
 """
@@ -104,6 +104,7 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
     place = output.subfolder(stage.name)
     place.refuse_unknown()
     place.refuse_changed()
+    place.refuse_others(MANIFEST)
     folder, keep = place.unfinished, False
     if not stage.resumes or read_record(Manifest, folder / MANIFEST) != begun:
         place.discard()  # what is left there was interrupted while making something else
@@ -111,10 +112,8 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
     _write_manifest(folder, begun)
     try:
         stage.work(folder, progress)
-        (folder / MANIFEST).unlink()
-        done = begun.replaced(files=file_digests(folder))
+        _write_manifest(folder, begun.replaced(files=file_digests(folder, without=MANIFEST)))
         place.adopt()
-        _write_manifest(place.path, done)
     except KeyboardInterrupt:
         keep = stage.resumes
         raise

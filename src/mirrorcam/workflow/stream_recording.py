@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal
@@ -11,6 +11,7 @@ from typing import Any, Literal
 from mirrorcam.console.reporter import Reporter
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
@@ -45,8 +46,7 @@ class StreamRecorder:
         sink, suffix = _sink(self.to)
         path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
         equalisation = self.decoder.equalisation
-        if not path.exists():
-            self.output.refuse_others(glob.escape(picture))
+        refuse_streams([name], self.to, self.output)
         recording = Recording(
             path,
             about(
@@ -103,6 +103,17 @@ class StreamRecorder:
                 advance(done, max(done, expected or 0))
 
             record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)
+
+
+def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder) -> None:
+    """Raise InputError where a file of others is in the place of a recording or of the picture of its views."""
+    for name in names:
+        path = output.path / f"{name}{_sink(to)[1]}"
+        for place in (path, path.with_name(path.name + ".partial")):
+            if place.is_file():
+                raise InputError(f"{place}: is a file, expected a recording of this video, or nothing")
+        if not path.exists():
+            output.refuse_others(glob.escape(f"{name}_views.png"))
 
 
 def _sink(to: StreamFormat) -> tuple[Sink, str]:

@@ -58,8 +58,8 @@ def write_sweep(
         Outcomes and files: the table and, where a spec was solved, `pareto.png`.
     """
     with output_folder(folder, "sweep", force=force) as output:
-        output.refuse_others("sweep.*", FIGURE)
-        outcomes = sweep(specs, folder, run, progress)
+        output.refuse_others(f"sweep.{table}", FIGURE)
+        outcomes = sweep(specs, output, run, progress)
         with output.staged() as staged:
             write_table(staged / f"sweep.{table}", table_of(outcomes))
             if any(outcome.status == "solved" for outcome in outcomes):

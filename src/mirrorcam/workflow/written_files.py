@@ -12,10 +12,14 @@ from pydantic import Field, ValidationError
 
 from mirrorcam.optics.base.files import is_inside, read_bytes, write_text
 from mirrorcam.optics.base.fingerprint import file_digest, file_digests
+from mirrorcam.optics.base.interruption import deferred
 from mirrorcam.optics.base.values import InputError, Value
 
 Checksums = Mapping[str, str]
 """The sha256 of files by their path in a folder."""
+FORCE_ADVICE = "expected another --out, or --force to replace it"
+ADVICE = "expected it removed, or another --out"
+"""What to do about a file of somebody else where a command has no --force."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +45,12 @@ class WrittenFiles:
         """Return whether a file of the folder is as it was written; a link never is."""
         return any(_is(folder, name, files[name]) for files in (self.now, self.next) if name in files)
 
-    def refuse_others(self, folder: Path, names: Iterable[str], new: Checksums | None = None) -> None:
+    def refuse_others(
+        self, folder: Path, names: Iterable[str], new: Checksums | None = None, *, advice: str = FORCE_ADVICE
+    ) -> None:
         """Raise InputError for the first of the files that is in the folder, but not as it was written.
 
-        A file that already has its checksum of `new` is not refused.
+        A file that already has its checksum of `new` is not refused. The message ends with `advice`.
         """
         for name in names:
             path = folder / name
@@ -56,7 +62,7 @@ class WrittenFiles:
                     if name in self.names
                     else "was not written by this command"
                 )
-                raise InputError(f"{path}: {what}, expected another --out, or --force to replace it")
+                raise InputError(f"{path}: {what}, {advice}")
 
 
 def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
@@ -122,7 +128,7 @@ class FolderRecord:
             stream.write(line.text)
         self._note(line)
 
-    def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool) -> None:
+    def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool | None) -> None:
         """Put every file of a folder in its place in another, as files of a command.
 
         Parameters
@@ -137,7 +143,8 @@ class FolderRecord:
             Whether files that the command wrote before and that are not among these are deleted: all of them, else
             those in subfolders that are written again. One that was changed since stays.
         force
-            Whether files may be replaced that the command did not write, or that were changed since.
+            Whether files may be replaced that the command did not write, or that were changed since; None where the
+            command has no option for that.
 
         Raises
         ------
@@ -149,7 +156,7 @@ class FolderRecord:
         before = written.settled(folder)
         refuse_blocked(folder, staged)
         if not force:
-            before.refuse_others(folder, staged, staged)
+            before.refuse_others(folder, staged, staged, advice=ADVICE if force is None else FORCE_ADVICE)
         rewritten = {name.partition("/")[0] for name in staged if "/" in name}
         stale = sorted(
             name
@@ -157,16 +164,17 @@ class FolderRecord:
             if complete or ("/" in name and name.partition("/")[0] in rewritten)
         )
         settled = {name: sha256 for name, sha256 in written.next.items() if before.now.get(name) == sha256}
-        self._append(_Line(command=command, now=settled, next=staged))
-        for name in stale:
-            if before.holds(folder, name):
-                (folder / name).unlink()
-                _remove_empty((folder / name).parent, folder)
-        for name in staged:
-            place = folder / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            (staging / name).replace(place)
-        self._append(_Line(command=command, now=staged, gone=tuple(stale)))
+        with deferred():
+            self._append(_Line(command=command, now=settled, next=staged))
+            for name in stale:
+                if before.holds(folder, name):
+                    (folder / name).unlink()
+                    _remove_empty((folder / name).parent, folder)
+            for name in staged:
+                place = folder / name
+                place.parent.mkdir(parents=True, exist_ok=True)
+                (staging / name).replace(place)
+            self._append(_Line(command=command, now=staged, gone=tuple(stale)))
 
 
 def _remove_empty(path: Path, root: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,18 @@ import pytest
 
 from benchmarks.robustness import kills
 from benchmarks.robustness.guard import watched
-from benchmarks.robustness.kills import COMMANDS, MARK, contents, cycle, half_written, processes_with
+from benchmarks.robustness.kills import (
+    COMMANDS,
+    MARK,
+    TERMINATED,
+    End,
+    Killed,
+    contents,
+    cycle,
+    half_written,
+    processes_with,
+    unlike_the_end,
+)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are found by their environment on Linux only")
@@ -20,6 +32,27 @@ def test_a_recording_that_is_killed_is_gone_on_with(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(kills, "SECONDS_TO_END", 20.0)  # on a busy machine
     decode = next(command for command in COMMANDS if command.name == "decode")
     assert watched(lambda seed, folder: cycle(decode, seed, folder), 1, 300.0) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found by their environment on Linux only")
+@pytest.mark.parametrize("command", TERMINATED, ids=lambda command: command.name)
+def test_a_command_that_is_terminated_says_so_and_takes_its_workers_along(
+    command: Killed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kills, "SECONDS_TO_END", 20.0)  # on a busy machine
+    assert watched(lambda seed, folder: cycle(command, seed, folder, signal.SIGTERM), 1, 1200.0) == ""
+
+
+def test_an_end_without_a_word_is_found() -> None:
+    whole = {"a": "1"}
+    said = "mirrorcam: terminated; finished files are whole\n"
+    assert unlike_the_end(End(143, said, ()), signal.SIGTERM, {}, whole) == ""
+    assert unlike_the_end(End(0, "", ()), signal.SIGTERM, whole, whole) == ""
+    assert unlike_the_end(End(-15, "", ()), signal.SIGTERM, {}, whole) == ""
+    assert unlike_the_end(End(-15, "", ()), signal.SIGTERM, {"a": "0"}, whole) == "ended with -15: ''"
+    assert unlike_the_end(End(143, said * 2, ()), signal.SIGTERM, {}, whole).startswith("ended with 143")
+    assert unlike_the_end(End(-9, "", ()), signal.SIGKILL, {}, whole) == ""
 
 
 def test_half_written_files_are_found(tmp_path: Path) -> None:

@@ -33,6 +33,17 @@ def test_a_refusal_is_ascii_and_one_line(tmp_path: Path) -> None:
     assert said.endswith(".json: no such file\n")
 
 
+def test_matplotlib_makes_no_remarks_on_its_folders(tmp_path: Path) -> None:
+    (tmp_path / "home").write_text("no folder")
+    program = "from mirrorcam.console.streams import quieten_libraries; quieten_libraries(); import matplotlib.pyplot"
+    others = {name: value for name, value in os.environ.items() if not name.startswith(("XDG", "MPL"))}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command, env=others | {"HOME": str(tmp_path / "home")}, capture_output=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_characters_are_spelled_where_the_stream_lacks_them(tmp_path: Path) -> None:
     program = (
         "from mirrorcam.console.streams import make_readable; make_readable()\n"

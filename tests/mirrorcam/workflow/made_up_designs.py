@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
+from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import Outcome, grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.design_sweep import Runner, sweep
+from mirrorcam.workflow.output_folder import output_folder
 from mirrorcam.workflow.sweep_work import Answer, record_text
 
 SPECS = grid(
@@ -17,6 +21,14 @@ SPECS = grid(
     scales_mm=[80.0],
     tradeoffs=[0.3, 0.6],
 )
+
+
+def sweep_into(
+    specs: Sequence[DesignSpec], folder: Path, run: Runner, progress: Progress = no_progress
+) -> list[Outcome]:
+    """Sweep in a folder as the command does, without a table."""
+    with output_folder(folder, "sweep") as output:
+        return sweep(specs, output, run, progress)
 
 
 class Counting:

@@ -15,9 +15,10 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.workflow.design_sweep import sweep
+from mirrorcam.workflow.output_folder import HIDDEN
 from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 from mirrorcam.workflow.sweep_work import Answer
+from tests.mirrorcam.workflow.made_up_designs import sweep_into
 
 pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
 SPECS = grid(
@@ -30,7 +31,8 @@ SPECS = grid(
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {name: content for name, content in files.items() if not name.startswith(HIDDEN)}
 
 
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
@@ -56,10 +58,10 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
             yield number, got
             assert len(list((tmp_path / "cluster" / "results").iterdir())) == yielded
 
-    outcomes = sweep(SPECS, tmp_path / "cluster", with_a_kill)
+    outcomes = sweep_into(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
     assert [outcome.status for outcome in outcomes] == ["solved"] * len(SPECS)
-    assert outcomes == sweep(SPECS, tmp_path / "local", partial(design_here, workers=2))
+    assert outcomes == sweep_into(SPECS, tmp_path / "local", partial(design_here, workers=2))
     assert files_of(tmp_path / "cluster") == files_of(tmp_path / "local")
 
 
@@ -76,7 +78,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
                 process.kill()
 
     with pytest.raises(InputError, match="the connection to the scheduler was lost"):
-        sweep(SPECS, tmp_path, until_lost)
+        sweep_into(SPECS, tmp_path, until_lost)
     kept = files_of(tmp_path)
     assert kept
     asked: list[DesignSpec] = []
@@ -85,5 +87,5 @@ def test_a_lost_scheduler_keeps_what_is_finished(
         asked.extend(specs)
         yield from design_here(specs, 2)
 
-    sweep(SPECS, tmp_path, noting)
+    sweep_into(SPECS, tmp_path, noting)
     assert len(asked) + len([name for name in kept if name.startswith("results/")]) == len(SPECS)

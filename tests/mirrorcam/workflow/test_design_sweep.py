@@ -23,40 +23,42 @@ from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import sweep_work
-from mirrorcam.workflow.design_sweep import Results, sweep, table_of, write_table
+from mirrorcam.workflow.design_sweep import Results, table_of, write_table
+from mirrorcam.workflow.output_folder import HIDDEN
 from mirrorcam.workflow.sweep_run import design_here
 from mirrorcam.workflow.sweep_work import Answer, answer, record_text
-from tests.mirrorcam.workflow.made_up_designs import SPECS, Counting, solved
+from tests.mirrorcam.workflow.made_up_designs import SPECS, Counting, solved, sweep_into
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {name: content for name, content in files.items() if not name.startswith(HIDDEN)}
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Outcome]]:
     """A folder with the four designs of SPECS, made one after another in one process."""
     folder = tmp_path_factory.mktemp("finished")
-    outcomes = sweep(SPECS, folder, partial(design_here, workers=1))
+    outcomes = sweep_into(SPECS, folder, partial(design_here, workers=1))
     assert [outcome.status for outcome in outcomes] == ["solved"] * 4
     return folder, outcomes
 
 
 def test_outcomes_come_in_the_order_of_the_specs(tmp_path: Path) -> None:
     said: list[tuple[int, int]] = []
-    outcomes = sweep(SPECS, tmp_path, Counting(), lambda done, total: said.append((done, total)))
+    outcomes = sweep_into(SPECS, tmp_path, Counting(), lambda done, total: said.append((done, total)))
     assert [outcome.spec for outcome in outcomes] == list(SPECS)
     assert said == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 def test_what_is_finished_is_not_done_again(tmp_path: Path) -> None:
-    first = sweep(SPECS[:2], tmp_path, Counting(solved))
+    first = sweep_into(SPECS[:2], tmp_path, Counting(solved))
     runner = Counting(solved)
-    outcomes = sweep(SPECS, tmp_path, runner)
+    outcomes = sweep_into(SPECS, tmp_path, runner)
     assert sorted(runner.asked, key=SPECS.index) == list(SPECS[2:])
     assert outcomes[:2] == first
     again = Counting()
-    assert sweep(SPECS, tmp_path, again) == outcomes
+    assert sweep_into(SPECS, tmp_path, again) == outcomes
     assert again.asked == []
 
 
@@ -85,51 +87,55 @@ def alter_layout(folder: Path) -> None:
     (folder / "layouts" / record_of(folder).name).write_text("{ }")
 
 
-def age_record(folder: Path) -> None:
-    data = json.loads(record_of(folder).read_text())
-    data["made_with"]["casadi"] = "3.0.0"
-    record_of(folder).write_text(json.dumps(data))
-
-
 def swap_records(folder: Path) -> None:
     first, second, *_ = sorted((folder / "results").iterdir())
     first.write_bytes(second.read_bytes())
 
 
-@pytest.mark.parametrize("harm", [delete_both, delete_layout, age_record])
-def test_what_is_missing_or_out_of_date_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
-    sweep(SPECS, tmp_path, Counting(solved))
+def edit_record(folder: Path) -> None:
+    data = json.loads(record_of(folder).read_text())
+    data["outcome"]["finding"] = "my own words"
+    record_of(folder).write_text(json.dumps(data))
+
+
+@pytest.mark.parametrize("harm", [delete_both, delete_record, delete_layout])
+def test_what_is_missing_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
+    sweep_into(SPECS, tmp_path, Counting(solved))
     before = files_of(tmp_path)
     harm(tmp_path)
     runner = Counting(solved)
-    sweep(SPECS, tmp_path, runner)
+    sweep_into(SPECS, tmp_path, runner)
     assert len(runner.asked) == 1
     assert files_of(tmp_path) == before
 
 
-@pytest.mark.parametrize("harm", [delete_record, truncate_record, alter_layout, swap_records])
+@pytest.mark.parametrize("harm", [truncate_record, edit_record, alter_layout, swap_records])
 def test_what_was_changed_is_refused_until_it_is_deleted(harm: Callable[[Path], None], tmp_path: Path) -> None:
-    sweep(SPECS, tmp_path, Counting(solved))
+    sweep_into(SPECS, tmp_path, Counting(solved))
     before = files_of(tmp_path)
     name = record_of(tmp_path).name
     harm(tmp_path)
     changed = files_of(tmp_path)
-    with pytest.raises(InputError, match=rf"{name}: .*, expected it unchanged or removed"):
-        sweep(SPECS, tmp_path, Counting(solved))
+    with pytest.raises(InputError, match=rf"{name}: was changed since this command wrote it"):
+        sweep_into(SPECS, tmp_path, Counting(solved))
     assert files_of(tmp_path) == changed
     for folder in ("results", "layouts"):
         (tmp_path / folder / name).unlink(missing_ok=True)
-    sweep(SPECS, tmp_path, Counting(solved))
+    sweep_into(SPECS, tmp_path, Counting(solved))
     assert files_of(tmp_path) == before
 
 
-def test_changed_sources_make_everything_out_of_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sweep(SPECS, tmp_path, Counting())
+def change_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     other = sweep_work.made_with() | {"mirrorcam.optics.design": "0" * 64}
     for module in ("mirrorcam.workflow.design_sweep", "mirrorcam.workflow.sweep_work"):
         monkeypatch.setattr(f"{module}.made_with", lambda: other)
+
+
+def test_changed_sources_make_everything_out_of_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sweep_into(SPECS, tmp_path, Counting())
+    change_sources(monkeypatch)
     runner = Counting()
-    sweep(SPECS, tmp_path, runner)
+    sweep_into(SPECS, tmp_path, runner)
     assert len(runner.asked) == 4
 
 
@@ -148,19 +154,21 @@ def test_a_failure_is_told_and_tried_again(tmp_path: Path) -> None:
     def died(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         yield 0, Died("3 workers died of it, the last by signal 9")
 
-    (outcome,) = sweep(SPECS[:1], tmp_path, died)
+    (outcome,) = sweep_into(SPECS[:1], tmp_path, died)
     assert (outcome.status, outcome.finding) == ("failed", "3 workers died of it, the last by signal 9")
     assert json.loads(record_of(tmp_path).read_text())["outcome"]["status"] == "failed"
     runner = Counting(solved)
-    assert [outcome.status for outcome in sweep(SPECS[:1], tmp_path, runner)] == ["solved"]
+    assert [outcome.status for outcome in sweep_into(SPECS[:1], tmp_path, runner)] == ["solved"]
     assert len(runner.asked) == 1
 
 
-def test_a_design_that_has_become_infeasible_takes_its_layout_along(tmp_path: Path) -> None:
-    sweep(SPECS, tmp_path, Counting(solved))
-    age_record(tmp_path)
-    sweep(SPECS, tmp_path, Counting())
-    assert len(list((tmp_path / "layouts").iterdir())) == 3
+def test_a_design_that_has_become_infeasible_takes_its_layout_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweep_into(SPECS, tmp_path, Counting(solved))
+    change_sources(monkeypatch)
+    sweep_into(SPECS[1:], tmp_path, Counting())
+    assert len(list((tmp_path / "layouts").iterdir())) == 1
 
 
 def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: Path) -> None:
@@ -170,7 +178,7 @@ def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: 
         yield 0, Answer(json.dumps(record), "{}")
 
     with pytest.raises(InputError, match=r"^scipy of a worker is not what this sweep began with"):
-        sweep(SPECS, tmp_path, foreign)
+        sweep_into(SPECS, tmp_path, foreign)
     assert files_of(tmp_path) == {}
 
 
@@ -183,7 +191,7 @@ def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
         for number, got in design_here(specs[::-1], 2):
             yield len(specs) - 1 - number, got
 
-    assert sweep(SPECS, tmp_path, backwards) == outcomes
+    assert sweep_into(SPECS, tmp_path, backwards) == outcomes
     assert files_of(tmp_path) == files_of(folder)
     for outcome in outcomes:
         layout = Layout.load(tmp_path / Results.layout_name(outcome.spec))
@@ -207,7 +215,7 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
             yield number, got
             kept.append([path.name for path in (tmp_path / "results").iterdir()])
 
-    assert sweep(SPECS, tmp_path, with_a_kill) == outcomes
+    assert sweep_into(SPECS, tmp_path, with_a_kill) == outcomes
     assert [len(names) for names in kept] == [1, 2, 3, 4]
     assert files_of(tmp_path) == files_of(folder)
 
@@ -318,7 +326,7 @@ def test_the_table_holds_no_time(finished: tuple[Path, list[Outcome]]) -> None:
 def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path: Path) -> None:
     runner = Counting()
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(OSError, match="out"):
-        sweep(SPECS, tmp_path / "out", runner)
+    with pytest.raises(InputError, match="out: is a file, expected a folder"):
+        sweep_into(SPECS, tmp_path / "out", runner)
     assert runner.asked == []
     shutil.rmtree(tmp_path)

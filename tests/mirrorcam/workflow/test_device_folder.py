@@ -40,14 +40,20 @@ def test_the_files_of_every_part_are_known_before_it_is_built(default_layout: La
     assert [name for name in names if not any(fnmatchcase(name, pattern) for pattern in FILES)] == []
 
 
-@pytest.mark.parametrize("name", ["parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x", "parts/.mount.json"),
+        *("pictures/exploded.png", "robot/meshes/mirror_holder_hull.stl", "robot/meshes/mirrors.stl"),
+    ],
+)
 @pytest.mark.parametrize("force", [False, True])
 def test_what_is_in_the_way_is_refused_before_the_work(
     name: str, force: bool, default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built: list[Path] = []
     monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda layout, folder, *rest, **named: built.append(folder))
-    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
     if force and name.count("/") and not name.startswith("bom"):
         write_device(default_layout, tmp_path, force=True)

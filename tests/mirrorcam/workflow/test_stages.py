@@ -70,8 +70,8 @@ def alter_input(root: Path) -> None:
     (root / "source.txt").write_text("second")
 
 
-def delete_manifest_content(root: Path) -> None:
-    (root / "copy" / MANIFEST).write_text("{")
+def delete_manifest(root: Path) -> None:
+    (root / "copy" / MANIFEST).unlink()
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def delete_manifest_content(root: Path) -> None:
         (delete_output, "deep/parameters.txt is missing"),
         (delete_folder, "not made yet"),
         (alter_input, "source.txt changed"),
-        (delete_manifest_content, "not made yet"),
+        (delete_manifest, "not made yet"),
     ],
 )
 def test_whatever_changes_on_disk_makes_it_stale_until_it_is_done_again(
@@ -103,6 +103,9 @@ def test_what_somebody_changed_is_replaced_by_force_alone(root: Path) -> None:
     with pytest.raises(InputError, match=r"text\.txt: was changed since this command wrote it, expected .* --force"):
         done(stage, root)
     assert (root / "copy" / "text.txt").read_text() == "forged"
+    (root / "copy" / MANIFEST).write_text("{")
+    with pytest.raises(InputError, match=r"stage\.json: was changed since this command wrote it"):
+        done(stage, root)
     done(stage, root, force=True)
     assert not staleness(stage, root)
     assert (root / "copy" / "text.txt").read_text() == "first"

@@ -13,8 +13,8 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import TEMPORARY
 from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.resumable import UNFINISHED
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -285,7 +285,8 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(
     shutil.copytree(finished, out)
     (out / "truth/depth/1_2.exr").unlink()
     (out / "frames/0000.png").unlink()
-    (out / f"frames/{TEMPORARY}left.png").write_bytes(b"over")
+    (out / UNFINISHED).mkdir()
+    (out / UNFINISHED / "left.png").write_bytes(b"over")
     heard: list[tuple[int, int]] = []
     render_tabletop(asked, out, progress=lambda done, total: heard.append((done, total)))
     assert contents(out) == contents(finished)

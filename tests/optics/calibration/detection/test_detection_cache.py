@@ -55,6 +55,16 @@ def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
     assert loaded(tmp_path) is None
 
 
+def test_what_is_there_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_text("mine")
+    assert loaded(tmp_path) is None
+    detection_cache.save(tmp_path, "a", DetectedFrame(Observations.none()))
+    assert (tmp_path / "a.npz").read_text() == "mine"
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file: is a file, expected a folder for found corners"):
+        detection_cache.check_folder(tmp_path / "file")
+
+
 @pytest.mark.parametrize(
     "arrays",
     [
