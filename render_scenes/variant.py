@@ -142,7 +142,7 @@ def choose_variant() -> str:
 def _ready(variant: str) -> None:
     """Raise InputError unless a variant can run; for LLVM, point Dr.Jit at a library that it can use."""
     if variant.startswith("cuda") and not gpu_answers():
-        raise InputError(f"variant {variant} needs a GPU with a CUDA driver, none answers")
+        raise InputError(f"variant {variant} needs a GPU with a CUDA driver, found none")
     library = usable_library()
     if library is None:
         if variant.startswith("llvm"):

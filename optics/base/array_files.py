@@ -77,7 +77,7 @@ def read_npz(
         for name, info in wanted.items():
             # Other decompressors cannot be told how much to give at most.
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise ValueError(f"{name} is compressed otherwise than by deflate")
+                raise ValueError(f"{name} is compressed by another method than deflate")
             with archive.open(info) as stream:
                 arrays[name] = _array(stream, path, info.file_size, stored)
         return arrays
@@ -93,7 +93,7 @@ def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any
     if dtype.kind not in "uifbcU" or dtype.names is not None or dtype.subdtype is not None or not dtype.itemsize:
         raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")
     if any(length < 0 or isinstance(length, bool) for length in shape):
-        raise ValueError("its shape is none")
+        raise ValueError("its shape has a negative length")
     wanted = dtype.itemsize * math.prod(shape)
     check_bytes(path, wanted, stored)
     if stream.tell() + wanted != size:

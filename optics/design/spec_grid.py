@@ -50,7 +50,7 @@ def grid(
     fields = {name: getattr(common, name) for name in DesignSpec.model_fields}
     for axis, choices in axes.items():
         if not choices:
-            raise InputError(f"{axis}: nothing to choose from, expected one or more")
+            raise InputError(f"{axis}: no value, expected one or more")
         for choice in choices:
             text = "x".join(str(value) for value in choice.values())
             if choices.count(choice) > 1:

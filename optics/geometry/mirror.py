@@ -68,7 +68,7 @@ class Mirror(Value):
             raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
         if self.is_second_surface and self.distance_mm <= self.front_mm:
             past_mm = self.front_mm - self.distance_mm
-            raise ValueError(f"second-surface mirror reaches {past_mm:.3g} mm past the pupil, expected it before it")
+            raise ValueError(f"second-surface mirror reaches {past_mm:.3g} mm past the pupil, expected it in front")
         curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
         if curvature > limit:
             raise ValueError(

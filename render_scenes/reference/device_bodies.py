@@ -79,7 +79,7 @@ def check_mirrors(folder: Path, nominal: Layout) -> None:
     corners = cKDTree(np.concatenate([body.points for body in solids]))
     off_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
     if len(solids) != len(nominal.mirrors) or off_mm > SAME_MM:
-        raise InputError(f"{folder}: parts of another layout, expected what `mirrorcam cad` wrote of this one")
+        raise InputError(f"{folder}: parts of another layout, expected those that `mirrorcam cad` wrote for this one")
 
 
 def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:

@@ -140,7 +140,7 @@ def _flush() -> None:
 def parse(arguments: Sequence[str]) -> Command:
     """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
     if any("\x00" in argument for argument in arguments):
-        raise InputError("an argument holds a null character, which no name and no value has")
+        raise InputError("an argument contains a null character")
     registry = ConstructorRegistry()
     registry.primitive_rule(_camera_rule)
     printed = StringIO()

@@ -174,5 +174,5 @@ def _step(
     try:
         step = -cho_solve(cho_factor(scaled + damping * np.eye(size)), right / scale) / scale
     except np.linalg.LinAlgError:
-        raise UndeterminedError("the corners leave a free virtual camera open") from None
+        raise UndeterminedError("the corners do not determine a free virtual camera") from None
     return step, np.array([-solved[:, -1] - solved[:, :-1] @ step for solved in frames])

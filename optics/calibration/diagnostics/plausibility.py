@@ -58,7 +58,7 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
         across = np.degrees(np.sqrt(max(float(np.trace(block)) - (along * length) ** 2, 0.0) / 2.0) / length)
         if not (across < MAX_NORMAL_DEG and along < MAX_DISTANCE):
             raise InputError(
-                f"the pictures leave mirror {mirrors[m]} open by {across:.2g} deg and {along:.2g} of its distance, "
+                f"the pictures determine mirror {mirrors[m]} only to {across:.2g} deg and {along:.2g} of its distance, "
                 f"expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and nearer"
             )
 

@@ -123,7 +123,7 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
         Check(
             f"Residuals beyond 3 {SIGMA}",
             Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
-            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}, where noise puts 0.3 %",
+            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}, where noise alone gives 0.3 %",
             "Leave out blurred or dim pictures: their corners are worse than the others'.",
         ),
         Check(

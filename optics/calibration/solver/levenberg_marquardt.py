@@ -133,14 +133,14 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
     try:
         matrix, _ = normal.reduced(0.0)
     except np.linalg.LinAlgError:
-        raise UndeterminedError(f"{len(observations)} corners leave open where a board stood") from None
+        raise UndeterminedError(f"{len(observations)} corners do not determine the pose of a board") from None
     scale = 1.0 / np.sqrt(information)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     if values.size and not values[0] > SINGULAR:
         most = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
         together = ", ".join(parameters[place] for place in most)
         raise UndeterminedError(
-            f"{len(observations)} corners leave a direction of the problem open, most of it {together}"
+            f"{len(observations)} corners do not determine a direction of the problem, most of it {together}"
         )
     vectors = vectors * scale[:, None]
     return np.asarray((vectors / values) @ vectors.T)

@@ -218,6 +218,6 @@ def faceted_parabola(spec: DesignSpec) -> Layout:
         raise InfeasibleDesign(
             "spacing",
             f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
-            f"they come {missing_mm:.3g} mm too close however small they are",
+            f"they are {missing_mm:.3g} mm too close at any size",
         )
     return _parabola_with_gap(spec, brentq(excess_mm, least, greatest, xtol=1e-7) + 2e-7)

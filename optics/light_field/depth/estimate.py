@@ -216,9 +216,9 @@ def _square(side_px: int) -> NDArray[np.uint8]:
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if views.rows * views.cols < 2:
-        raise InputError("light field has one view, expected two or more to tell depth")
+        raise InputError("light field has one view, expected two or more to measure depth")
     if np.abs(views.positions_mm[..., :2]).max() < 1e-9:
-        raise InputError("all views are in one place, expected some distance between them to tell depth")
+        raise InputError("all views are in one place, expected some distance between them to measure depth")
     if min(views.width_px, views.height_px) < SMALLEST_PX:
         raise InputError(
             f"views are {views.width_px}x{views.height_px} px, expected {SMALLEST_PX} or more along each side"

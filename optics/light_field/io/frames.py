@@ -217,7 +217,7 @@ class CaptureDevice:
                     missed = 0
                     yield Frame(number, moment, np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
                 number += 1
-            raise InputError(f"camera {self.number} gave no picture {PATIENCE} times in a row, expected it to stay")
+            raise InputError(f"camera {self.number} gave no picture {PATIENCE} times in a row, is it connected?")
         finally:
             self._capture.release()
 

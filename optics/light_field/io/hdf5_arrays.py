@@ -75,11 +75,11 @@ def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
         raise InputError(f"{where} has filter {min(unknown)}, expected none but {', '.join(FILTERS.values())}")
     if dataset.chunks is None:
         if dataset.id.get_storage_size() != dataset.nbytes:
-            raise InputError(f"{where} is not there as a whole")
+            raise InputError(f"{where} is incomplete")
         return
     sizes = [-(-length // chunk) for length, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
     if dataset.id.get_num_chunks() != math.prod(sizes):
-        raise InputError(f"{where} is not there as a whole")
+        raise InputError(f"{where} is incomplete")
     chunk_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
     check_bytes(path, chunk_bytes, stored)
     if _DEFLATE in filters:

@@ -164,5 +164,5 @@ class _Matrix:
 
     def _numbers(self, kind: int, content: memoryview) -> Any:
         if kind not in _TYPES:
-            raise ValueError(f"numbers of type {kind}, which there is not")
+            raise ValueError(f"numbers of an unknown type {kind}")
         return np.frombuffer(content, f"{self._order}{_TYPES[kind]}")

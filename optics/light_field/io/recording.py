@@ -145,7 +145,7 @@ class Recording:
         lines = whole_lines(journal)
         if lines and (other := differing(lines[0], self._about)):
             raise InputError(
-                f"{self._folder}: begins something else, expected the same job again, or no such folder: "
+                f"{self._folder}: is the beginning of another job, expected the same job or no such folder: "
                 f"{' and '.join(other)} differ"
             )
         if not lines and self._folder.exists() and not set(self._folder.iterdir()) <= {journal}:

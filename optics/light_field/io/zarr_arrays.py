@@ -81,7 +81,7 @@ class ArrayMetadata(Value):
         if names not in (("bytes",), ("bytes", "blosc"), ("bytes", "zstd")):
             raise ValueError(f"codecs {' '.join(names)[:80]}, expected bytes, and blosc, zstd or none")
         if self.codecs[0].configuration.get("endian", "little") != "little":
-            raise ValueError("bytes are not of little end first")
+            raise ValueError("bytes are not little-endian")
         return self
 
 
@@ -188,5 +188,5 @@ def _stated(raw: bytes, codec: str) -> int:
     begin = 5 + (0 if is_single else 1) + (0, 1, 2, 4)[flags & 3]
     length = (is_single, 2, 4, 8)[flags >> 6]
     if not length:
-        raise ValueError("does not state how much it holds")
+        raise ValueError("does not state its size")
     return int.from_bytes(raw[begin : begin + length], "little") + (256 if length == 2 else 0)

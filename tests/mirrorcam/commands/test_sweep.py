@@ -64,7 +64,7 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
     [
         ("--counts 3by3", "--counts '3by3': expected rows x columns, like 3x5"),
         ("--counts 0x3", "counts: 0x3: rows: Input should be greater than or equal to 1"),
-        ("--counts", "counts: nothing to choose from"),
+        ("--counts", "counts: no value"),
         ("--counts 2x2 2x2", "counts: 2x2 is named twice"),
         ("--depth-sets-mm 300;500", "--depth-sets-mm '300;500': expected depths with commas between them"),
         ("--depth-sets-mm 300,-5", "depths_mm.1: Input should be greater than or equal to 0.001"),

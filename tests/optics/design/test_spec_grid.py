@@ -45,7 +45,7 @@ def test_a_grid_holds_specs_and_nothing_derived_from_them() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"counts": []}, "^counts: nothing to choose from"),
+        ({"counts": []}, "^counts: no value"),
         ({"counts": [(0, 3)]}, "^counts: 0x3: rows: Input should be greater than or equal to 1"),
         ({"counts": [(1, 1)]}, "^counts: 1x1: rows x cols is 1, expected at least two mirrors"),
         ({"counts": [(2, 2), (3, 3), (2, 2)]}, "^counts: 2x2 is named twice"),

@@ -13,6 +13,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
@@ -114,7 +115,7 @@ def frame_of(contents: Contents, frame: int, path: Path) -> LightField:
     """The light field at an index of what a path holds, or InputError where there is none."""
     count = len(contents.frames)
     if not 0 <= frame < count:
-        raise InputError(f"{path}: has {'one frame' if count == 1 else f'{count} frames'}, expected no frame {frame}")
+        raise InputError(f"{path}: has {count_text(count, 'frame')}, no frame {frame}")
     return contents.frames[frame]
 
 

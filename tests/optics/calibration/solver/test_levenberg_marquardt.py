@@ -101,6 +101,6 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> No
     alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
     noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
     with pytest.raises(
-        UndeterminedError, match="54 corners leave a direction of the problem open, most of it mirror 0"
+        UndeterminedError, match="54 corners do not determine a direction of the problem, most of it mirror 0"
     ):
         fit(alone, noisy, scene.model)

@@ -68,7 +68,7 @@ def test_a_recording_gives_back_every_light_field(tmp_path: Path, decoder: Decod
     with pytest.raises(IndexError, match="frame 19, expected one of 19"):
         stored[COUNT - 1]
     assert np.array_equal(open_light_field(tmp_path / "a.zarr", frame=3).samples, stored[3].samples)
-    with pytest.raises(InputError, match=r"a.zarr: has 19 frames, expected no frame 19"):
+    with pytest.raises(InputError, match=r"a.zarr: has 19 frames, no frame 19"):
         open_light_field(tmp_path / "a.zarr", frame=19)
 
 
@@ -122,7 +122,7 @@ def test_something_else_is_never_written_over(
     record(decoder, video, begun, limit=3)
     begun.close()
     before = content(tmp_path)
-    with pytest.raises(InputError, match=r"a\.partial: begins something else, expected the same job again"):
+    with pytest.raises(InputError, match=r"a\.partial: is the beginning of another job, expected the same job"):
         begin(tmp_path / "a", decoder, new_sink(), gain=[1.0])
     assert content(tmp_path) == before
     again = begin(tmp_path / "a", decoder, new_sink())

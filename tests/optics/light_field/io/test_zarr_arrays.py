@@ -61,7 +61,7 @@ def test_chunks_of_zeros_have_no_files(tmp_path: Path) -> None:
     [
         ({"codecs": [{"name": "bytes"}, {"name": "gzip"}]}, "codecs bytes gzip, expected"),
         ({"codecs": [{"name": "numcodecs.pickle"}]}, "codecs numcodecs.pickle, expected"),
-        ({"codecs": [{"name": "bytes", "configuration": {"endian": "big"}}]}, "little end first"),
+        ({"codecs": [{"name": "bytes", "configuration": {"endian": "big"}}]}, "bytes are not little-endian"),
         ({"codecs": [{"name": "bytes"}, {"name": "zstd"}, {"name": "zstd"}]}, "codecs"),
         ({"data_type": "string"}, "data_type: "),
         ({"data_type": "complex64"}, "data_type: "),

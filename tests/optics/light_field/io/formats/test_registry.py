@@ -134,7 +134,7 @@ def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
             open_light_field(path)
         assert "\n" not in str(refused.value)
     write_light_field(tmp_path / "b.mat", noise(2, 2), "lftoolbox")
-    with pytest.raises(InputError, match="has one frame, expected no frame 2"):
+    with pytest.raises(InputError, match="has 1 frame, no frame 2"):
         open_light_field(tmp_path / "b.mat", frame=2)
     (tmp_path / "a.ply").write_bytes(b"ply")
     with pytest.raises(InputError, match="ply is only written"):
