@@ -18,7 +18,7 @@ PRESSED_MM = 0.1
 TOUCH_MM = 0.08
 # A pin is glued into holes a little wider than itself, one in each of two parts: it holds across a gap of this width.
 PINNED_MM = 0.2
-# How far apart solids further from each other than this are is not looked for.
+# Distances of solids beyond this are not measured.
 NEAR_MM = 10.0
 # Fasteners by the beginning of their names, and what a screw holds in.
 FASTENERS = ("screw", "insert", "nut", "pin")

@@ -37,7 +37,7 @@ WRIST_SAGITTA_MM = 0.02
 # five times as bright as the scene and the lens scatters 3 % of the light over all of the picture (its veiling glare,
 # ISO 9358).
 STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
-# From how far off its seat a mirror is let down, in its thicknesses.
+# Height over its seat from which a mirror is lowered, in its thicknesses.
 DROP_OF_THICKNESS = 4.0
 # The clearance around a mirror is tested this much smaller than stated, so that walls just there are not met.
 ROUNDING_MM = 1e-3

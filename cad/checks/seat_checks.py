@@ -30,7 +30,7 @@ WALL_SEARCH_MM = 0.1
 WALL_SEARCH_DEG = 0.1
 CURVE_POINTS = 17
 # Areas below this, a third of the square of a printed line, are ignored, whether they support the mirror or not.
-# What stands in a mirror's way, however small, is found when the mirror is let down into its seat.
+# What stands in a mirror's way, however small, is found when the mirror is lowered into its seat.
 DOT_MM2 = 0.05
 
 

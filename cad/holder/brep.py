@@ -61,7 +61,7 @@ def _welded(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Triangles (n, 3) and their planes (n,) without edges that are shorter than `CORNER_MM`.
 
-    Such edges come of one plane that was computed in two ways.
+    Such edges result from one plane that was computed in two ways.
     """
     same = np.arange(len(corners))
     for i in range(3):

@@ -269,7 +269,7 @@ def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
 
 
 def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
-    """The body, less crumbs that light leaves where seats meet, too small to print; InputError where it falls apart."""
+    """The body, without fragments where seats meet that are too small to print; InputError where it falls apart."""
     pieces = fragments(body, crumb_mm)
     if len(pieces) != 1:
         raise InputError(f"mirror holder falls apart into {len(pieces)} pieces where the light passes, expected one")

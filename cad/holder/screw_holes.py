@@ -45,7 +45,7 @@ def slot_width_mm(hardware: Hardware) -> float:
 def slot_way(footprint: Polygon, hole: FloatArray) -> FloatArray:
     """The direction (2,) in which a nut's slot leaves a convex footprint: square to the nearest edge.
 
-    What stands over a slot that leaves askew would end in a tip that recedes faster than the slot's roof.
+    What stands over an oblique slot would end in a tip that recedes faster than the slot's roof.
     """
     corners = get_coordinates(orient(footprint))
     sides = np.diff(corners, axis=0)

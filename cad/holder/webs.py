@@ -152,7 +152,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
     levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
-    # All that is looked at, and a little more: with the whole body it takes twice as long.
+    # Slightly more than what is examined: with the whole body it takes twice as long.
     near = body ^ _column(middle + 1.01 * scale * (corners - middle), levels)
     eaves = np.inf
     for i in range(len(corners)):

@@ -1,4 +1,4 @@
-"""Placement of a bent profile on the bed: as it is, askew, or cut in two, with blocks for the joining pins."""
+"""Placement of a bent profile on the bed: as it is, at an angle, or cut in two, with blocks for the joining pins."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class MountPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """Holes, and where the screws of the head meet its face, which lies askew.
+        """Holes, and where the screws of the head meet its face, which is oblique.
 
         From the foot's corner at the slide along both axes of the bed, as its drawing is seen, and from row to row.
         """

@@ -14,8 +14,8 @@ NUT_FIT_MM = 0.2
 # Holes begin this far outside the material, so that no skin is left over their mouths.
 OUTSIDE_MM = 0.01
 # Roofs of holes are a little steeper than a printer must be able to do; those that cut webs at 45 deg much more, since
-# a web's end recedes along it. Slicers also take the top of a roof in a thin skin that stands askew on the bed, seen at
-# 42 deg, for a ceiling.
+# a web's end recedes along it. Slicers also take the top of a roof for a ceiling in a thin skin oblique to the bed,
+# seen at 42 deg.
 ROOF_DEG = 42.0
 ROOF_IN_SKINS_DEG = 36.0
 ROOF_IN_WEBS_DEG = 30.0

@@ -46,7 +46,7 @@ def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> 
 
 
 def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
-    """The separate pieces of a body, without crumbs too small to print."""
+    """The separate pieces of a body, without fragments too small to print."""
     return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
 
 

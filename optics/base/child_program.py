@@ -46,7 +46,7 @@ def run_program(
 
 def _supervise(command: Sequence[str]) -> int:
     """Run a program until it ends or standard input is closed; return its exit code."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent process
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
     def end_with_input() -> None:

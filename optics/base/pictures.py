@@ -22,7 +22,7 @@ from mirrorcam.optics.base.values import InputError
 
 JPEG_ENDINGS = (".jpg", ".jpeg")
 PICTURE_ENDINGS = (".png", *JPEG_ENDINGS)
-"""What the names of pictures end in, in small letters, wherever pictures are read."""
+"""Endings of names of pictures, in lower case, wherever pictures are read."""
 LARGEST_FILE_BYTES = 1 << 30
 
 _PNG_BEGIN, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"

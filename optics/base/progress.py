@@ -1,4 +1,4 @@
-"""Progress reports from long work to whoever shows them."""
+"""Progress reports from long work to what displays them."""
 
 from __future__ import annotations
 

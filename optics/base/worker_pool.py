@@ -221,7 +221,7 @@ class _Pool(Generic[Task, Answer]):
         try:
             worker.connection.send(self._tasks[worker.task])
         except OSError:
-            return  # it has died; whoever waits for its answer finds that out
+            return  # it has died, which is noticed where its answer is awaited
 
     def kill(self) -> None:
         """End all workers at once."""

@@ -16,7 +16,7 @@ GRID = 12  # samples across and down a sub-image
 DISTANCES_MM = (300.0, 1000.0)  # from the virtual centre, of layouts without a spec
 STEPS = 8
 FREE = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
-"""What is fitted beside the pose; the principal point would only trade with the turn."""
+"""What is fitted beside the pose; the principal point would only be correlated with the rotation."""
 EXACT_PX = 1e-9
 
 

@@ -1,4 +1,4 @@
-"""Mirrors that reflect unequally: how bright each view is beside the central one, measured and taken out."""
+"""Mirrors that reflect unequally: the brightness of each view relative to the central one, measured and compensated."""
 
 from __future__ import annotations
 

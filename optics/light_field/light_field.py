@@ -1,4 +1,4 @@
-"""The decoded light field: parallel views [t, s, v, u, c] at their true positions, and what each sample is worth."""
+"""The decoded light field: parallel views [t, s, v, u, c] at their true positions, and the weight of each sample."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def _help_command(arguments: Sequence[str]) -> str:
 
 
 def _flush() -> None:
-    """Write out what was printed, to hear while it can still be told that it cannot be."""
+    """Flush what was printed, so that an error of writing can still be reported."""
     if sys.stdout is not None:
         sys.stdout.flush()
 
@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         return _refuse(str(error), BAD_INPUT, arguments)
     except BrokenPipeError:
-        _say_no_more()  # whoever read our output has gone
+        _say_no_more()  # the reader of the output has closed it
         return CHECK_FAILED
     except OSError as error:
         if error.filename is None and error.errno in FULL:

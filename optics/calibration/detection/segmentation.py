@@ -42,7 +42,7 @@ class Extremes:
         self._count = 0
 
     def add(self, grey: Grey) -> None:
-        """Take in a frame."""
+        """Add a frame."""
         half = self._count % 2
         self._count += 1
         if half == len(self._halves):

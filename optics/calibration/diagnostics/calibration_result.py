@@ -175,7 +175,7 @@ def held_out_metrics(
 ) -> dict[str, Metric]:
     """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted.
 
-    There are none of so few frames that none would be left out.
+    Empty where there are too few frames to leave one out.
     """
     if mirrored_frames <= HOLD_OUT_EVERY:
         return {}

@@ -45,7 +45,7 @@ class UnknownMirrors:
         return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
 
     def explained(self, refusal: str) -> InputError:
-        """Return why frames are refused: the alarm, which is behind what else is amiss, or the refusal as it is."""
+        """Return why frames are refused: the alarm, which may cause the other failures, or the refusal as it is."""
         if self.alarms:
             return InputError(self.alarms[0])
         return InputError(f"{refusal}; {self.question}" if self.question else refusal)

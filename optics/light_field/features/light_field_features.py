@@ -119,7 +119,7 @@ class FeatureFinder:
         if not self.fits(light_field):
             raise InputError(
                 f"light field of layout {light_field.layout_identity} has other views than those of layout "
-                f"{self.views.layout_identity} that features are sought in"
+                f"{self.views.layout_identity} that the finder was made for"
             )
         run, described = self._pool.map, self._described
         images, inner = grey_views(light_field), inner_masks(light_field)

@@ -1,4 +1,4 @@
-"""The point-plane law of parallel views, linear in what is sought: where one point appears in all views, and its slope.
+"""The point-plane law of parallel views, linear in the unknowns: where one point appears in all views, and its slope.
 
 With w = 1 / Z the inverse distance of a point from the reference view and a = (X / Z, Y / Z) its direction from there,
 the pinhole of a view at p_i = (x_i, y_i), z_i is

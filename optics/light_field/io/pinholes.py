@@ -8,7 +8,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
 SAME_PX = 1e-6
-"""Differences of principal points and focal lengths that are none: zero disparity is at infinity."""
+"""Differences of principal points and focal lengths that are ignored: zero disparity is at infinity."""
 WITHIN_PX = 0.01
 """Largest difference of principal points and focal lengths from those of views that share a plane."""
 

@@ -66,7 +66,7 @@ class Entries:
         return entries
 
     def note(self, line: Any, where: Path) -> None:
-        """Take in a line of the journal; raises InputError where it is none."""
+        """Add a line of the journal; raises InputError where it is not valid."""
         try:
             frame = _Frame.model_validate(line, strict=True)
         except ValidationError as error:

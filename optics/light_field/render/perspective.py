@@ -19,18 +19,18 @@ from mirrorcam.optics.light_field.render.refocusing import Float32, RenderedPict
 from mirrorcam.optics.light_field.render.view_depths import AGREE_PX, ViewDepths, at, landed, px_per_nearness, sources
 
 UNKNOWN, OTHER = 0.01, 0.0001
-"""What a view counts whose depth is not known there, or says that it sees something else: for want of better."""
+"""Weights of views whose depth is not known there, or contradicts: they count only where no other view does."""
 LEAST = 1e-20
-"""Less than any view adds that has a sample: what rounding leaves."""
+"""Below the weight of any view that has a sample: rounding errors."""
 ALIKE = 0.03
-"""Standard deviation, of full brightness, of how differently views show the same thing: mirrors, glints, noise."""
+"""Standard deviation of the differences between views of the same point, of full brightness: mirrors, glints, noise."""
 ALIKE_PX = 3
 STAND_IN = 0.1
 """A view this part of the views' distance away counts as one at the place itself."""
 
 
 def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture:
-    """The reference view with less noise: each pixel is met where it is deep, by all views that see it alike."""
+    """The reference view with less noise: each pixel is the mean of the views that agree at its measured depth."""
     return _rendered(light_field, depths, np.zeros(3), np.ones((light_field.rows, light_field.cols)))
 
 

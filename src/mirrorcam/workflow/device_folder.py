@@ -40,7 +40,7 @@ def read_hardware(
 ) -> Hardware:
     """The table of dimensions of a TOML file, else the default one, with another camera or other fasteners.
 
-    `camera` is the name of a known camera or a TOML file. Raises InputError for a file that is none.
+    `camera` is the name of a known camera or a TOML file. Raises InputError for a file that is not valid.
     """
     hardware = HARDWARE if table is None else read_model(Hardware, table)
     if camera:

@@ -1,4 +1,4 @@
-"""ESLF, as of the Stanford Lytro archives: a little picture of the aperture in place of every pixel of a view.
+"""ESLF, as of the Stanford Lytro archives: a small picture of the aperture in place of every pixel of a view.
 
 Row T v + t and column S u + s of the picture hold sample [t, s, v, u] of T x S views. The name ends in `eslf`.
 """

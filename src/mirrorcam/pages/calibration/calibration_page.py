@@ -102,14 +102,14 @@ def _advice(verdict: Verdict, diagnostics: Diagnostics | None) -> list[str]:
 
 
 def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
-    """Figures with limits, ours and the caller's, and the others."""
+    """Figures with limits, of the verdict and of the caller, and the others."""
     figures = {check.label: check.metric for check in verdict.checks}
     others = {name: metric for name, metric in calibration.metrics.items() if not name.startswith("mirror_")}
     return FigureTable.of({**figures, **others}, {**LABELS, **{label: label for label in figures}})
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
-    """The drawings that every calibration has; there is none of the view without a mirror where there was none."""
+    """The drawings that every calibration has; that of the view without a mirror only where there was such a view."""
     sigma = sigma_px(calibration)
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
