@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.commands.option_texts import FORCE_TEXT
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
 from mirrorcam.optics.base.values import Value
@@ -32,7 +32,7 @@ class DecodeOptions(Value):
             "(t, s, 3) and the other fields of LightField), NAME.zarr of each video, and NAME_views.png of both"
         ),
     )
-    force: bool = Field(default=False, description=f"{FORCE.description}; recordings are never replaced")
+    force: bool = Field(default=False, description=f"{FORCE_TEXT}; recordings are never replaced")
     device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = DEVICES.field(
         None,
         "number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",

@@ -12,9 +12,8 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
-FORCE = Field(
-    default=False, description="also replace files that this command did not write, or that were changed since"
-)
+FORCE_TEXT = "also replace files that this command did not write, or that were changed since"
+FORCE = Field(default=False, description=FORCE_TEXT)
 SensorOption = Annotated[
     str,
     tyro.conf.arg(metavar="NAME|PATH"),
