@@ -14,7 +14,7 @@ from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import DOT_MM, DOTS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
-from mirrorcam.cad.plan.hardware import CameraBody
+from mirrorcam.cad.plan.hardware import CameraBody, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.optics.base.figure_texts import number_word
@@ -38,6 +38,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         layout=device.layout,
         hardware=hardware,
         camera=hardware.camera,
+        view=field_of_view(device.layout.camera),
         lips=hardware.camera.held_by.kind == "lips",
         inserts=hardware.screw.kind == "insert",
         parts=parts,

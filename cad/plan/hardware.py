@@ -232,19 +232,27 @@ def read_camera(name: str) -> CameraBody:
     return read_model(CameraBody, known.get(name) or Path(name))
 
 
+def field_of_view(camera: Camera) -> str:
+    """The field of view of a camera along x and y, without distortion, as text: "70.4 x 43.3 deg"."""
+    tangents = _half_view_tangents(camera)
+    return " x ".join(f"{math.degrees(2.0 * math.atan(tangent)):.1f}" for tangent in tangents) + " deg"
+
+
+def _half_view_tangents(camera: Camera) -> tuple[float, float]:
+    return camera.width_px / camera.fx_px / 2.0, camera.height_px / camera.fy_px / 2.0
+
+
 def require_same_camera(camera: Camera, body: CameraBody) -> None:
     """Raise InputError where a layout's camera sees another field of view than the one that a body belongs to."""
     if body.field_of_view_deg is None:
         return
-    sizes_px, focals_px = (camera.width_px, camera.height_px), (camera.fx_px, camera.fy_px)
-    tangents = [size / focal / 2.0 for size, focal in zip(sizes_px, focals_px, strict=True)]
     stated = [math.tan(math.radians(angle) / 2.0) for angle in body.field_of_view_deg]
+    tangents = _half_view_tangents(camera)
     if any(abs(of / as_stated - 1.0) > OTHER_VIEW for of, as_stated in zip(tangents, stated, strict=True)):
-        seen = " x ".join(f"{math.degrees(2.0 * math.atan(tangent)):.1f}" for tangent in tangents)
         expected = " x ".join(f"{angle:.1f}" for angle in body.field_of_view_deg)
         raise InputError(
-            f"camera body {body.name}: {expected} deg field of view, the layout's camera {camera.name} has {seen} deg: "
-            "give the body of that camera (--camera), or design for this one"
+            f"camera body {body.name}: {expected} deg field of view, the layout's camera {camera.name} has "
+            f"{field_of_view(camera)}: give the body of that camera (--camera), or design for this one"
         )
 
 

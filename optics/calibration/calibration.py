@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,12 +18,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, refuse_other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
@@ -33,6 +31,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     uncertainty,
 )
 from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
+from mirrorcam.optics.calibration.diagnostics.consistency import unseen_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
@@ -42,6 +41,7 @@ from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirr
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.taken_pictures import TakenPictures
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
@@ -101,19 +101,7 @@ def calibrate(
         pictures do not determine camera and mirrors.
     """
     detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
-    extremes = Extremes()
-
-    damaged: list[DamagedPicture] = []
-    first: dict[bool, list[Grey]] = {True: [], False: []}
-
-    def kept(pictures: Iterable[Grey | Path], *, mirrored: bool) -> Iterator[Grey | None]:
-        for grey in _grey(pictures, layout, damaged):
-            yield grey
-            # Once the next one is requested, this one was found to have the expected size.
-            if grey is not None and mirrored:
-                extremes.add(grey)
-            if grey is not None and len(first[mirrored]) < MOST_PICTURES:
-                first[mirrored].append(grey)
+    taken = TakenPictures(layout.camera)
 
     def report(found: Sequence[DetectedFrame]) -> None:
         on_frame(len(found))
@@ -121,43 +109,27 @@ def calibrate(
 
     if level is not None:
         additions_of(level)  # refused before pictures are searched
-    found = detect(kept(frames, mirrored=True), mirrored=True, on_frame=report)
-    pictures = kept(base_frames, mirrored=False)
+    found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
+    pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
     seen, base = ([frame.corners for frame in detected] for detected in (found, found_in_base))
-    for mirrored, shown in ((False, base), (True, seen)):
-        # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
-        refuse_other_board(first[mirrored], target, mirrored=mirrored, found=any(len(o) for o in shown))
-    calibration = calibrate_corners(
-        seen,
-        base,
-        layout,
-        target.corners_in_board_mm,
-        level=level,
-        extremes=extremes,
-        unknown=unknown_mirrors(layout, found),
-    )
-    return calibration.with_damaged_pictures(damaged)
-
-
-def _grey(pictures: Iterable[Grey | Path], layout: Layout, damaged: list[DamagedPicture]) -> Iterator[Grey | None]:
-    """The grey values of pictures; None for each file that is damaged, which joins the list of those.
-
-    Raises InputError for a file of another size than that of the layout's camera.
-    """
-    for picture in pictures:
-        if not isinstance(picture, Path):
-            yield picture
-            continue
-        try:
-            grey = read_image(picture, grey=True)
-        except DamagedPicture as error:
-            damaged.append(error)
-            yield None
-            continue
-        camera = layout.camera
-        check_size(picture, (grey.shape[1], grey.shape[0]), (camera.width_px, camera.height_px), "the layout's camera")
-        yield grey
+    # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
+    taken.refuse_other_board(target, seen=any(len(o) for o in seen), base=any(len(o) for o in base))
+    try:
+        calibration = calibrate_corners(
+            seen,
+            base,
+            layout,
+            target.corners_in_board_mm,
+            level=level,
+            extremes=taken.extremes,
+            unknown=unknown_mirrors(layout, found),
+        )
+    except InputError:
+        # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
+        taken.refuse_other_board(target, seen=False, base=False)
+        raise
+    return calibration.with_damaged_pictures(taken.damaged)
 
 
 def calibrate_corners(
@@ -194,7 +166,7 @@ def calibrate_corners(
     """
     if not seen:
         raise InputError("no pictures given")
-    notes = (*_notes(seen, base, layout), *unknown.notes)
+    notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)
         selection, observations = _fitted(screened, layout, corners_in_board_mm, level)

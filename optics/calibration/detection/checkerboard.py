@@ -77,6 +77,8 @@ def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[F
                         break
                     seeds = np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + np.array([x, y])
                     cv2.fillConvexPoly(work, cv2.convexHull(np.rint(seeds).astype(np.int32)), paint)
+                    if (seeds < 0.0).any() or (seeds > [width - 1.0, height - 1.0]).any():
+                        continue  # completed beyond the picture, which shows only part of it
                     refined = refine(grey, seeds, cell_px(seeds), CHECKERBOARD_WINDOW)
                     boards.append(refined.reshape(target.rows - 1, target.cols - 1, 2))
     return boards

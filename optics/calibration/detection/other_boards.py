@@ -7,22 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import find_markers, linked_markers, marker_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
 MOST_BOARDS = 3  # counted in a picture
-MORE_BOARDS = 1.5  # of another size, relative to those of the stated one
+PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
 MIN_LINKS = 8  # between neighbouring markers, by picture, to recognise a board
+MIN_LINKS_BEYOND = 3  # of markers that the stated board lacks, by picture: no misread marker has any
 MORE_LINKS = 1.5  # of another board's, relative to those of the stated one
 WIDTHS = 3  # columns more or fewer than stated
 
 
-def refuse_other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bool, found: bool) -> None:
-    """Raise InputError where pictures show another board than the stated one, or are flipped.
+def other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool) -> str | None:
+    """Say that pictures show another board than the stated one, or are flipped; None where they seem to be right.
 
     Parameters
     ----------
@@ -31,28 +32,39 @@ def refuse_other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bo
     target
         The stated board.
     mirrored
-        Whether they show it through mirrors.
+        Whether they show it through mirrors; None: directly and through mirrors.
     found
-        Whether the stated board was found in any picture of this kind. Otherwise more is tried.
+        Whether the stated board was found in any picture of this kind, and fits. Otherwise more is tried.
     """
     pictures = pictures[:MOST_PICTURES]
     if not pictures:
-        return
+        return None
     if isinstance(target, Charuco):
-        _refuse_other_markers(pictures, target, mirrored=mirrored, found=found)
-    elif not found:
-        _refuse_other_checkerboard(pictures, target)
+        return _other_markers(pictures, target, mirrored=bool(mirrored), found=found)
+    return None if found else _other_checkerboard(pictures, target, mirrored=mirrored)
 
 
-def _refuse_other_checkerboard(pictures: Sequence[Grey], target: Checkerboard) -> None:
-    counts = {size: _count(pictures, target, size) for size in _neighbouring_sizes(target)}
-    best = max(counts, key=lambda size: (counts[size], size[0] * size[1]))
-    own = _count(pictures, target, (target.cols, target.rows))
-    # Now and then part of a board is taken for a smaller one, and a board with its mirror image for a larger one.
-    if counts[best] >= max(len(pictures), MORE_BOARDS * own):
-        raise InputError(
-            f"the pictures show a checkerboard of {best[0]} x {best[1]} squares, board.toml says {_size(target)}"
+def _other_checkerboard(pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None) -> str | None:
+    own = [(picture, board) for picture in pictures for board in _boards(picture, target)]
+    # Parts of a board are taken for a smaller one, so that one as large as the stated one is none smaller.
+    sizes = [size for size in _neighbouring_sizes(target) if not own or _at_least(size, target)]
+    counts = {size: _count(pictures, target, size) for size in sizes}
+    # Now and then a board with its mirror image is taken for a larger one.
+    least = max(len(pictures), PARTS * max([*counts.values(), len(own)]))
+    often = [size for size, count in counts.items() if count >= least]
+    if often:
+        cols, rows = max(often, key=lambda size: size[0] * size[1])
+        return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
+    if mirrored is None:
+        return None
+    flipped = [not orderings(picture, board, target, mirrored=mirrored) for picture, board in own]
+    if sum(flipped) > 0.5 * len(own):
+        return (
+            f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
+            "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
+            "in board.toml"
         )
+    return None
 
 
 def _neighbouring_sizes(target: Checkerboard) -> Iterator[tuple[int, int]]:
@@ -62,27 +74,35 @@ def _neighbouring_sizes(target: Checkerboard) -> Iterator[tuple[int, int]]:
             yield target.cols + cols, target.rows + rows
 
 
+def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
+    return size[0] >= target.cols and size[1] >= target.rows
+
+
 def _count(pictures: Sequence[Grey], target: Checkerboard, size: tuple[int, int]) -> int:
     board = target.replaced(cols=size[0], rows=size[1])
-    return sum(len(find_checkerboards(picture, board, most=MOST_BOARDS)) for picture in pictures)
+    return sum(len(_boards(picture, board)) for picture in pictures)
 
 
-def _refuse_other_markers(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool, found: bool) -> None:
+def _boards(picture: Grey, target: Checkerboard) -> list[FloatArray]:
+    return find_checkerboards(picture, target, most=MOST_BOARDS)
+
+
+def _other_markers(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool, found: bool) -> str | None:
     highest = target.replaced(rows=max(2 * _capacity(target.dictionary) // target.cols, target.rows))
     seen = [find_markers(picture, highest, mirrored=mirrored) for picture in pictures]
     own, least = _links(seen, target), MIN_LINKS * len(pictures)
     widths = {cols: _links(seen, _widened(target, cols)) for cols in _other_widths(target)}
     width = max(widths, key=lambda cols: widths[cols])
     if widths[width] >= max(least, MORE_LINKS * own):
-        raise InputError(
+        return (
             f"the pictures show a ChArUco board of {width} columns of squares, board.toml says {_size(target)} squares"
         )
-    if _links(seen, highest) - own >= least:
-        raise InputError(f"the pictures show a ChArUco board of more rows of squares, board.toml says {_size(target)}")
+    if _links(seen, highest) - own >= MIN_LINKS_BEYOND * len(pictures):
+        return f"the pictures show a ChArUco board of more rows of squares, board.toml says {_size(target)}"
     if found or own >= least:
-        return
+        return None
     if _links([find_markers(picture, target, mirrored=not mirrored) for picture in pictures], target) >= least:
-        raise InputError(
+        return (
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
             "selfie camera; switch that off, or flip them left to right"
         )
@@ -91,7 +111,8 @@ def _refuse_other_markers(pictures: Sequence[Grey], target: Charuco, *, mirrored
             continue
         other = target.replaced(dictionary=name)
         if _links([find_markers(picture, other, mirrored=mirrored) for picture in pictures], other) >= least:
-            raise InputError(f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}")
+            return f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}"
+    return None
 
 
 def _capacity(dictionary: str) -> int:

@@ -55,6 +55,20 @@ def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[st
         )
 
 
+def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
+    """A note where the board's last rows are in no picture: it may have fewer, which changes no corner's number."""
+    heights = np.unique(corners_in_board_mm[:, 1])
+    seen = [corners_in_board_mm[o.corner, 1].max() for o in frames if len(o)]
+    unseen = int((heights > max(seen)).sum()) if seen else 0
+    if not unseen:
+        return ()
+    last, rows = "last" if unseen == 1 else f"last {unseen}", len(heights) + 1
+    return (
+        f"no picture shows the {last} of the board's {rows - 1} rows of corners: does it have {rows - unseen} rows of "
+        f"squares, not {rows}?",
+    )
+
+
 def repeats(frames: Sequence[Observations]) -> dict[int, int]:
     """Map each frame that repeats an earlier one to the first frame with the same corners at the same pixels.
 

@@ -16,7 +16,7 @@ import numpy as np
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
-from mirrorcam.optics.calibration.detection.other_boards import refuse_other_board
+from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison, compare, smallest
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude
@@ -79,7 +79,11 @@ def calibrate_with_direct_view(
     found = _found(pictures, target, mirrors, progress)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
-    start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
+    try:
+        start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
+    except InputError as error:
+        # Parts of a larger checkerboard are taken for the stated one here and there.
+        raise InputError(other_board(pictures, target, mirrored=None, found=False) or str(error)) from None
     shown = [pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
@@ -100,9 +104,11 @@ def _found(pictures: Sequence[Grey], target: Checkerboard, mirrors: int, progres
         boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
         found.append([board for board in boards if board.direct or board.image])
         progress(number + 1, len(pictures))
-    refuse_other_board(pictures, target, mirrored=False, found=any(found))
     if not any(found):
-        raise InputError(f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures")
+        other = other_board(pictures, target, mirrored=False, found=False)
+        raise InputError(
+            other or f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures"
+        )
     return found
 
 

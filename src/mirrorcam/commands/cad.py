@@ -45,13 +45,15 @@ class CadOptions(Value):
 
 def run(options: CadOptions) -> int:
     """Build the parts and print the figures of the device, and every check that fails."""
+    from mirrorcam.cad.plan.hardware import field_of_view
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.workflow.device_folder import read_hardware, write_device
 
     layout = Layout.load(options.layout)
     hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners)
     if hardware.camera.field_of_view_deg is None:
-        say("cad", f"camera body {hardware.camera.name} states no field_of_view_deg: not compared with the layout's")
+        body, seen = hardware.camera.name, field_of_view(layout.camera)
+        say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
     require("cad")
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance:

@@ -39,6 +39,8 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "Slide each nut" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
+    assert "nothing has compared the camera with that of the layout, which sees 70.4 x 43.3 deg" in other
+    assert "nothing has compared" not in text
 
 
 def test_the_guide_and_the_parts_list_state_one_amount_of_glue(made: Made) -> None:

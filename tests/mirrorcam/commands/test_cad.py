@@ -62,6 +62,24 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     )
 
 
+@pytest.mark.parametrize(("camera", "said"), [("board_38", True), ("c920", False)])
+def test_a_body_that_cannot_be_compared_with_the_layout_is_named(
+    default_layout: Layout,
+    camera: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    *,
+    said: bool,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    default_layout.save(tmp_path / "layout.json")
+    monkeypatch.setattr("mirrorcam.workflow.device_folder.write_device", lambda *_, **__: {})
+    assert cli.main(["cad", "layout.json", "--camera", camera]) == 0
+    line = "states no field_of_view_deg: not compared with that of the layout, 70.4 x 43.3 deg"
+    assert (line in " ".join(capfd.readouterr().out.split())) == said
+
+
 @pytest.mark.parametrize(
     ("size_mm", "code", "words"),
     [(1.0, 0, "3 checks passed, 1 figure without a limit"), (0.5, 1, "1 of 3 checks failed, 1 figure without")],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 
 from mirrorcam.optics.calibration.detection.checkerboard import (
     cell_px,
@@ -35,6 +36,14 @@ def test_the_finder_alone_errs_and_refinement_does_not() -> None:
     (refined,) = orderings(picture, board, PLAIN, mirrored=False)
     assert rms(by_finder - truth) > 0.1
     assert rms(refined - truth) < 0.03
+
+
+def test_a_board_that_the_finder_completes_beyond_the_picture_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The finder extrapolates, and refinement by gradients fails outside the picture."""
+    at = np.array([[20.0 * col - 15.0, 20.0 * row + 15.0] for row in range(5) for col in range(8)], dtype=np.float32)
+    answers = iter([(True, at[:, None]), (False, None)])
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, **__: next(answers, (False, None)))
+    assert find_checkerboards(np.full((270, 480), 90, np.uint8), PLAIN, most=2) == []
 
 
 def test_a_mirrored_plain_board_is_numbered_as_its_corners_are() -> None:

@@ -46,6 +46,16 @@ def test_some_odd_corners_are_noted_many_refused(scene: Scene, device: Layout) -
         consistency.board_fits(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
 
 
+def test_rows_of_the_board_that_no_picture_shows_are_noted(scene: Scene) -> None:
+    frames = [in_frame(scene, 0), Observations.none(), in_frame(scene, 1)]
+    assert consistency.unseen_rows(frames, CORNERS) == ()
+    assert consistency.unseen_rows([Observations.none()], CORNERS) == ()
+    higher = BOARD.replaced(rows=BOARD.rows + 2).corners_in_board_mm
+    assert consistency.unseen_rows(frames, higher) == (
+        "no picture shows the last 2 of the board's 8 rows of corners: does it have 7 rows of squares, not 9?",
+    )
+
+
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
     a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.none()
     assert consistency.repeats([a, none, b, a, none, a]) == {3: 0, 5: 0}

@@ -1,0 +1,70 @@
+"""The pictures of a calibration as they are read: which are damaged, and what is kept of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
+from mirrorcam.optics.calibration.detection.segmentation import Extremes
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.targets import Target
+
+
+class TakenPictures:
+    """Pictures that are read one at a time: those that are damaged, the first ones, and the extremes of those mirrored.
+
+    Attributes
+    ----------
+    damaged
+        What is wrong with each damaged file so far.
+    extremes
+        Extremes of the pictures through the mirrors so far.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.damaged: list[DamagedPicture] = []
+        self.extremes = Extremes()
+        self._camera = camera
+        self._first: dict[bool, list[Grey]] = {True: [], False: []}
+
+    def read(self, pictures: Iterable[Grey | Path], *, mirrored: bool) -> Iterator[Grey | None]:
+        """Return the grey values of pictures, None for each file that is damaged.
+
+        Raises InputError for a file of another size than the camera's.
+        """
+        for picture in pictures:
+            grey = self._grey(picture)
+            yield grey
+            # Once the next one is requested, this one was found to have the expected size.
+            if grey is None:
+                continue
+            if mirrored:
+                self.extremes.add(grey)
+            if len(self._first[mirrored]) < MOST_PICTURES:
+                self._first[mirrored].append(grey)
+
+    def refuse_other_board(self, target: Target, *, seen: bool, base: bool) -> None:
+        """Raise InputError where the first pictures show another board than the stated one.
+
+        `seen` and `base` are whether the stated one fits the pictures through the mirrors, and without them.
+        """
+        for mirrored, fits in ((False, base), (True, seen)):
+            other = other_board(self._first[mirrored], target, mirrored=mirrored, found=fits)
+            if other is not None:
+                raise InputError(other)
+
+    def _grey(self, picture: Grey | Path) -> Grey | None:
+        if not isinstance(picture, Path):
+            return picture
+        try:
+            grey = read_image(picture, grey=True)
+        except DamagedPicture as error:
+            self.damaged.append(error)
+            return None
+        size = (self._camera.width_px, self._camera.height_px)
+        check_size(picture, (grey.shape[1], grey.shape[0]), size, "the layout's camera")
+        return grey
