@@ -70,11 +70,15 @@ def _note(found: list[str], path: Any, writes: bool, start: int = -1) -> None:
 
 
 def _is_temporary(path: Path) -> bool:
-    """Whether a path lies in a folder that `tempfile` has made, in Matplotlib's cache, or is the null device."""
+    """Whether a path lies in a folder that `tempfile` has made, in Matplotlib's cache, or is a device for nothing."""
     folder = Path(tempfile.gettempdir()).resolve()
     own = (tempfile.gettempprefix(), "mirrorcam-")
     inside = path.is_relative_to(folder) and str(path.relative_to(folder)).startswith(own)
-    return inside or path == Path(os.devnull) or any(path.is_relative_to(place) for place in _matplotlib())
+    return (
+        inside
+        or path in (Path(os.devnull), Path("/dev/full"))
+        or any(path.is_relative_to(place) for place in _matplotlib())
+    )
 
 
 @cache
