@@ -12,6 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SECONDS_OF_ONE = 1.0
 """Signals within this time are one: `timeout`, for example, sends each to the process and to its group."""
 
+_remembering = False
 _asked: signal.Signals | None = None
 _raised_s = float("-inf")
 _deferrals = 0
@@ -42,8 +43,8 @@ def remembered() -> Iterator[None]:
     A signal that the process ignores, as jobs in the background of a script do with Ctrl-C, stays ignored, and one with
     another handler is left to that. Only for the main thread.
     """
-    global _asked, _raised_s, _held_back
-    _asked, _raised_s, _held_back = None, float("-inf"), False
+    global _remembering, _asked, _raised_s, _held_back
+    _remembering, _asked, _raised_s, _held_back = True, None, float("-inf"), False
     unset = (signal.SIG_DFL, signal.default_int_handler)
     before = {number: signal.getsignal(number) for number in SIGNALS}
     ours = [number for number in SIGNALS if before[number] in unset]
@@ -52,6 +53,7 @@ def remembered() -> Iterator[None]:
     try:
         yield
     finally:
+        _remembering = False
         for number in ours:
             signal.signal(number, before[number])
 
@@ -76,6 +78,9 @@ def asked() -> signal.Signals | None:
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where a signal asked for an end, even if what ran then has swallowed it."""
-    if _asked:
+    """Raise KeyboardInterrupt where a signal asked for an end, even if what ran then has swallowed it.
+
+    That is only so within `remembered`.
+    """
+    if _remembering and _asked:
         raise KeyboardInterrupt

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
 
@@ -219,9 +223,12 @@ class Solver:
         low, high = (bound.copy() for bound in self.program.bounds)
         first = start.copy()
         first[: len(ELASTIC)], high[: len(ELASTIC)] = slack
-        result = self._nlp(
-            x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
-        )
+        with redirect_stderr(StringIO()) as said:
+            result = self._nlp(
+                x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
+            )
+        interruption.check()  # CasADi ends the solution then, warns of an exception, and returns
+        sys.stderr.write(said.getvalue())
         stats = self._nlp.stats()
         return SolverOutcome(
             values=np.array(result["x"]).ravel(),

@@ -19,6 +19,7 @@ def test_a_swallowed_interruption_is_raised_at_the_next_check() -> None:
         with pytest.raises(KeyboardInterrupt):
             interruption.check()
     assert signal.getsignal(signal.SIGINT) is before
+    interruption.check()
     with interruption.remembered():
         interruption.check()
 

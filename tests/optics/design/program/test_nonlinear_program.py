@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 from functools import cache
 
 import casadi as ca
@@ -9,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.program import constraints
@@ -222,6 +226,18 @@ def test_bodies_are_kept_exactly_as_far_apart_as_asked() -> None:
     assert outcome.solved
     body = CUBE + ASIDE + [outcome.values[place].item(), 0.0, 0.0]
     assert hull_distance(CUBE, body) == pytest.approx(0.7, abs=1e-4)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a process does not get signals from itself there")
+def test_an_interruption_ends_a_solution_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    spec = DesignSpec(rows=4, cols=4)
+    solver = problem_of(spec, seed_of(spec, 400.0), ()).solver
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM))
+    with interruption.remembered(), pytest.raises(KeyboardInterrupt):
+        timer.start()
+        solver.optimise()
+    timer.join()
+    assert capfd.readouterr().err == ""
 
 
 def test_what_cannot_hold_is_measured() -> None:
