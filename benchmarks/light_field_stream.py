@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.frames import Frame, Lost, Video
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.stream import light_fields, record
+from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.frames import Frame, Video
+from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.video import Video
 
 COUNT, WIDTH, HEIGHT, RATE = 30, 320, 240, 25
 WRONG_BY = 24
@@ -60,17 +62,34 @@ def written(path: Path, codec: str, options: dict[str, str], gaps: bool = False)
         container.mux(stream.encode(None))
 
 
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """A whole video of a kind: its name and bytes, its frames and their times, and whether they are evenly spaced."""
+
+    name: str
+    raw: bytes
+    pictures: tuple[NDArray[np.uint8], ...]
+    times_s: tuple[float, ...]
+    even: bool
+
+
 @cache
-def good() -> dict[str, tuple[str, bytes, tuple[NDArray[np.uint8], ...]]]:
-    """Name, bytes and frames of a whole video of each kind."""
+def good() -> dict[str, Whole]:
+    """A whole video of each kind."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for kind, (name, codec, options) in KINDS.items():
             for gaps in (False, True):
                 path = Path(folder) / name
                 written(path, codec, options, gaps)
-                frames = tuple(item.pixels for item in Video(path).frames() if isinstance(item, Frame))
-                found[f"{kind}, uneven" if gaps else kind] = (name, path.read_bytes(), frames)
+                frames = [item for item in Video(path).frames() if isinstance(item, Frame)]
+                found[f"{kind}, uneven" if gaps else kind] = Whole(
+                    name,
+                    path.read_bytes(),
+                    tuple(frame.pixels for frame in frames),
+                    tuple(frame.time_s for frame in frames),
+                    not gaps,
+                )
     return found
 
 
@@ -111,25 +130,30 @@ DAMAGES: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (
 )
 
 
-def attempt(seed: int, folder: Path) -> str:
-    """Read a damaged video, and compare each frame that is kept with the filmed ones that may follow the last."""
+def damaged(seed: int) -> tuple[str, str, bytes, str]:
+    """Kind and name of a video, its bytes with the damage of a seed, and what kind of damage that is."""
     random = np.random.default_rng(seed)
     kind = str(random.choice(sorted(good())))
-    name, raw, expected = good()[kind]
+    name = good()[kind].name
     if random.random() < 0.1:
         name = str(random.choice(["a.avi", "a.mp4", "a.mkv", "a.mov", "a.dat"]))
+    damage = DAMAGES[int(random.integers(len(DAMAGES)))]
+    return kind, name, damage(good()[kind].raw, random), damage.__name__
+
+
+def attempt(seed: int, folder: Path) -> str:
+    """Read a damaged video, and compare each frame that is kept with the filmed one of its number or time."""
+    kind, name, raw, damage = damaged(seed)
     path = folder / name
-    damaged = DAMAGES[int(random.integers(len(DAMAGES)))]
-    path.write_bytes(damaged(raw, random))
-    last = -1
+    path.write_bytes(raw)
+    check = _Check(good()[kind])
     try:
-        for number, item in enumerate(_limited(Video(path))):
-            if item is None:
-                return f"{kind}, {damaged.__name__}: gives more than {number} frames"
+        for number, item in enumerate(Video(path).frames()):
+            wrong = f"gives more than {number} frames" if number >= MOST_FRAMES else ""
             if isinstance(item, Frame):
-                last, wrong = _followed(item, expected, last)
-                if wrong:
-                    return f"{kind}, {damaged.__name__}: {wrong}"
+                wrong = wrong or check(item)
+            if wrong:
+                return f"{kind}, {damage}: {wrong}"
     except InputError as error:
         return refused_well(str(error).replace(str(folder), "")) or (
             "" if str(error).startswith(str(path)) else f"names no file: {str(error)[:80]}"
@@ -137,25 +161,34 @@ def attempt(seed: int, folder: Path) -> str:
     return ""
 
 
-def _limited(video: Video) -> Iterator[Any]:
-    for number, item in enumerate(video.frames()):
-        yield item if number < MOST_FRAMES else None
+@dataclass
+class _Check:
+    """Says what is wrong with a kept frame: its pixels, or its number and time beside those of the frames before.
 
-
-def _followed(frame: Frame, expected: tuple[NDArray[np.uint8], ...], last: int) -> tuple[int, str]:
-    """The number of the filmed frame after `last` that a frame shows, and what is wrong with it, or nothing.
-
-    It is that of the frame's own number, unless the container has lost frames without a trace.
+    Numbers are those of the filmed frames; where frames are at uneven times, it may be the times instead. Where the
+    begin of a file is lost, they are counted from the first frame that is left.
     """
-    if frame.pixels.shape != expected[0].shape:
-        return last, f"frame {frame.number} has shape {frame.pixels.shape}"
-    after = range(last + 1, len(expected))
-    parts = []
-    for number in sorted(after, key=lambda number: number != frame.number):
-        parts.append(_wrong_part(frame.pixels, expected[number]))
-        if parts[-1] <= WRONG_PART:
-            return number, ""
-    return last, f"{min(parts, default=1.0):.0%} of frame {frame.number} is wrong, and kept"
+
+    whole: Whole
+    shifts: set[tuple[int, float]] = field(default_factory=set)
+
+    def __call__(self, frame: Frame) -> str:
+        expected = self.whole.pictures
+        if frame.pixels.shape != expected[0].shape:
+            return f"frame {frame.number} has shape {frame.pixels.shape}"
+        parts: dict[int, float] = {}
+        for shown in sorted(range(len(expected)), key=lambda number: abs(number - frame.number)):
+            parts[shown] = _wrong_part(frame.pixels, expected[shown])
+            if parts[shown] <= WRONG_PART:
+                break
+        else:
+            return f"{min(parts.values()):.0%} of frame {frame.number} is wrong, and kept"
+        time_s = self.whole.times_s[shown]
+        self.shifts.add((frame.number - shown, round(frame.time_s - time_s, 2)))
+        numbers, times = map(set, zip(*self.shifts, strict=True))
+        if len(numbers) == 1 or (len(times) == 1 and not self.whole.even):
+            return ""
+        return f"frame {frame.number} at {frame.time_s:.3f} s is filmed frame {shown} at {time_s:.3f} s"
 
 
 def _wrong_part(found: NDArray[np.uint8], expected: NDArray[np.uint8]) -> float:

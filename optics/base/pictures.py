@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -13,11 +12,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import simplejpeg
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.files import read_bytes, write_bytes
+from mirrorcam.optics.base.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg
 from mirrorcam.optics.base.values import InputError
 
 JPEG_ENDINGS = (".jpg", ".jpeg")
@@ -26,18 +25,7 @@ PICTURE_ENDINGS = (".png", *JPEG_ENDINGS)
 LARGEST_FILE_BYTES = 1 << 30
 
 _PNG_BEGIN, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-_FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
-_TABLES, _SCAN, _END = 0xC4, 0xDA, 0xD9
-_END_OF_BLOCK = 0x00
-# A run that no compressed picture holds, but a lost block of a disk does.
-_ZEROS = bytes(256)
 _ORIENTATION = 0x0112
-
-
-class DamagedPicture(InputError):
-    """A picture whose file is there, but not whole: the message says which, and what is wrong."""
 
 
 def is_picture(path: Path) -> bool:
@@ -82,13 +70,7 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     header = _header_of(path, raw)
     if header.jpeg is None:
         return _read_png(path, raw, cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB).astype(np.uint8, copy=False)
-    if header.jpeg.is_partly_zero(raw):
-        raise DamagedPicture(f"{path}: damaged, a block of zeros is where compressed data should be")
-    try:
-        image = simplejpeg.decode_jpeg(raw, colorspace="GRAY" if grey else "RGB")
-    except ValueError as error:
-        raise DamagedPicture(f"{path}: damaged, {str(error).rstrip('.')}") from None
-    return np.asarray(image[..., 0] if grey else image, dtype=np.uint8)
+    return decode_jpeg(raw, header.jpeg, str(path), grey=grey)
 
 
 def read_opacity(path: Path) -> NDArray[np.uint8] | None:
@@ -128,71 +110,19 @@ def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], who
 
 
 @dataclass(frozen=True)
-class _Jpeg:
-    """Marker, begin and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
-
-    The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
-    """
-
-    segments: tuple[tuple[int, int, int], ...]
-    end: int | None
-
-    @classmethod
-    def of(cls, raw: bytes) -> _Jpeg:
-        found: list[tuple[int, int, int]] = []
-        at = 2
-        while marker := _JPEG_MARKER.search(raw, at):
-            kind, begin = raw[marker.end() - 1], marker.end() + 2
-            if kind == _END:
-                return cls(tuple(found), marker.start())
-            at = marker.end() + int.from_bytes(raw[marker.end() : begin])
-            found.append((kind, begin, at))
-        return cls(tuple(found), None)
-
-    def size(self, raw: bytes) -> tuple[int, int]:
-        """Width and height in px; zeros where no header states them."""
-        for kind, begin, end in self.segments:
-            if kind in _FRAME_HEADERS and end - begin >= 5 and len(raw) >= end:
-                height, width = struct.unpack(">HH", raw[begin + 1 : begin + 5])
-                return width, height
-        return 0, 0
-
-    def is_partly_zero(self, raw: bytes) -> bool:
-        """Return whether a long run of zeros stands in the compressed data where no encoder can have written it.
-
-        Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
-        they stand for blocks of nothing but the highest frequencies.
-        """
-        scan = next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
-        if raw.find(_ZEROS, scan, self.end) < 0:
-            return False
-        return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
-
-
-def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
-    """The symbols that zeros stand for in the Huffman tables of AC coefficients of a segment."""
-    symbols = []
-    while kind == _TABLES and at + 17 < min(end, len(raw)):
-        if raw[at] >> 4 == 1:
-            symbols.append(raw[at + 17])
-        at += 17 + sum(raw[at + 1 : at + 17])
-    return symbols
-
-
-@dataclass(frozen=True)
 class _Header:
     """Width and height of a picture in px, and the segments of a JPEG; None for a PNG."""
 
     size: tuple[int, int]
-    jpeg: _Jpeg | None = None
+    jpeg: Jpeg | None = None
 
 
 def _header_of(path: Path, raw: bytes) -> _Header:
     if raw.startswith(_PNG_BEGIN):
         size = struct.unpack(">II", raw[16:24]) if raw[12:16] == b"IHDR" and len(raw) >= 24 else (0, 0)
         header, whole = _Header(size), _PNG_END in raw
-    elif raw.startswith(b"\xff\xd8"):
-        jpeg = _Jpeg.of(raw)
+    elif raw.startswith(JPEG_BEGIN):
+        jpeg = Jpeg.of(raw)
         header, whole = _Header(jpeg.size(raw), jpeg), jpeg.end is not None
     else:
         raise DamagedPicture(f"{path}: not an image that can be decoded, expected PNG or JPEG")

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from mirrorcam.optics.base.pictures import DamagedPicture
+from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics

@@ -13,13 +13,15 @@ from typing import Any, Literal
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.fingerprint import file_digest
-from mirrorcam.optics.base.pictures import DamagedPicture, is_picture, read_image, write_image
+from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame, Video
+from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame
+from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.frame_checks import check_frames

@@ -6,10 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.pictures import DamagedPicture, check_size, is_picture, picture_size
+from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.base.pictures import check_size, is_picture, picture_size
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
-from mirrorcam.optics.light_field.io.frames import Video
+from mirrorcam.optics.light_field.io.video import Video
 
 # The manifests of rendered sets, and how their schemas begin.
 MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scene/"}

@@ -15,9 +15,10 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
-from mirrorcam.optics.light_field.io.frames import CaptureDevice, Video
+from mirrorcam.optics.light_field.io.frames import CaptureDevice
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import record
+from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField

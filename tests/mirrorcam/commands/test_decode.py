@@ -112,7 +112,7 @@ def test_what_is_damaged_is_skipped_named_and_counted(here: Path, capfd: pytest.
     assert cli.main(["decode", "video.mp4", "webcam.avi", "--layout", "layout.json", "--out", "out"]) == 1
     said = capfd.readouterr().out
     assert "video: skipped 1 of 30 frames, each is damaged: 14" in said
-    assert "video: skipped 5 of 30 frames, each leans on a damaged one: 15 to 19" in said
+    assert "video: skipped 5 of 30 frames, each depends on a damaged one: 15 to 19" in said
     assert re.search(r"webcam: skipped [12] of 2\d frames, each is damaged: 5", said)
     assert re.search(r"webcam: ends after 2\d of 30 frames; the file is cut off", said)
     stored = StoredLightFields(here / "out" / "video.zarr")

@@ -13,8 +13,9 @@ from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.frames import Frame, Video
+from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.recording import Recording, about
+from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.output_folder import HIDDEN

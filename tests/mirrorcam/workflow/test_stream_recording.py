@@ -18,11 +18,11 @@ def test_runs_of_numbers_are_joined(numbers: list[int], text: str) -> None:
 
 
 def test_losses_are_grouped_by_reason() -> None:
-    lost = {5: "is damaged", 7: "leans on a damaged one", 6: "leans on a damaged one"}
+    lost = {5: "is damaged", 7: "depends on a damaged one", 6: "depends on a damaged one"}
     recording: Any = SimpleNamespace(entries=SimpleNamespace(numbers=[0, 1, 2, 3, 4], lost=lost))
     assert losses(recording, 8) == [
         "skipped 1 of 8 frames, each is damaged: 5",
-        "skipped 2 of 8 frames, each leans on a damaged one: 6 to 7",
+        "skipped 2 of 8 frames, each depends on a damaged one: 6 to 7",
     ]
     assert losses(recording, 10)[-1] == "ends after 8 of 10 frames; the file is cut off"
     assert losses(recording, None) == losses(recording, 8)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirrorcam.optics.base import pictures
-from mirrorcam.optics.base.pictures import DamagedPicture
+from mirrorcam.optics.base.jpeg import DamagedPicture
 from tests.optics.base.test_files import refusal
 
 

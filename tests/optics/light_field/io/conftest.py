@@ -12,8 +12,8 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.frames import Video
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
+from mirrorcam.optics.light_field.io.video import Video
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import damage, pictures, write_mjpeg
 

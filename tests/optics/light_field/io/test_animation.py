@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.animation import write_loop
-from mirrorcam.optics.light_field.io.frames import Frame, Video
+from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.video import Video
 
 
 def pictures(height: int = 40, width: int = 64) -> list[NDArray[np.uint8]]:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.frames import Frame, Lost, Video
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.stream import record
+from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from tests.optics.light_field.io.conftest import begin
 from tests.optics.light_field.io.videos import pictures, write_h264
