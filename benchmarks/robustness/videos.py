@@ -1,9 +1,15 @@
-"""Damaged videos: refused, or read as far as frames are whole."""
+"""Damaged videos: refused, or read as far as frames are whole, each with the number or time of the filmed one.
+
+Neither H.264 nor JPEG has a checksum: a flipped bit can give the very data that an encoder writes for another picture,
+which no reader can tell from damage. Such frames are counted as wrong all the same, as "valid data": strict decoders
+(libjpeg, and FFmpeg in one thread) take them, and all frames that they depend on, without a word.
+"""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
@@ -11,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import av.logging
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +159,7 @@ def attempt(seed: int, folder: Path) -> str:
             wrong = f"gives more than {number} frames" if number >= MOST_FRAMES else ""
             if isinstance(item, Frame):
                 wrong = wrong or check(item)
+                wrong += ", of valid data" if wrong.endswith("kept") and item.time_s in valid_times_s(path) else ""
             if wrong:
                 return f"{kind}, {damage}: {wrong}"
     except InputError as error:
@@ -159,6 +167,32 @@ def attempt(seed: int, folder: Path) -> str:
             "" if str(error).startswith(str(path)) else f"names no file: {str(error)[:80]}"
         )
     return ""
+
+
+def valid_times_s(path: Path) -> set[float]:
+    """Times of the frames of a file that FFmpeg decodes without a word, as all that they depend on."""
+    found, silent = set(), False
+    av.logging.set_level(av.logging.VERBOSE)
+    try:
+        with av.open(str(path), metadata_errors="replace") as container, av.logging.Capture() as said:
+            stream = container.streams.video[0]
+            decoder, start = stream.codec_context, stream.start_time or 0
+            decoder.thread_count = 1
+            decoder.options = {"err_detect": "explode+bitstream+buffer+careful"}
+            for packet in container.demux(stream):
+                before = len(said)
+                silent |= packet.is_keyframe
+                with suppress(av.FFmpegError):
+                    decoder.decode(packet)
+                silent &= not any(level < av.logging.VERBOSE for level, _, _ in said[before:])
+                moment = packet.pts if container.format.name != "avi" else packet.dts
+                if silent and packet.size and moment is not None:
+                    found.add(float((moment - start) * stream.time_base))
+    except av.FFmpegError:
+        pass
+    finally:
+        av.logging.set_level(None)
+    return found
 
 
 @dataclass

@@ -18,6 +18,7 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     Picture,
     are_plain_jpegs,
     decoded_pictures,
+    have_ends,
     jpeg_pictures,
     packets_of,
 )
@@ -108,7 +109,7 @@ class Video:
             first = list(islice(packets, SAMPLED))
             packets = chain(first, packets)
             if are_plain_jpegs(first, self.height_px):
-                return jpeg_pictures(packets, size)
+                return jpeg_pictures(packets, size, have_ends(first))
         return decoded_pictures(stream.codec_context, packets, size)
 
 

@@ -128,16 +128,23 @@ def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:
     return strange < len(packets)
 
 
-def jpeg_pictures(packets: Iterable[Packet], size: tuple[int, int]) -> Iterator[Picture]:
-    """The pictures of JPEG packets, each decoded as a picture's file is."""
+def have_ends(packets: Sequence[Packet]) -> bool:
+    """Return whether any of some JPEG packets has an end marker."""
+    return any(Jpeg.of(bytes(packet.data)).end is not None for packet in packets)
+
+
+def jpeg_pictures(packets: Iterable[Packet], size: tuple[int, int], with_ends: bool = True) -> Iterator[Picture]:
+    """The pictures of JPEG packets, each decoded as a picture's file is; some cameras write no end markers."""
     for packet in packets:
-        yield _jpeg_picture(packet, size)
+        yield _jpeg_picture(packet, size, with_ends)
 
 
-def _jpeg_picture(packet: Packet, size: tuple[int, int]) -> Picture:
+def _jpeg_picture(packet: Packet, size: tuple[int, int], with_ends: bool) -> Picture:
     raw = bytes(packet.data)
     try:
         jpeg = _jpeg_of(raw)
+        if with_ends and jpeg.end is None:
+            raise DamagedPicture("frame: image is truncated")
     except DamagedPicture:
         return Picture(packet.moment, None, DAMAGED, packet.gap, packet.skipped)
     if jpeg.size(raw) != size:
@@ -157,7 +164,7 @@ def _jpeg_of(raw: bytes) -> Jpeg:
 
 
 def _ended(raw: bytes, jpeg: Jpeg) -> bytes:
-    """JPEG data with their end marker, which some cameras leave out of a video."""
+    """JPEG data with their end marker."""
     return raw if jpeg.end is not None else raw + JPEG_END
 
 

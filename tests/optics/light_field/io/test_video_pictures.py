@@ -17,6 +17,7 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     Picture,
     are_plain_jpegs,
     decoded_pictures,
+    have_ends,
     jpeg_pictures,
     packets_of,
 )
@@ -119,11 +120,14 @@ def changed(packet: Packet, data: bytes) -> Packet:
     return Packet(packet.number, packet.moment, packet.stated, av.Packet(data), packet.suspect)
 
 
-def test_a_jpeg_without_its_end_is_read_and_one_without_its_data_is_not(tmp_path: Path) -> None:
+def test_a_jpeg_without_its_end_is_read_where_all_are_so_and_one_without_its_data_is_not(tmp_path: Path) -> None:
     whole = packets(write_mjpeg(tmp_path / "a.avi", noisy(1)))[0]
     raw = bytes(whole.data)
     cases = [whole, *(changed(whole, data) for data in (raw[:-2], raw[:-200], b"no JPEG"))]
-    complete, without_end, without_data, none = jpeg_pictures(cases, SIZE)
+    assert [each.reason for each in jpeg_pictures(cases, SIZE)] == ["", DAMAGED, DAMAGED, DAMAGED]
+    assert have_ends(cases)
+    assert not have_ends(cases[1:])
+    complete, without_end, without_data, none = jpeg_pictures(cases, SIZE, with_ends=False)
     assert complete.pixels is not None
     assert without_end.pixels is not None
     assert np.array_equal(without_end.pixels(), complete.pixels())
