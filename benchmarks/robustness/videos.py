@@ -187,7 +187,7 @@ def valid_times_s(path: Path) -> set[float]:
                 silent &= not any(level < av.logging.VERBOSE for level, _, _ in said[before:])
                 moment = packet.pts if container.format.name != "avi" else packet.dts
                 if silent and packet.size and moment is not None:
-                    found.add(float((moment - start) * stream.time_base))
+                    found.add(float((moment - start) * (stream.time_base or 0)))
     except av.FFmpegError:
         pass
     finally:

@@ -81,7 +81,7 @@ class Jpeg:
         """Return whether the data before the first restart marker are filled up, as those of some webcams are."""
         if not any(kind == _RESTARTS for kind, _, _ in self.segments):
             return False
-        restart = _RESTART.search(raw, self.scan(raw), self.end)
+        restart = _RESTART.search(raw, self.scan(raw), len(raw) if self.end is None else self.end)
         return restart is not None and raw[restart.start() - 1] == 0
 
 

@@ -115,6 +115,8 @@ def calibrate(
     seen, base = ([frame.corners for frame in detected] for detected in (found, found_in_base))
     # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
     taken.refuse_other_board(target, seen=any(len(o) for o in seen), base=any(len(o) for o in base))
+    if taken.damaged and not any(map(len, seen)):
+        raise InputError(f"{taken.damaged[0]}; no corner of the board found in other frames")
     try:
         calibration = calibrate_corners(
             seen,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from mirrorcam.optics.base.pictures import DamagedPicture, check_size, read_image
+from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.base.pictures import check_size, read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board

@@ -30,6 +30,10 @@ def about(views: Views, source: dict[str, Any], **settings: Any) -> dict[str, An
     return {"schema": SCHEMA, "source": source, **settings, "views": fields_of_views(views)}
 
 
+class NothingDecoded(InputError):
+    """A source of which no frame could be decoded."""
+
+
 class _Frame(Value):
     """A line of the journal: a frame that is kept, with its time, or lost, with the reason."""
 
@@ -169,11 +173,12 @@ class Recording:
             self._note({"number": lost.number, "lost": lost.reason})
 
     def finish(self) -> None:
-        """Give the recording its own name, or, where it has no frame, remove its beginning and raise InputError."""
+        """Give the recording its own name, or, where it has no frame, remove its beginning and raise NothingDecoded."""
         self.close()
         if not self.entries.numbers:
             shutil.rmtree(self._folder)
-            raise InputError(f"{self.path.name}: not one frame could be decoded, expected at least one")
+            name = self._about["source"].get("file", self.path.name)
+            raise NothingDecoded(f"{name}: not one frame could be decoded, expected at least one")
         with self._writing():
             self._sink.close(self._folder, self._about, self.entries)
             self._folder.rename(self.path)

@@ -75,9 +75,13 @@ class Video:
             ) from None
 
     def _stream(self, container: Any) -> Any:
-        if not container.streams.video:
+        from av.stream import Disposition
+
+        # The picture on the cover of a piece of music is no video.
+        streams = [each for each in container.streams.video if not each.disposition & Disposition.attached_pic]
+        if not streams:
             raise InputError(f"{self.path}: has no pictures, expected a video")
-        stream = container.streams.video[0]
+        stream = streams[0]
         if stream.codec_context is None or not stream.codec_context.width:
             raise InputError(
                 f"{self.path}: its pictures cannot be read, expected a common codec such as H.264 or MJPEG"

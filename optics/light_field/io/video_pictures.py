@@ -260,13 +260,12 @@ def decoded_pictures(decoder: Any, packets: Iterable[Packet], size: tuple[int, i
     decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
     # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
-    decoder.options = {"err_detect": "explode"}
+    decoder.options = {"err_detect": "crccheck+explode"}
     order = _Order(bool(decoder.codec.intra_only))
 
     def picture(shown: _Shown, reason: str, at_end: bool = False) -> Picture:
         def pixels() -> NDArray[np.uint8]:
-            made: NDArray[np.uint8] = convert(shown.frame, format="rgb24", threads=1).to_ndarray()
-            return made
+            return np.asarray(convert(shown.frame, format="rgb24", threads=1).to_ndarray(), dtype=np.uint8)
 
         # Frames that are shown before the last, but are decoded after it, may be cut off.
         broken, skipped = shown.packet.gap or (at_end and bool(decoder.has_b_frames)), shown.packet.skipped

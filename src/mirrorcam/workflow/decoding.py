@@ -6,7 +6,7 @@ import glob
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame
+from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
@@ -104,8 +105,22 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
             decoder.equalisation.save(folder / EQUALISATION)
         reporter.note("decode", f"gains of the views written to {output.path / EQUALISATION}")
     recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter)
-    lost = sum(recorder.record(source, name, origin) for source, name, origin in _streams(request, layout))
-    return damaged + lost
+    return damaged + _record(request, layout, recorder, bool(images))
+
+
+def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder, decoded: bool) -> int:
+    """Decode the streams; one without a frame that can be used counts as one lost, and is an error where all are so."""
+    lost, nothing = 0, None
+    for source, name, origin in _streams(request, layout):
+        try:
+            lost += recorder.record(source, name, origin)
+            decoded = True
+        except NothingDecoded as error:
+            lost, nothing = lost + 1, error
+            recorder.reporter.note("decode", f"{error}; skipped")
+    if nothing is not None and not decoded:
+        raise nothing
+    return lost
 
 
 def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter) -> int:
@@ -170,8 +185,12 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
         if is_picture(path):
             yield decoder.decode(read_image(path))
         else:
-            whole = (item for item in Video(path).frames() if isinstance(item, Frame))
-            yield from (decoder.decode(frame.pixels) for frame in islice(whole, MEASURED_FRAMES))
+            frames = (item for item in Video(path).frames() if isinstance(item, Frame))
+            first = next(frames, None)
+            if first is None:
+                raise NothingDecoded(f"{path}: not one frame could be decoded, expected at least one")
+            for frame in chain((first,), islice(frames, MEASURED_FRAMES - 1)):
+                yield decoder.decode(frame.pixels)
 
 
 def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | CaptureDevice, str, dict[str, Any]]]:

@@ -76,9 +76,9 @@ class StreamRecorder:
                 recording.finish()
                 self.reporter.note("decode", f"{path} written: {kept}")
             raise
-        recording.finish()
         for line in losses(recording, expected):
             self.reporter.note("decode", f"{name}: {line}")
+        recording.finish()
         kept = count_text(len(recording.entries.numbers), "frame")
         self.reporter.note("decode", f"{path} written: {kept}; the first in {self.output.path / picture}")
         entries = recording.entries

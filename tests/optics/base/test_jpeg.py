@@ -79,6 +79,6 @@ def test_a_flipped_bit_can_give_the_very_bytes_of_another_picture() -> None:
                 found = decode_jpeg(bytes(changed), Jpeg.of(bytes(changed)), "frame", grey=True)
             except DamagedPicture:
                 continue
-            wrong = np.mean(np.abs(found.astype(int) - smooth) > 24) if found.shape == smooth.shape else 0
-            same += wrong > 0.02 and cv2.imencode(".jpg", found, options)[1].tobytes() == bytes(changed)
+            wrong = np.mean(np.abs(found.astype(int) - smooth) > 24) if found.shape == smooth.shape else 0.0
+            same += bool(wrong > 0.02 and cv2.imencode(".jpg", found, options)[1].tobytes() == bytes(changed))
     assert same > 10

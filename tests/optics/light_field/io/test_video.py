@@ -133,7 +133,18 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
         sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
         sound.sample_rate = 8000
         container.mux(stream.encode(sound))
+    with av.open(str(tmp_path / "music.mp3"), "w") as container:
+        stream = container.add_stream("libmp3lame", rate=8000)
+        stream.layout = "mono"
+        cover: Any = container.add_stream("mjpeg")
+        cover.width, cover.height, cover.pix_fmt, cover.disposition = 160, 96, "yuvj420p", 0x400
+        frame = av.VideoFrame.from_ndarray(pictures(1)[0], format="rgb24")
+        container.mux([*cover.encode(frame), *cover.encode(None)])
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16p", layout="mono")
+        sound.sample_rate = 8000
+        container.mux([*stream.encode(sound), *stream.encode(None)])
     for name, reason in {
+        "music.mp3": "has no pictures, expected a video",
         "nowhere.mp4": "no such file",
         "": "is a folder, expected a video",
         "empty.mp4": "not a video that can be opened, or cut off before its index",
@@ -154,7 +165,7 @@ def test_names_that_are_no_text_do_not_matter(tmp_path: Path) -> None:
         stream.height, stream.width, stream.pix_fmt = 96, 160, "yuvj420p"
         container.mux(stream.encode(av.VideoFrame.from_ndarray(pictures(1)[0], format="rgb24")))
         container.mux(stream.encode(None))
-    path.write_bytes(path.read_bytes().replace(b"the title", b"\xff\xfe title"))
+    path.write_bytes(path.read_bytes().replace(b"the title", b"\xff\xfe  title"))
     assert len(list(Video(path).frames())) == 1
 
 
