@@ -187,6 +187,15 @@ def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_pat
     assert np.array_equal(found.residuals_px, whole.residuals_px)
 
 
+def test_where_no_picture_is_left_the_first_that_cannot_be_read_is_named(small_set: Set, tmp_path: Path) -> None:
+    path = tmp_path / "recording.mp4"
+    path.write_bytes(b"a video")
+    with pytest.raises(
+        InputError, match=r"recording\.mp4: not an image .*; no corner of the board found in other frames"
+    ):
+        calibrate([path], [], small_set.nominal, BOARD)
+
+
 def test_corners_are_seen_where_the_truth_puts_them(small_set: Set) -> None:
     pose = mirrored_pose(0)
     seen = sub_images(small_set.frames[0], small_set.nominal, BOARD).corners
