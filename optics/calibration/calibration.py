@@ -22,7 +22,8 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
+from mirrorcam.optics.calibration.detection.moved_outlines import outlined
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     fit_metrics,
@@ -38,6 +39,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors, unknown_mirrors
+from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -46,6 +48,10 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 
+UPSIDE_DOWN = (
+    "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
+    "pictures were turned; turn all of them"
+)
 NO_UNKNOWN_MIRRORS = UnknownMirrors()
 
 
@@ -130,6 +136,8 @@ def calibrate(
     except InputError:
         # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
         taken.refuse_other_board(target, seen=False, base=False)
+        if fits_upside_down(seen, layout, target):
+            raise InputError(UPSIDE_DOWN) from None
         raise
     return calibration.with_damaged_pictures(taken.damaged)
 

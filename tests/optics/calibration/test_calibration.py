@@ -260,12 +260,19 @@ def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
         calibrate(plain_frames[:1], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
 
 
-@pytest.mark.parametrize(("cols", "rows"), [(8, 6), (9, 5), (7, 5)])
+@pytest.mark.parametrize(("cols", "rows", "said"), [(9, 5, "a checkerboard of 9 x 6 squares"), (7, 5, "")])
 def test_a_plain_board_of_fewer_squares_than_the_picture_shows_is_not_believed(
-    small_set: Set, plain_frames: list[Grey], cols: int, rows: int
+    small_set: Set, plain_frames: list[Grey], cols: int, rows: int, said: str
 ) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError) as refused:
         calibrate(plain_frames, [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
+    assert said in str(refused.value)
+
+
+def test_pictures_that_are_upside_down_are_refused_with_that_cause(small_set: Set) -> None:
+    turned = [np.ascontiguousarray(picture[::-1, ::-1]) for picture in small_set.frames[:3]]
+    with pytest.raises(InputError, match="fit the layout only when they are turned by 180 deg"):
+        calibrate(turned, [], small_set.nominal, BOARD)
 
 
 def test_a_frame_without_a_board_is_named_and_left_out(
