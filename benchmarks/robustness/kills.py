@@ -136,7 +136,7 @@ def _whole(arguments: list[str], folder: Path) -> None:
     done = subprocess.run(
         _command(arguments), cwd=folder, capture_output=True, text=True, timeout=LONGEST_S, check=False
     )
-    if done.returncode not in (0, 1):
+    if done.returncode not in (0, 1) or "Traceback" in done.stderr:
         raise RuntimeError(f"{' '.join(arguments)} ended with {done.returncode}: {done.stderr}")
 
 

@@ -155,6 +155,11 @@ def results(folder: Path) -> dict[str, bytes]:
     return {name: content for name, content in contents(folder).items() if not name.startswith(f"{HIDDEN}/")}
 
 
+def places(folder: Path) -> set[Path]:
+    """All files and folders, but what is in the hidden one."""
+    return {path for path in folder.rglob("*") if path.parent.name != HIDDEN}
+
+
 @dataclass(frozen=True)
 class Trial:
     """Runs a command whose work must or must not begin, again and again from an empty folder."""
@@ -165,7 +170,7 @@ class Trial:
 
     def refused(self, out: Path, name: str) -> None:
         """The command names a file in one line, and leaves everything as it was."""
-        before, recorded = results(out), (out / HIDDEN).exists()
+        before, there = results(out), places(out)
         self.capture.readouterr()
         with self.monkeypatch.context() as patch:
             module, _, function = self.case.work.partition(":")
@@ -175,7 +180,7 @@ class Trial:
         assert_one_line(said)
         assert any(f"{place}" in said for place in (out.name + "/" + name.partition("/")[0], repr(name))), said
         assert results(out) == before
-        assert (out / HIDDEN).exists() == recorded
+        assert places(out) == there
 
     def done(self, *options: str) -> int:
         code = cli.main([*self.case.arguments.split(), *options])
@@ -217,20 +222,20 @@ def try_all(trial: Trial, here: Path) -> None:
     out, whole = here / "out", here / "whole"
     code = trial.done()
     written = results(out)
-    places = [place for place in written if not (trial.case.cached and place.startswith(trial.case.cached))]
-    assert places
+    tried = [place for place in written if not (trial.case.cached and place.startswith(trial.case.cached))]
+    assert tried
     out.rename(whole)
-    for place in places:
+    for place in tried:
         put(out, place, STRANGER)
         trial.refused(out, place)
         shutil.rmtree(out)
     if trial.case.forced:
-        put(out, *places, STRANGER)
+        put(out, *tried, STRANGER)
         assert trial.done("--force") == code
         assert results(out) == written | {STRANGER: MINE}
         shutil.rmtree(out)
     whole.rename(out)
-    for place in () if trial.case.complete else places:
+    for place in () if trial.case.complete else tried:
         with (out / place).open("ab") as stream:
             stream.write(b"edited")
         trial.refused(out, place)
