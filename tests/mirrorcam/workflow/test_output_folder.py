@@ -87,6 +87,21 @@ def test_subfolders_have_records_of_their_own(tmp_path: Path) -> None:
     assert contents(tmp_path) == [HIDDEN, f"{HIDDEN}/written.jsonl", "one", "one/b", "two", "two/a"]
 
 
+def test_groups_of_files_are_replaced_each_by_itself(tmp_path: Path) -> None:
+    for names in (("a", "b"), ("b",)):
+        with output_folder(tmp_path, "sweep") as output:
+            for group in ("one", "two"):
+                with output.grouped(group).staged() as folder:
+                    for name in names if group == "one" else ("a",):
+                        (folder / f"{group}-{name}").write_text(name)
+    assert contents(tmp_path) == [HIDDEN, f"{HIDDEN}/written.jsonl", "one-b", "two-a"]
+    (tmp_path / "two-a").write_text("mine")
+    with output_folder(tmp_path, "sweep") as output:
+        output.grouped("one").refuse_others("one-b")
+        with pytest.raises(InputError, match="two-a: was changed since this command wrote it, expected it removed"):
+            output.grouped("two").refuse_others("two-a")
+
+
 HOLDS = """
 import sys, time
 from pathlib import Path

@@ -14,6 +14,7 @@ from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
+from mirrorcam.optics.exports.write_exports import export_names
 from tests.hostile_names import ACCEPTED, REFUSED
 from tests.optics.exports.conftest import Case, sideways_layout
 
@@ -36,8 +37,14 @@ def test_the_same_layout_makes_the_same_bytes(case: Case, tmp_path: Path) -> Non
         write_exports(case.layout, tmp_path / name)
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
     assert len(files) > 10
+    assert {path.as_posix() for path in files} == set(export_names(case.layout))
     for path in files:
         assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes()
+
+
+def test_the_names_of_pictures_are_known_before_they_are_written(case: Case, folder: Path) -> None:
+    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert files == set(export_names(case.layout, [folder.parent / "a.png", folder.parent / "b.png"]))
 
 
 def test_a_picture_of_another_size_is_refused(case: Case, tmp_path: Path) -> None:

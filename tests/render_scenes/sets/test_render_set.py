@@ -58,6 +58,7 @@ def finished(render: Render, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_set_holds_what_was_promised(finished: Path, small_layout: Layout, small_board: Charuco) -> None:
     dataset = Dataset.load(finished)
+    assert set(dataset.files) <= set(dataset.planned_names)
     assert set(contents(finished)) == {
         MANIFEST,
         "layout.json",
