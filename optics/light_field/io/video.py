@@ -142,11 +142,11 @@ def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Itera
     of a time that was there before is a copy of data, and none.
     """
     last: int | None = None
-    even, near = period > 0, 0
+    even, steady, near = period > 0, 0, 0
     seen: deque[int] = deque(maxlen=_REMEMBERED)
     for picture, following in pairwise(chain(pictures, (None,))):
         assert picture is not None
-        near = _NEAR if picture.broken or (following is not None and following.broken) else near - 1
+        near = _NEAR if any(_may_miss(each, steady) for each in (picture, following)) else near - 1
         moment, missing = picture.moment, picture.skipped
         if last is not None and moment <= last and moment in seen:
             continue
@@ -160,7 +160,13 @@ def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Itera
         if even and last is not None:
             even = on_grid and (steps == 1 or near > 0)
             missing = max(missing, steps - 1) if even and steps <= most else missing
+            steady += even
         yield from (Picture(moment, None, MISSING) for _ in range(missing))
         last = moment
         seen.append(moment)
         yield picture
+
+
+def _may_miss(picture: Picture | None, steady: int) -> bool:
+    """Return whether others may be missing beside a picture, after some pictures at even times."""
+    return picture is not None and (picture.broken or (picture.reason == DAMAGED and steady > _NEAR))

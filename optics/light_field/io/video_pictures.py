@@ -183,6 +183,10 @@ class _Shown:
     key: int
 
 
+def _is_key(frame: Any) -> bool:
+    return frame is not None and bool(frame.key_frame) and frame.pict_type == _INTRA
+
+
 class _Order:
     """Tells which frames are whole: none between a damaged one and the next key frame, in the order of the packets.
 
@@ -214,7 +218,7 @@ class _Order:
             return  # counted as missing before, by a wrong time
         if frame.is_corrupt:
             self._damaged.add(number)
-        key = bool(frame.key_frame) and frame.pict_type == _INTRA
+        key = _is_key(frame)
         for each in sorted(self._sent.values(), key=lambda each: each.moment):
             by_number = each.number < number and (key or not reorders)
             overtaken = each.moment < packet.moment if packet.stated else by_number
@@ -225,7 +229,7 @@ class _Order:
         self._show(packet, frame)
 
     def end(self) -> None:
-        """No more frames will come."""
+        """Note that no more frames of the packets so far will come."""
         for each in sorted(self._sent.values(), key=lambda each: each.moment):
             self._miss(each)
 
@@ -246,7 +250,8 @@ class _Order:
             if not self._alone and any(shown.key <= each < number for each in self._sent):
                 return
             self._shown.popleft()
-            depends = not self._alone and any(shown.key <= each < number for each in self._damaged)
+            alone = self._alone or _is_key(shown.frame)
+            depends = not alone and any(shown.key <= each < number for each in self._damaged)
             yield shown, DEPENDS if depends else DAMAGED if number in self._damaged else ""
         self._damaged = {each for each in self._damaged if each >= self._key}
 
@@ -273,10 +278,17 @@ def decoded_pictures(decoder: Any, packets: Iterable[Packet], size: tuple[int, i
             reason = other_size((shown.frame.width, shown.frame.height), size)
         return Picture(shown.moment, None if reason else pixels, reason, broken, skipped)
 
+    failed = False
     for packet in packets:
+        if failed and packet.data.is_keyframe:
+            # Threads that met damaged data may fail at whole ones too, until all begin anew.
+            _decode(decoder, None, order)
+            order.end()
+            decoder.flush_buffers()
+            failed = False
         order.send(packet)
         packet.data.opaque = packet.number
-        _decode(decoder, packet.data, order)
+        failed |= not _decode(decoder, packet.data, order)
         yield from starmap(picture, order.judged())
     _decode(decoder, None, order)
     order.end()
@@ -284,13 +296,15 @@ def decoded_pictures(decoder: Any, packets: Iterable[Packet], size: tuple[int, i
         yield picture(shown, reason, at_end=True)
 
 
-def _decode(decoder: Any, data: Any, order: _Order) -> None:
+def _decode(decoder: Any, data: Any, order: _Order) -> bool:
+    """Decode a packet, or what the decoder still holds; return whether it raised no error."""
     import av
 
     try:
         frames = decoder.decode(data)
     except av.FFmpegError:
         # Its frame will be missing among those that come.
-        return
+        return False
     for frame in frames:
         order.give(frame.opaque, frame, bool(decoder.has_b_frames))
+    return True

@@ -71,6 +71,18 @@ def test_frames_before_a_damaged_one_that_need_it_are_lost_with_it(tmp_path: Pat
     assert [each.moment for each in found] == times
 
 
+def test_every_key_frame_is_a_new_start(tmp_path: Path) -> None:
+    """Threads of the decoder that have met damaged data would fail at whole ones too."""
+    path = write_h264(tmp_path / "a.ts", noisy(40) * 5, key_every=20, b_frames=2)
+    random, raw = np.random.default_rng(6), bytearray(path.read_bytes())
+    for begin in random.integers(10_000, len(raw) // 2, 3):
+        raw[begin : begin + 40] = random.bytes(40)
+    path.write_bytes(raw)
+    found = shown(decoded(path))
+    assert found[-80:] == [*range(40)] * 2
+    assert found.count(None) <= 3 * 20
+
+
 @pytest.mark.parametrize("name", ["a.avi", "a.h264"])
 def test_without_times_frames_come_as_the_decoder_orders_them(name: str, tmp_path: Path) -> None:
     found = decoded(write_h264(tmp_path / name, pictures(23), b_frames=2))
