@@ -40,6 +40,7 @@ def packets(path: Path) -> list[Packet]:
 def decoded(path: Path) -> list[Picture]:
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
+        stream.codec_context.thread_count = 3
         return list(decoded_pictures(stream.codec_context, packets_of(container, stream), SIZE))
 
 
