@@ -174,7 +174,7 @@ def valid_times_s(path: Path) -> set[float]:
     found, silent = set(), False
     av.logging.set_level(av.logging.VERBOSE)
     try:
-        with av.open(str(path), metadata_errors="replace") as container, av.logging.Capture() as said:
+        with av.logging.Capture() as said, av.open(str(path), metadata_errors="replace") as container:
             stream = container.streams.video[0]
             decoder, start = stream.codec_context, stream.start_time or 0
             decoder.thread_count = 1

@@ -12,6 +12,7 @@ from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.video_packets import packets_of
 from mirrorcam.optics.light_field.io.video_pictures import (
     DAMAGED,
     SAMPLED,
@@ -20,7 +21,6 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     decoded_pictures,
     have_ends,
     jpeg_pictures,
-    packets_of,
 )
 
 MISSING, WRONG_TIME = "is missing", "has a wrong time"

@@ -5,16 +5,15 @@ from __future__ import annotations
 import heapq
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import starmap
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.jpeg import EXTRANEOUS, JPEG_BEGIN, JPEG_END, DamagedPicture, Jpeg, decode_jpeg
-from mirrorcam.optics.light_field.io.avi_index import AviIndex
+from mirrorcam.optics.light_field.io.video_packets import Packet
 
 DAMAGED, DEPENDS = "is damaged", "depends on a damaged one"
 SAMPLED = 8
@@ -24,41 +23,8 @@ _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 _MOST_AHEAD = 64
 """Packets after which one that gave no frame will give none: more than a decoder reorders or decodes at once."""
-_LARGEST_GAP = 64
-"""Bytes between two packets of a Matroska file with one stream: headers of a block and of a cluster."""
 # States that samples are in the limited range of television, which libjpeg does not know of.
 _LIMITED_RANGE = b"CS=ITU601"
-
-
-@dataclass(frozen=True, eq=False)
-class Packet:
-    """A packet of a video.
-
-    Attributes
-    ----------
-    number
-        Its number in the file, from 0.
-    moment
-        When its frame is shown, in the stream's own time; where that is not stated, when it is decoded.
-    stated
-        Whether the moment is that at which it is shown.
-    data
-        The packet.
-    suspect
-        Whether its data may not be whole.
-    gap
-        Whether packets before it may be missing.
-    skipped
-        Number of packets between the last one and this that the file's index knows, and that are not there.
-    """
-
-    number: int
-    moment: int
-    stated: bool
-    data: Any
-    suspect: bool = False
-    gap: bool = False
-    skipped: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,39 +40,6 @@ class Picture:
     reason: str = ""
     broken: bool = False
     skipped: int = 0
-
-
-def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
-    """The packets of a stream, also where the file breaks off in the middle of one."""
-    import av
-
-    # AVI has no times, but counts what it stores, and its reader counts only what it finds.
-    index = AviIndex(Path(container.name)) if container.format.name == "avi" else None
-    alone = "matroska" in container.format.name and len(container.streams) == 1
-    number, last, corrupt = 0, None, False
-    try:
-        for data in container.demux(stream):
-            if not data.size:
-                continue
-            times = (data.dts, number) if index else (data.pts, data.dts, number)
-            moment, skipped = int(next(each for each in times if each is not None)), 0
-            if index:
-                moment, skipped = index.find(data.pos, data.size, moment)
-            gap = False
-            if last is not None:
-                gap = alone and not 0 <= data.pos - last.data.pos - last.data.size <= _LARGEST_GAP
-                # What cannot be read begins where the last packet ends, or before.
-                yield replace(last, suspect=last.suspect or gap)
-            stated = not index and data.pts is not None
-            # A transport stream marks the packet before the one that did not arrive whole.
-            suspect, corrupt = corrupt or data.is_corrupt, data.is_corrupt
-            last = Packet(number, moment, stated, data, suspect, gap or suspect or skipped > 0, skipped)
-            number += 1
-    except av.FFmpegError:
-        # What follows cannot be read; the frames before are whole.
-        pass
-    if last is not None:
-        yield last
 
 
 def are_plain_jpegs(packets: Sequence[Packet], height_px: int) -> bool:

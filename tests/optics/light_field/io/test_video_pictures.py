@@ -10,31 +10,20 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.light_field.io.video_packets import Packet, packets_of
 from mirrorcam.optics.light_field.io.video_pictures import (
     DAMAGED,
     DEPENDS,
-    Packet,
     Picture,
     are_plain_jpegs,
     decoded_pictures,
     have_ends,
     jpeg_pictures,
-    packets_of,
 )
+from tests.optics.light_field.io.test_video_packets import noisy, packets
 from tests.optics.light_field.io.videos import number_in, pictures, write_h264, write_mjpeg
 
 SIZE = (160, 96)
-
-
-def noisy(count: int) -> list[np.ndarray]:
-    """Pictures of which a video has data enough to be damaged in many places."""
-    random = np.random.default_rng(0)
-    return [np.clip(each + random.integers(-9, 10, each.shape), 0, 255).astype(np.uint8) for each in pictures(count)]
-
-
-def packets(path: Path) -> list[Packet]:
-    with av.open(str(path)) as container:
-        return list(packets_of(container, container.streams.video[0]))
 
 
 def decoded(path: Path) -> list[Picture]:
@@ -89,29 +78,6 @@ def test_without_times_frames_come_as_the_decoder_orders_them(name: str, tmp_pat
     found = decoded(write_h264(tmp_path / name, pictures(23), b_frames=2))
     assert shown(found) == list(range(23))
     assert [each.moment for each in found] == list(range(23))
-
-
-def test_packets_around_what_cannot_be_read_are_suspect(tmp_path: Path) -> None:
-    path = write_h264(tmp_path / "a.mkv", noisy(20))
-    places = [(packet.data.pos, packet.data.size) for packet in packets(path)]
-    raw = bytearray(path.read_bytes())
-    begin, end = places[6][0] - 8, places[8][0] + 20
-    raw[begin:end] = bytes(np.random.default_rng(1).integers(0, 256, end - begin, dtype=np.uint8))
-    path.write_bytes(raw)
-    found = packets(path)
-    assert len(found) < 20
-    assert [packet.number for packet in found if packet.suspect] == [5]
-    assert [packet.number for packet in found if packet.gap] == [6]
-    assert not any(packet.suspect or packet.gap for packet in packets(write_h264(tmp_path / "b.mkv", noisy(20))))
-
-
-def test_packets_of_a_transport_stream_that_did_not_arrive_are_suspect(tmp_path: Path) -> None:
-    path = write_h264(tmp_path / "a.ts", noisy(20))
-    assert not any(packet.suspect for packet in packets(path))
-    raw = bytearray(path.read_bytes())
-    del raw[188 * (len(raw) // 376) : 188 * (len(raw) // 376 + 3)]
-    path.write_bytes(raw)
-    assert any(packet.suspect for packet in packets(path))
 
 
 def test_jpegs_of_a_camera_are_read_as_picture_files_unless_it_writes_its_own_way(tmp_path: Path) -> None:
