@@ -44,7 +44,7 @@ from mirrorcam.commands import (
     sweep,
     validate,
 )
-from mirrorcam.console.refusals import one_line_message, refusal
+from mirrorcam.console.refusals import causes, one_line_message, refusal
 from mirrorcam.console.streams import make_readable, quieten_libraries
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
@@ -186,19 +186,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = RUNNERS[type(command.command)](command.command)
             _flush()
             return code
-    except InputError as error:
-        return _refuse(str(error), BAD_INPUT, arguments)
-    except BrokenPipeError:
-        _say_no_more()  # the reader of the output has closed it
-        return CHECK_FAILED
-    except OSError as error:
-        if error.filename is None and error.errno in FULL:
-            _say_no_more()
-            return _refuse(f"cannot write: {error.strerror}", BAD_INPUT, arguments)
-        if error.filename is None:
-            raise
-        return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt) as error:
+        return _end(error, arguments)
+
+
+def _end(error: BaseException, arguments: Sequence[str]) -> int:
+    """Say why a command ends with an error, which is being handled, and return the exit code; raises it if it is ours.
+
+    What a library makes of an interruption, such as the ImportError of one that was being loaded, is one.
+    """
+    if isinstance(error, KeyboardInterrupt) or (
+        interruption.asked() and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
+    ):
         if interruption.asked() == signal.SIGTERM:
             return _refuse("terminated; finished files are whole", TERMINATED, arguments)
         return _refuse("interrupted; finished files are whole", INTERRUPTED, arguments)
+    if isinstance(error, InputError):
+        return _refuse(str(error), BAD_INPUT, arguments)
+    if isinstance(error, BrokenPipeError):
+        _say_no_more()  # the reader of the output has closed it
+        return CHECK_FAILED
+    if isinstance(error, OSError) and error.filename is not None:
+        return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)
+    if isinstance(error, OSError) and error.errno in FULL:
+        _say_no_more()
+        return _refuse(f"cannot write: {error.strerror}", BAD_INPUT, arguments)
+    raise error

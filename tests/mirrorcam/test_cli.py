@@ -286,6 +286,25 @@ def test_sigterm_ends_a_command_as_ctrl_c_does(
     assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
 
 
+def test_what_a_library_makes_of_a_signal_is_one(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def load(options: object) -> int:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+        return 0
+
+    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
+    monkeypatch.setitem(cli.RUNNERS, options, load)
+    assert cli.main(["cad", "layout.json"]) == 143
+    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
+    monkeypatch.setitem(cli.RUNNERS, options, raising(ImportError("of ours")))
+    with pytest.raises(ImportError, match="of ours"):
+        cli.main(["cad", "layout.json"])
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("arguments", [["--help"], ["board"]])
 def test_a_full_standard_output_is_told_in_one_line(arguments: list[str], tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def one_line_message(message: str, hint: str = "") -> str:
 
 def refusal(error: SystemExit, box: str, arguments: Sequence[str], commands: Commands) -> str:
     """The error that tyro reported, in one line: from its cause, else from the box that it printed."""
-    for cause in _causes(error):
+    for cause in causes(error):
         if isinstance(cause, ValidationError):
             return _invalid(cause, commands)
         if isinstance(cause, InputError):
@@ -45,7 +45,8 @@ def refusal(error: SystemExit, box: str, arguments: Sequence[str], commands: Com
     return (_unknown(arguments, commands) if "nrecognized" in box else "") or _reason(box)
 
 
-def _causes(error: BaseException) -> Iterator[BaseException]:
+def causes(error: BaseException) -> Iterator[BaseException]:
+    """An error, and those that it came of."""
     cause: BaseException | None = error
     while cause is not None:
         yield cause
