@@ -120,7 +120,8 @@ def calibrate(
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
     seen, base = ([frame.corners for frame in detected] for detected in (found, found_in_base))
     # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
-    taken.refuse_other_board(target, seen=any(len(o) for o in seen), base=any(len(o) for o in base))
+    shown = any(len(o) for o in seen), any(len(o) for o in base)
+    taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=True)
     if taken.damaged and not any(map(len, seen)):
         raise InputError(f"{taken.damaged[0]}; no corner of the board found in other frames")
     try:
@@ -135,7 +136,7 @@ def calibrate(
         )
     except InputError:
         # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
-        taken.refuse_other_board(target, seen=False, base=False)
+        taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=False)
         if fits_upside_down(seen, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise

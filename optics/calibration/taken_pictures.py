@@ -48,13 +48,16 @@ class TakenPictures:
             if len(self._first[mirrored]) < MOST_PICTURES:
                 self._first[mirrored].append(grey)
 
-    def refuse_other_board(self, target: Target, *, seen: bool, base: bool) -> None:
+    def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:
         """Raise InputError where the first pictures show another board than the stated one.
 
-        `seen` and `base` are whether the stated one fits the pictures through the mirrors, and without them.
+        `seen` and `base` are whether that was found in any picture through the mirrors, and without them, and `fits`
+        whether what was found fits as far as is known.
         """
-        for mirrored, fits in ((False, base), (True, seen)):
-            other = other_board(self._first[mirrored], target, mirrored=mirrored, found=fits)
+        for mirrored, found in ((False, base), (True, seen)):
+            other = other_board(
+                self._first[mirrored], target, mirrored=mirrored, found=seen or base, fits=fits and found
+            )
             if other is not None:
                 raise InputError(other)
 

@@ -22,7 +22,9 @@ MORE_LINKS = 1.5  # of another board's, relative to those of the stated one
 WIDTHS = 3  # columns more or fewer than stated
 
 
-def other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool) -> str | None:
+def other_board(
+    pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool, fits: bool = True
+) -> str | None:
     """Say that pictures show another board than the stated one, or are flipped; None where they seem to be right.
 
     Parameters
@@ -34,37 +36,55 @@ def other_board(pictures: Sequence[Grey], target: Target, *, mirrored: bool | No
     mirrored
         Whether they show it through mirrors; None: directly and through mirrors.
     found
-        Whether the stated board was found in any picture of this kind, and fits. Otherwise more is tried.
+        Whether the stated board was found in any picture, of whatever kind. Otherwise more is tried.
+    fits
+        Whether it was found in pictures of this kind, and fits as far as is known. Otherwise what was found may be part
+        of a larger board.
     """
     pictures = pictures[:MOST_PICTURES]
     if not pictures:
         return None
     if isinstance(target, Charuco):
-        return _other_markers(pictures, target, mirrored=bool(mirrored), found=found)
-    return None if found else _other_checkerboard(pictures, target, mirrored=mirrored)
+        return _other_markers(pictures, target, mirrored=bool(mirrored), found=found and fits)
+    return None if found and fits else _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
 
 
-def _other_checkerboard(pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None) -> str | None:
-    own = [(picture, board) for picture in pictures for board in _boards(picture, target)]
-    # Parts of a board are taken for a smaller one, so that one as large as the stated one is none smaller.
-    sizes = [size for size in _neighbouring_sizes(target) if not own or _at_least(size, target)]
-    counts = {size: _count(pictures, target, size) for size in sizes}
+def _other_checkerboard(
+    pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None, found: bool
+) -> str | None:
+    own, counts = _searched(pictures, target, larger=found)
     # Now and then a board with its mirror image is taken for a larger one.
     least = max(len(pictures), PARTS * max([*counts.values(), len(own)]))
     often = [size for size, count in counts.items() if count >= least]
     if often:
         cols, rows = max(often, key=lambda size: size[0] * size[1])
         return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
-    if mirrored is None:
+    if mirrored is None or found:
         return None
     flipped = [not orderings(picture, board, target, mirrored=mirrored) for picture, board in own]
-    if sum(flipped) > 0.5 * len(own):
+    if len(own) >= len(pictures) and all(flipped):
         return (
             f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
             "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
             "in board.toml"
         )
     return None
+
+
+def _searched(
+    pictures: Sequence[Grey], target: Checkerboard, *, larger: bool
+) -> tuple[list[tuple[Grey, FloatArray]], dict[tuple[int, int], int]]:
+    """The boards of the stated size, each with its picture, and the numbers of those of other, or larger, sizes."""
+
+    def found(board: Checkerboard) -> list[tuple[Grey, FloatArray]]:
+        return [
+            (picture, grid) for picture in pictures for grid in find_checkerboards(picture, board, most=MOST_BOARDS)
+        ]
+
+    own = found(target)
+    # Parts of a board are taken for a smaller one, so that one as large as the stated one is none smaller.
+    sizes = [size for size in _neighbouring_sizes(target) if not (own or larger) or _at_least(size, target)]
+    return own, {(cols, rows): len(found(target.replaced(cols=cols, rows=rows))) for cols, rows in sizes}
 
 
 def _neighbouring_sizes(target: Checkerboard) -> Iterator[tuple[int, int]]:
@@ -76,15 +96,6 @@ def _neighbouring_sizes(target: Checkerboard) -> Iterator[tuple[int, int]]:
 
 def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
     return size[0] >= target.cols and size[1] >= target.rows
-
-
-def _count(pictures: Sequence[Grey], target: Checkerboard, size: tuple[int, int]) -> int:
-    board = target.replaced(cols=size[0], rows=size[1])
-    return sum(len(_boards(picture, board)) for picture in pictures)
-
-
-def _boards(picture: Grey, target: Checkerboard) -> list[FloatArray]:
-    return find_checkerboards(picture, target, most=MOST_BOARDS)
 
 
 def _other_markers(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool, found: bool) -> str | None:

@@ -75,11 +75,22 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
     if not places or len(places) < max(ALARM_FRAMES * shown, min(2, shown)):
         notes = tuple(f"{place}: a board that belongs to no mirror of the layout" for place in places)
         return UnknownMirrors(len(places), notes=notes, question=question)
+    seen = f"the frames seem to show {other}, " if other else ""
+    side = _side(np.concatenate(list(surplus.values())), regions)
     alarm = (
-        f"boards in {len(places)} of {shown} frames belong to no mirror of the layout, as in {places[0]}: "
-        f"{other and f'the frames seem to show {other}, '}{own}; calibrate with the layout of this device"
+        f"boards in {len(places)} of {shown} frames belong to no mirror of the layout, as in {places[0]}{side}: "
+        f"{seen}{own}; calibrate with the layout of this device"
     )
     return UnknownMirrors(len(places), alarms=(alarm,), question=question)
+
+
+def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
+    """On which side of all sub-images most of the places (k, 2) are, in words; empty where on none."""
+    left, top, right, bottom = shapely.union_all(regions).bounds
+    x, y = places_px.T
+    beyond = {"left of": x < left, "right of": x > right, "above": y < top, "below": y > bottom}
+    words = max(beyond, key=lambda side: int(beyond[side].sum()))
+    return f", {words} all its mirrors" if beyond[words].mean() > 0.5 else ""
 
 
 def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:

@@ -83,7 +83,8 @@ def calibrate_with_direct_view(
         start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
-        raise InputError(other_board(pictures, target, mirrored=None, found=False) or str(error)) from None
+        other = other_board(pictures, target, mirrored=None, found=True, fits=False)
+        raise InputError(other or str(error)) from None
     shown = [pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:

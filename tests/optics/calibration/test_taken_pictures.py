@@ -43,14 +43,14 @@ def test_the_first_pictures_of_each_kind_are_looked_at_again(monkeypatch: pytest
     changes = taken.extremes.changes()
     assert changes is not None
     assert int(changes[0].max()) == 30  # those without mirrors do not count
-    asked: list[tuple[list[int], bool, bool]] = []
+    asked: list[tuple[list[int], bool, bool, bool]] = []
 
-    def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool) -> str | None:
-        asked.append(([int(picture.mean()) for picture in pictures], mirrored, found))
-        return "another board" if mirrored and not found else None
+    def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
+        asked.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
+        return "another board" if mirrored and not fits else None
 
     monkeypatch.setattr(taken_pictures, "other_board", other)
-    taken.refuse_other_board(BOARD, seen=True, base=False)
-    assert asked == [([50], False, False), ([10, 20], True, True)]
+    taken.refuse_other_board(BOARD, seen=True, base=False, fits=True)
+    assert asked == [([50], False, True, False), ([10, 20], True, True, True)]
     with pytest.raises(InputError, match="another board"):
-        taken.refuse_other_board(BOARD, seen=False, base=True)
+        taken.refuse_other_board(BOARD, seen=False, base=True, fits=False)

@@ -47,6 +47,16 @@ def test_a_checkerboard_of_another_size_is_named(stated: tuple[int, int], *, mir
     assert other_board(pictures(PLAIN, mirrored=mirrored), target, mirrored=mirrored, found=False) == said
 
 
+def test_a_checkerboard_that_was_found_is_none_smaller() -> None:
+    shown = pictures(PLAIN, mirrored=False)
+    higher = PLAIN.replaced(rows=7)
+    assert other_board(shown, higher, mirrored=False, found=True) is None
+    assert other_board(shown, higher, mirrored=False, found=True, fits=False) is None
+    lower = PLAIN.replaced(rows=5)
+    said = "the pictures show a checkerboard of 7 x 6 squares, board.toml says 7 x 5"
+    assert other_board(shown, lower, mirrored=False, found=True, fits=False) == said
+
+
 @pytest.mark.parametrize("stated", [(9, 7), (11, 7), (8, 7), (10, 6)])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_charuco_board_of_another_size_is_named(stated: tuple[int, int], *, mirrored: bool) -> None:
@@ -72,7 +82,9 @@ def test_the_stated_board_is_taken(*, mirrored: bool, found: bool) -> None:
 
 @pytest.mark.parametrize(("target", "mirrored"), [(PLAIN, False), (EVEN, True)])
 def test_the_stated_checkerboard_is_taken_where_it_does_not_fit(target: Checkerboard, *, mirrored: bool) -> None:
-    assert other_board(pictures(target, mirrored=mirrored)[:1], target, mirrored=mirrored, found=False) is None
+    assert (
+        other_board(pictures(target, mirrored=mirrored)[:1], target, mirrored=mirrored, found=True, fits=False) is None
+    )
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

@@ -58,6 +58,7 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
     (alarm,) = found.diagnostics.mismatches
     assert alarm.startswith("boards in 8 of 8 frames belong to no mirror of the layout, as in frame 0 at pixel (")
     assert "the frames seem to show 3 x 3, the layout has 3 x 2 mirrors" in alarm
+    assert ("right of all its mirrors" in alarm) == (2 not in columns)
     assert len(alarm) <= 300
     assert found.metrics["frames_with_unknown_mirrors"].value == 8
     verdict = check_solution(found, view_figures(found))
