@@ -20,6 +20,7 @@ def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> 
     """
     require("cluster")
     from distributed import Client, Future, KilledWorker, as_completed
+    from distributed.comm.core import CommClosedError
 
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here, in one line
@@ -31,14 +32,17 @@ def run_cluster(tasks: Sequence[str], address: str, work: Work[str, Answer]) -> 
     with client:
         asked = client.map(work, list(tasks), pure=False)
         futures: dict[Future[Answer], int] = {future: number for number, future in enumerate(asked)}
+        lost = InputError(f"--scheduler {address}: the connection to the scheduler was lost")
         try:
             for future in as_completed(futures, loop=client.loop):
                 if future.cancelled():
-                    raise InputError(f"--scheduler {address}: the connection to the scheduler was lost")
+                    raise lost
                 try:
                     got: Answer | Died = future.result()
                 except KilledWorker as killed:
                     got = Died(f"{killed.allowed_failures + 1} workers died of it")
+                except CommClosedError:
+                    raise lost from None
                 yield futures[future], got
                 future.release()
         finally:

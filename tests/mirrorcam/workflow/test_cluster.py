@@ -15,6 +15,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.workflow.cluster import run_cluster
 from mirrorcam.workflow.output_folder import HIDDEN
 from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 from mirrorcam.workflow.sweep_work import Answer
@@ -63,6 +64,20 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
     assert [outcome.status for outcome in outcomes] == ["solved"] * len(SPECS)
     assert outcomes == sweep_into(SPECS, tmp_path / "local", partial(design_here, workers=2))
     assert files_of(tmp_path / "cluster") == files_of(tmp_path / "local")
+
+
+def test_a_connection_lost_while_an_answer_is_read_is_named_in_one_line(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import distributed
+    from distributed.comm.core import CommClosedError
+
+    def reset(future: object) -> None:
+        raise CommClosedError("in <TCP>: ConnectionResetError: [Errno 104] Connection reset by peer")
+
+    monkeypatch.setattr(distributed.Future, "result", reset)
+    with pytest.raises(InputError, match=r"^--scheduler tcp://.*: the connection to the scheduler was lost$"):
+        list(run_cluster(["1"], cluster[0], str))
 
 
 @pytest.mark.slow
