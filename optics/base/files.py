@@ -127,9 +127,11 @@ def stored_bytes(path: Path) -> int:
 
 def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
     """The content of a regular file of at most `most` bytes, or InputError in one line."""
-    if stored_bytes(path) <= most:
+    if (stored := stored_bytes(path)) <= most:
         with _readable(path), path.open("rb") as stream:
-            content = stream.read(most + 1)
+            content = stream.read(stored + 1)
+            if len(content) > stored:  # it grows, or the system does not know its size
+                content += stream.read(most + 1 - len(content))
         if len(content) <= most:
             return content
     raise InputError(f"{path}: is larger than {most // 1_000_000} MB, expected a smaller file")

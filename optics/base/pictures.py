@@ -120,7 +120,7 @@ class _Header:
 def _header_of(path: Path, raw: bytes) -> _Header:
     if raw.startswith(_PNG_BEGIN):
         size = struct.unpack(">II", raw[16:24]) if raw[12:16] == b"IHDR" and len(raw) >= 24 else (0, 0)
-        header, whole = _Header(size), _PNG_END in raw
+        header, whole = _Header(size), raw.rfind(_PNG_END) >= 0  # found at once: it is the end
     elif raw.startswith(JPEG_BEGIN):
         jpeg = Jpeg.of(raw)
         header, whole = _Header(jpeg.size(raw), jpeg), jpeg.end is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -172,6 +173,13 @@ def test_devices_and_pipes_are_refused_at_once(tmp_path: Path) -> None:
         if path.is_file():
             continue
         assert refusal(files.read_json, path) == f"{path}: is no regular file, expected one"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="files whose size is not known are Linux's")
+def test_a_file_whose_size_the_system_does_not_know_is_read_whole() -> None:
+    path = Path("/proc/self/status")
+    assert path.stat().st_size == 0
+    assert b"\nPid:\t" in files.read_bytes(path)
 
 
 def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
