@@ -38,5 +38,8 @@ def run(options: BoardOptions) -> int:
     printed = print_board(options.out, options.board, options.page, force=options.force)
     width, height = printed.page_mm
     say("board", f"{options.out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
-    say("board", f"{printed.numbers} written, which describes it for mirrorcam calibrate")
+    if options.board is None:
+        say("board", f"{printed.numbers} written, which describes it for mirrorcam calibrate")
+    else:
+        say("board", f"{printed.numbers} describes it for mirrorcam calibrate")
     return 0

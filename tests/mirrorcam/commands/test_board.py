@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.optics.geometry.targets import default_board, load_board
+from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
 from tests.mirrorcam.command_line import assert_refused_here
 from tests.mirrorcam.figures.test_board_print import page_and_polygons_mm
 
@@ -38,3 +38,12 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     monkeypatch.chdir(tmp_path)
     assert_refused_here(["board", *arguments], capsys, f"mirrorcam: {complaint}")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_board_that_is_given_is_not_said_to_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = tmp_path / "mine.toml"
+    save_board(given, default_board())
+    assert cli.main(["board", str(given), "--out", str(tmp_path / "b" / "board.pdf")]) == 0
+    said = capsys.readouterr().out
+    assert f"{given} describes it for mirrorcam calibrate" in said
+    assert "mine.toml written" not in said
