@@ -118,7 +118,7 @@ def _full_disk(most: int, start: Start, folder: Path) -> Start:
 
 
 def _small_disk(kib: int, start: Start, folder: Path) -> Start:
-    """The output folder is a file system of its own, of so many KiB."""
+    """The output folder is a file system of its own, of `kib` KiB."""
     start.out.mkdir()
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kib}k", "tmpfs", str(start.out)], check=True)
     return replace(start, after=partial(subprocess.run, ["umount", str(start.out)], check=True))

@@ -200,7 +200,7 @@ class _Check:
     """Says what is wrong with a kept frame: its pixels, or its number and time beside those of the frames before.
 
     Numbers are those of the filmed frames; where frames are at uneven times, it may be the times instead. Where the
-    begin of a file is lost, they are counted from the first frame that is left.
+    start of a file is lost, they are counted from the first frame that is left.
     """
 
     whole: Whole

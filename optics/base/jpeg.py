@@ -34,7 +34,7 @@ class DamagedPicture(InputError):
 
 @dataclass(frozen=True)
 class Jpeg:
-    """Marker, begin and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
+    """Marker, start and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
 
     The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
     """
@@ -107,7 +107,7 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
     jpeg
         Its segments.
     name
-        Begin of the message of an error.
+        What the message of an error starts with.
     grey
         Convert to grey.
 

@@ -96,7 +96,7 @@ def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
 def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
     """Rows and columns of the views that frames show, from the middles (k, 2) of the boards in each; None if unclear.
 
-    Most of the frames with most boards agree on them; a single frame with so many does not count among others.
+    Most of the frames with the largest number of boards agree on them; of several frames, two or more have that number.
     """
     counts = np.array([len(middles) for middles in middles_px])
     often = min(2, len(counts))

@@ -39,7 +39,7 @@ class AviIndex:
         Parameters
         ----------
         position, size
-            Where its data begin in the file, and their length.
+            Where its data start in the file, and their length.
         moment
             When it is shown, for a packet that the index does not know.
 
@@ -60,7 +60,7 @@ class AviIndex:
         if not count or position is None:
             return following
         if self._base is None and self._sizes[0] == size:
-            # Offsets count from the begin of the file or of its list of frames.
+            # Offsets count from the start of the file or of its list of frames.
             self._base = position - next(iter(self._offsets))
         known = self._offsets.get(position - (self._base or 0))
         if known is not None and self._sizes[known] == size:

@@ -26,8 +26,6 @@ from mirrorcam.optics.light_field.io.video_pictures import (
 MISSING, WRONG_TIME = "is missing", "has a wrong time"
 _NEAR = 16
 """Pictures after a damage at which others may be missing: as many as a codec reorders."""
-
-
 _REMEMBERED = 4096
 """Times in the past that are known again."""
 

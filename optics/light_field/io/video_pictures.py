@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.io.video_packets import Packet
 
 DAMAGED, DEPENDS = "is damaged", "depends on a damaged one"
 SAMPLED = 8
-"""Number of packets at the begin of a video that tell how its camera writes JPEG."""
+"""Number of packets at the start of a video that tell how its camera writes JPEG."""
 
 _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""

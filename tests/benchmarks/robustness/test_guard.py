@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import benchmarks.robustness.damage
 from benchmarks.robustness import guard
 from benchmarks.robustness.__main__ import categories
 from benchmarks.robustness.guard import Category, Tally, lines, refused_well, tally, watched
@@ -65,9 +64,12 @@ def test_the_table_counts_and_shows_what_is_wrong() -> None:
     assert table[2] == "layouts, seed 3: traceback: KeyError"
 
 
+def faulty(seed: int, folder: Path) -> str:
+    raise AttributeError(f"attempt {seed}")
+
+
 def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
-    # Processes find an attempt by its name in an importable module: any function serves, this one as a faulty attempt.
-    found = tally(Category("odd", 100, benchmarks.robustness.damage.damaged_value), range(4), workers=2)  # type: ignore[arg-type]  # no attempt
+    found = tally(Category("odd", 100, faulty), range(4), workers=2)
     assert (found.tried, found.right) == (4, 0)
     assert "traceback: AttributeError" in found.wrong[3]
 
