@@ -79,7 +79,10 @@ class BoardScene:
                 **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
             }
         )
-        self.sensor = sensor(camera, near_mm=near_mm(bodies))
+        lens = settings.sensor
+        self.sensor = sensor(
+            camera, aperture_mm=lens.aperture_mm, focus_mm=lens.focus_mm, near_mm=near_mm(bodies)
+        )
         self.integrator = integrator(_path_options(mirrors, finishes, bodies))
         self._parameters = mi.traverse(self.scene)
 

@@ -1,4 +1,4 @@
-"""The base camera as a Mitsuba sensor: pinhole with OpenCV's distortion, inverted for each ray.
+"""The base camera as a Mitsuba sensor: a thin lens with OpenCV's distortion of its chief rays, inverted for each ray.
 
 Mitsuba's world is the rig frame in mm, with the camera at the origin: single precision is finest there. Its pixel
 (0, 0) has its centre at (0.5, 0.5), ours at (0, 0).
@@ -47,7 +47,8 @@ def _plugin(variant: str) -> str:
     class OpenCVSensor(mi.Sensor):
         """Plugin "opencv_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas.
 
-        Nothing is seen before the plane z = `near_mm`.
+        The rays of a point of the sensor start in a pupil of `aperture_mm` and meet on its chief ray, in the plane
+        z = `focus_mm`. Nothing is seen before the plane z = `near_mm`.
         """
 
         def __init__(self, props: mi.Properties) -> None:
@@ -55,20 +56,30 @@ def _plugin(variant: str) -> str:
             # Opaque, so that another camera does not compile another kernel.
             self.intrinsics = [mi.Float(float(number)) for number in str(props["intrinsics"]).split(",")]
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
-            dr.make_opaque(self.intrinsics, self.near_mm)
+            self.is_pinhole = props["aperture_mm"] == 0.0
+            self.radius_mm = mi.Float(props["aperture_mm"] / 2.0)
+            self.nearness = mi.Float(1.0 / props["focus_mm"])
+            dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness)
 
-        def ray_through(self, x: Any, y: Any) -> Any:
-            """The ray from the pupil through a point of the sensor (Mitsuba's pixels, of the whole sensor)."""
-            direction: Any = dr.normalize(mi.Vector3f(*normalized_from_mitsuba(x, y, self.intrinsics), 1.0))
-            start = mi.Point3f(direction * (self.near_mm / direction.z))
-            return mi.RayDifferential3f(mi.Ray3f(start, direction))
+        def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
+            """The ray from a point of the pupil, u and v in 0..1, through one of the sensor (Mitsuba's pixels)."""
+            chief_x, chief_y = normalized_from_mitsuba(x, y, self.intrinsics)
+            if self.is_pinhole:
+                start_x = start_y = mi.Float(0.0)
+            else:
+                on_disc = self.radius_mm * mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
+                start_x, start_y = on_disc.x, on_disc.y
+            along = mi.Vector3f(chief_x - start_x * self.nearness, chief_y - start_y * self.nearness, 1.0)
+            start = mi.Point3f(start_x, start_y, 0.0) + self.near_mm * along
+            return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(along)))
 
         def sample_ray_differential(
             self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
         ) -> Any:
             film = self.film()  # position_sample is relative to the film's crop
             size, offset = film.crop_size(), film.crop_offset()
-            ray = self.ray_through(position_sample.x * size[0] + offset[0], position_sample.y * size[1] + offset[1])
+            x, y = position_sample.x * size[0] + offset[0], position_sample.y * size[1] + offset[1]
+            ray = self.ray_through(x, y, aperture_sample.x, aperture_sample.y)
             ray.time = time
             return ray, mi.Spectrum(1.0)
 
@@ -85,7 +96,14 @@ def _plugin(variant: str) -> str:
     return name
 
 
-def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None, near_mm: float = 0.0) -> Any:
+def sensor(
+    camera: Camera,
+    *,
+    aperture_mm: float = 0.0,
+    focus_mm: float = 500.0,
+    crop: tuple[int, int, int, int] | None = None,
+    near_mm: float = 0.0,
+) -> Any:
     """Make a Mitsuba sensor for a camera, with a box-filtered film of one channel.
 
     The variant must have been set (`variant.use_variant`).
@@ -94,6 +112,10 @@ def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None, nea
     ----------
     camera
         The camera, at the origin of the frame rig.
+    aperture_mm
+        Diameter of the pupil; 0: a pinhole.
+    focus_mm
+        Distance in focus, along the axis.
     crop
         Window of the film: x, y, width, height in pixels.
     near_mm
@@ -118,6 +140,8 @@ def sensor(camera: Camera, *, crop: tuple[int, int, int, int] | None = None, nea
             # As text: a property holds single floats in full, but no list of them.
             "intrinsics": ",".join(repr(float(number)) for number in camera.intrinsics),
             "near_mm": near_mm,
+            "aperture_mm": aperture_mm,
+            "focus_mm": focus_mm,
             "film": film,
             "sampler": {"type": "independent"},
         }

@@ -28,8 +28,10 @@ from mirrorcam.render_scenes.reference.interactions import (
     sample_bsdf,
 )
 
-# Steps of the R2 sequence (Roberts): 1/g and 1/g^2 with g^3 = g + 1, the plane's best-spread additive recurrence.
+# Steps of Roberts's sequences, additive recurrences that spread well: 1/g, 1/g^2, ... with g^3 = g + 1 for the plane
+# and g^5 = g + 1 for pixel and pupil together.
 R2_STEPS = (0.7548776662466927, 0.5698402909959032)
+R4_STEPS = (0.8566748838545029, 0.733891856627126, 0.6287067210378087, 0.5385972572236101)
 PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
 NUMBERS = 8  # random numbers reserved for each bounce
 
@@ -180,17 +182,21 @@ def _plugin(variant: str) -> str:
             Memory does not grow with the samples, and sums have one order whatever the number of threads.
             """
             # One pattern of samples, shifted in each square by its place on the sensor: unbiased, and no pattern shows.
-            bits_x, bits_y = mi.sample_tea_32(y * 65536 + x, seed)
-            shift_x, shift_y = mi.Float(bits_x) * 2.0**-32, mi.Float(bits_y) * 2.0**-32
+            bits = [*mi.sample_tea_32(y * 65536 + x, seed)]
+            steps = R2_STEPS
+            if not sensor.is_pinhole:
+                bits += mi.sample_tea_32(bits[0], bits[1])
+                steps = R4_STEPS
+            shifts = [mi.Float(each) * 2.0**-32 for each in bits]
             left, top = mi.Float(x), mi.Float(y)
             per_sample = NUMBERS * (self.last + 1)
 
             def take(taken: Any, *totals: Any) -> tuple[Any, ...]:
                 sample, branch = (taken // self.branches, taken % self.branches) if self.branches > 1 else (taken, 0)
-                at_x, at_y = shift_x + mi.Float(sample) * R2_STEPS[0], shift_y + mi.Float(sample) * R2_STEPS[1]
-                at_x, at_y = left + at_x - dr.floor(at_x), top + at_y - dr.floor(at_y)
-                ray = sensor.ray_through(at_x * side, at_y * side)
-                light = self.radiance(scene, ray, mi.Bool(True), branch, bits_x, taken * per_sample)
+                at = [shift + mi.Float(sample) * step for shift, step in zip(shifts, steps, strict=True)]
+                across, down, *on_pupil = (each - dr.floor(each) for each in at)
+                ray = sensor.ray_through((left + across) * side, (top + down) * side, *on_pupil)
+                light = self.radiance(scene, ray, mi.Bool(True), branch, bits[0], taken * per_sample)
                 return taken + 1, *(total + light[k] for k, total in enumerate(totals))
 
             start: tuple[Any, ...] = (mi.UInt32(0), *(mi.Float(0.0) for _ in range(self.channels)))
@@ -231,7 +237,8 @@ def render(
     scene
         Scene of the current variant.
     sensor
-        Has `ray_through(x, y)`: the ray of a point of the sensor in Mitsuba's pixels.
+        Has `ray_through(x, y, u, v)`: the ray from a point of the pupil, in 0..1, through one of the sensor in
+        Mitsuba's pixels; and `is_pinhole`, where u and v are not used.
     paths
         The integrator.
     crop
