@@ -8,14 +8,15 @@ from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
 from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.geometry.pupil import Pupil
 
 
 class SensorModel(Value):
     """Model of lens and sensor with a linear response of 8 bits: radiance 1 / `exposure` is grey level 255."""
 
     lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur where it is in focus")
-    focus_mm: float = DEPTH_MM.field(500.0, "length of the light path at which the lens is in focus")
-    aperture_mm: float = Bounds(0.0, 1000.0).field(0.0, "diameter of the pupil; 0: everything is in focus")
+    focus_mm: float = DEPTH_MM.field(500.0, "distance along the axis, through the mirrors, that is in focus")
+    aperture_mm: float = Bounds(0.0, 1000.0).field(0.0, "diameter of the pupil; 0: a pinhole, in focus everywhere")
     vignetting: float = Bounds(0.0, 100.0).field(
         0.0,
         "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
@@ -36,6 +37,11 @@ class SensorModel(Value):
         if self.jpeg_quality is not None and self.h264_crf is not None:
             raise ValueError("jpeg_quality and h264_crf: expected one of the two")
         return self
+
+    @property
+    def pupil(self) -> Pupil:
+        """Pupil of the lens."""
+        return Pupil(self.aperture_mm, self.focus_mm)
 
 
 RendererName = Literal["mitsuba", "fast"]

@@ -10,12 +10,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
 CHORDS = 24
 """Number of chords over which a part of the disc is integrated."""
+
+PINHOLE_FOCUS_MM = 500.0
+
+
+@dataclass(frozen=True)
+class Pupil:
+    """Pupil of a diameter, 0 of a pinhole, and the distance along the axis that is in focus."""
+
+    aperture_mm: float = 0.0
+    focus_mm: float = PINHOLE_FOCUS_MM
+
+    @property
+    def radius_mm(self) -> float:
+        return self.aperture_mm / 2.0
 
 
 @dataclass(frozen=True)
@@ -36,20 +51,40 @@ class DiscPart:
     centroid: FloatArray
     spread: FloatArray
 
+    def chosen(self, mask: NDArray[np.bool_]) -> DiscPart:
+        """The sets of a mask (n,)."""
+        return DiscPart(self.share[mask], self.centroid[mask], self.spread[mask])
+
+
+def joined(first: DiscPart, second: DiscPart) -> DiscPart:
+    """The sets of both, one after the other."""
+    return DiscPart(
+        np.concatenate([first.share, second.share]),
+        np.concatenate([first.centroid, second.centroid]),
+        np.concatenate([first.spread, second.spread]),
+    )
+
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Half-planes direction . point + distance >= 0 of the pupil's plane: unit `direction` (n, m, 2), `distance` (n, m).
+    """Half-planes of the pupil's plane: points where direction . point + distance >= 0.
 
-    `distance` is that of the pupil's middle from the border, mm; negative where it lies outside.
+    Attributes
+    ----------
+    direction
+        Unit vectors (n, m, 2).
+    distance
+        Distances (n, m) of the pupil's middle from the borders, mm; negative where it lies outside.
     """
 
     direction: FloatArray
     distance: FloatArray
 
 
-def served_by(mirror: Mirror, normalized: FloatArray, focus_mm: float, height_mm: float = 0.0) -> HalfPlanes:
-    """Where in the pupil rays start that meet a mirror within its outline: a half-plane for each of its m edges.
+def served_by(
+    mirror: Mirror, normalized: FloatArray, focus_mm: float, shift_mm: FloatArray | None = None
+) -> HalfPlanes:
+    """Where in the pupil rays start that meet the front of a mirror within its outline: a half-plane for each edge.
 
     Parameters
     ----------
@@ -59,36 +94,68 @@ def served_by(mirror: Mirror, normalized: FloatArray, focus_mm: float, height_mm
         Chief rays (n, 2).
     focus_mm
         Distance in focus, along the axis.
-    height_mm
-        Height over the reflecting surface, towards the pupil, of the plane that is met.
+    shift_mm
+        Shift (n,) of the points where rays meet the front, away from the foot of the pupil: to where they leave it.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal, nearness = mirror.normal_in_rig, 1.0 / focus_mm
-    corners = mirror.outline_in_rig_mm + height_mm * normal
+    corners = mirror.outline_in_rig_mm + mirror.front_mm * normal
     inwards = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
     inwards *= np.sign(((corners.mean(axis=0) - corners) * inwards).sum(axis=1))[:, None]
-    away = mirror.distance_mm - height_mm
+    away = mirror.distance_mm - mirror.front_mm
     # A ray a + t (r - a / focus) meets the plane at a height over each edge of (constant + slope . a) / a positive
     # number: terms of second order in a cancel.
     reach = (corners * inwards).sum(axis=1)
     along, beside = rays @ normal, rays @ inwards.T
     constant = along[:, None] * reach + away * beside
+    if shift_mm is not None:
+        across = rays - along[:, None] * normal
+        outwards = across / np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+        constant -= (along * shift_mm)[:, None] * (outwards @ inwards.T)
     slope = (
-        -(along + away * nearness)[:, None, None] * inwards[:, :2]
-        + (beside - nearness * reach)[..., None] * normal[:2]
+        -(along + away * nearness)[:, None, None] * inwards[:, :2] + (beside - nearness * reach)[..., None] * normal[:2]
     )
     length = np.linalg.norm(slope, axis=-1)
-    return HalfPlanes(slope / length[..., None], constant / length)
+    towards = along < 0.0
+    return HalfPlanes(slope / length[..., None], np.where(towards[:, None], constant / length, -np.inf))
 
 
 def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
-    """The part of the pupil of a radius that lies in all half-planes, in units of the radius.
+    """The part of a pupil (of a pinhole: its middle) that lies in all half-planes, in units of its radius."""
+    nearest = planes.distance.min(axis=1)
+    share = (nearest > 0.0).astype(np.float64)
+    centroid, spread = np.zeros((len(nearest), 2)), share[:, None] * [0.25, 0.25, 0.0]
+    cuts = (np.abs(planes.distance) < radius_mm).sum(axis=1)
+    is_cut = np.abs(nearest) < radius_mm
+    for chosen, part_of in ((is_cut & (cuts == 1), _segment), (is_cut & (cuts > 1), _integrated)):
+        if chosen.any():
+            part = part_of(planes.direction[chosen], planes.distance[chosen] / radius_mm)
+            share[chosen], centroid[chosen], spread[chosen] = part.share, part.centroid, part.spread
+    return DiscPart(share, centroid, spread)
 
-    Exact to 1e-3 of the disc: chords along the normal of its border, or halfway between those of its two nearest
-    borders, are cut exactly, and integrated by the Gauss-Chebyshev rule.
+
+def _segment(direction: FloatArray, distance: FloatArray) -> DiscPart:
+    """The part of the unit disc in half-planes (n, m) of which one has a border that cuts it: the nearest."""
+    x_axis = _nearest(direction, distance, 0)
+    angle = np.arccos(-distance.min(axis=1))
+    sine, double, fourfold = np.sin(angle), np.sin(2.0 * angle), np.sin(4.0 * angle)
+    area = angle - double / 2.0
+    x_mean = 2.0 / 3.0 * sine**3 / area
+    xx = (angle / 4.0 - fourfold / 16.0) / area - x_mean**2
+    yy = (angle / 4.0 - double / 6.0 + fourfold / 48.0) / area
+    return _turned(area / np.pi, (x_mean, np.zeros_like(xx)), (xx, yy, np.zeros_like(xx)), x_axis)
+
+
+def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
+    """The part of the unit disc in half-planes (n, m), exact to 3e-3 of the disc.
+
+    Chords halfway between the normals of the two nearest borders are cut exactly, and integrated by the Gauss-Chebyshev
+    rule.
     """
-    direction, distance = planes.direction, planes.distance / radius_mm
-    x_axis = _chord_direction(direction, distance)
+    first, second = (_nearest(direction, distance, place) for place in range(2))
+    length = np.linalg.norm(first + second, axis=1)
+    opposite = length < 0.1
+    x_axis = np.where(opposite[:, None], first, (first + second) / np.maximum(length, 0.1)[:, None])
     y_axis = np.column_stack([-x_axis[:, 1], x_axis[:, 0]])
     angles = np.pi * np.arange(1, CHORDS + 1) / (CHORDS + 1)
     y, half = np.cos(angles), np.sin(angles)
@@ -109,24 +176,32 @@ def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
     xx = cubes.sum(axis=1) / area - x_mean**2
     yy = (length * y**2).sum(axis=1) / area - y_mean**2
     xy = (squares * y).sum(axis=1) / area - x_mean * y_mean
-    turn = np.stack([x_axis, y_axis], axis=2)
-    spread = turn @ np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2) @ turn.mT
+    return _turned(share, (x_mean, y_mean), (xx, yy, xy), x_axis)
+
+
+def _nearest(direction: FloatArray, distance: FloatArray, place: int) -> FloatArray:
+    """Unit vectors (n, 2) into the half-planes whose borders are the first, second, ... in order of their distances."""
+    order = np.argpartition(distance, place, axis=1)[:, place]
+    return np.asarray(direction[np.arange(len(order)), order])
+
+
+def _turned(
+    share: FloatArray,
+    mean: tuple[FloatArray, FloatArray],
+    spread: tuple[FloatArray, FloatArray, FloatArray],
+    x_axis: FloatArray,
+) -> DiscPart:
+    """A part whose moments are those along `x_axis` (n, 2) and at right angles to it."""
+    c, s = x_axis.T
+    xx, yy, xy = spread
     return DiscPart(
         share,
-        (turn @ np.stack([x_mean, y_mean], axis=-1)[..., None])[..., 0],
-        np.column_stack([spread[:, 0, 0], spread[:, 1, 1], spread[:, 0, 1]]),
+        np.column_stack([c * mean[0] - s * mean[1], s * mean[0] + c * mean[1]]),
+        np.column_stack(
+            [
+                np.maximum(c * c * xx + s * s * yy - 2.0 * c * s * xy, 0.0),
+                np.maximum(s * s * xx + c * c * yy + 2.0 * c * s * xy, 0.0),
+                c * s * (xx - yy) + (c * c - s * s) * xy,
+            ]
+        ),
     )
-
-
-def _chord_direction(direction: FloatArray, distance: FloatArray) -> FloatArray:
-    """Unit vectors (n, 2) along the chords, by the two half-planes (n, m) whose borders lie nearest to the middle."""
-    rows = np.arange(len(distance))
-    order = np.argsort(distance, axis=1)
-    first = direction[rows, order[:, 0]]
-    if distance.shape[1] == 1:
-        return first
-    second = direction[rows, order[:, 1]]
-    both = first + second
-    length = np.linalg.norm(both, axis=1)
-    use = (distance[rows, order[:, 1]] < 1.0) & (length > 0.1)
-    return np.where(use[:, None], both / np.maximum(length, 0.1)[:, None], first)

@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, DrJitArithmetic, NumpyArithmetic
+from mirrorcam.render_scenes.fast.defocus import ViewWindow, defocused
 from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, VirtualView, pixel_footprints, virtual_views
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -51,12 +52,17 @@ class PrintMap:
     """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s slide) r / (depth r).
 
     s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
-    rays that meet the printed side.
+    rays that meet the printed side. A ray from the point (p, q) of the pupil, mm, adds p across[0] + q across[1] to
+    `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is one
+    over the distance, mm, along the axis.
     """
 
     print: FloatArray
     depth: FloatArray
     slide: FloatArray
+    across: FloatArray
+    stretch: FloatArray
+    nearness: FloatArray
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ class _LoadedFootprints:
     x: Any
     y: Any
     slide_mm: Any
-    weight: Any
+    pupil: tuple[Any, Any] | None
 
 
 def build_mipmap(radiance: FloatArray) -> Mipmap:
@@ -124,9 +130,13 @@ class FastScene:
         self._texels = self._xp.loaded(self._mipmap.texels)
         self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
         self._views = virtual_views(mirrors)
+        self._subpixels, self._fx_px = settings.subpixels, camera.fx_px
+        self._pupil = settings.sensor.pupil
         reflectances = np.array([finish.luminance for finish in finishes or uniform_finishes(settings, len(mirrors))])
-        layers = pixel_footprints(camera, mirrors, settings.subpixels, reflectances)
+        layers = pixel_footprints(camera, mirrors, settings.subpixels, reflectances, self._pupil)
         self._layers = [[self._loaded(footprints) for footprints in layer] for layer in layers]
+        self._weights = [self._canvas_of(layer) for layer in layers]
+        self._windows = [self._windows_of(layer) if self._pupil.aperture_mm else [] for layer in layers]
         self.place_board(np.eye(4))
 
     def place_board(self, *poses: FloatArray) -> None:
@@ -135,7 +145,8 @@ class FastScene:
         With the three poses of a rolling shutter, the map to the print follows a parabola through their maps.
         """
         self._maps = [
-            tuple(map_to_print(view, pose, self._texels_from_board) for pose in poses) for view in self._views
+            tuple(map_to_print(view, pose, self._texels_from_board, self._pupil.focus_mm) for pose in poses)
+            for view in self._views
         ]
 
     def render(self) -> NDArray[np.float32]:
@@ -147,23 +158,60 @@ class FastScene:
                 index = self._level(maps[len(maps) // 2], footprints)
                 numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
                 self._xp.put(canvas, footprints.square, self._radiance(footprints, self._mipmap.levels[index], numbers))
-        # A single layer, without a copy, unless there are plates or mirrors that hide each other.
-        light = self._xp.finished(canvases[0])
-        for canvas in canvases[1:]:
-            light = light + self._xp.finished(canvas)
-        return light.reshape(self._shape)
+        light = np.zeros(self._shape, dtype=np.float32)
+        for canvas, weights, windows in zip(canvases, self._weights, self._windows, strict=True):
+            radiance = self._xp.finished(canvas).reshape(self._shape)
+            sigmas = [self._defocus_px(window.view) for window in windows]
+            light += weights * defocused(radiance, windows, sigmas, self._subpixels)
+        return light
+
+    def _defocus_px(self, view: int) -> FloatArray:
+        """Vector (3,) whose product with a ray is the sigma, px, of the defocus of a view, or its negative.
+
+        Of the circle of confusion of the diameter d, sigma is d / 4.
+        """
+        maps = self._maps[view]
+        in_focus = np.array([0.0, 0.0, 1.0 / self._pupil.focus_mm])
+        return self._fx_px * self._pupil.aperture_mm / 4.0 * (in_focus - maps[len(maps) // 2].nearness)
+
+    def _canvas_of(self, layer: Sequence[PixelFootprints]) -> NDArray[np.float32]:
+        canvas = np.zeros(self._shape[0] * self._shape[1], dtype=np.float32)
+        for footprints in layer:
+            canvas[footprints.square] = footprints.weight
+        return canvas.reshape(self._shape)
+
+    def _windows_of(self, layer: Sequence[PixelFootprints]) -> list[ViewWindow]:
+        windows = []
+        for view in sorted({footprints.view for footprints in layer}):
+            parts = [footprints for footprints in layer if footprints.view == view]
+            row, column = np.divmod(np.concatenate([part.square for part in parts]).astype(np.int64), self._shape[1])
+            top, left = int(row.min()), int(column.min())
+            shape = int(row.max()) + 1 - top, int(column.max()) + 1 - left
+            mask, rays = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 3), dtype=np.float32)
+            spread = np.zeros(shape, dtype=np.float32)
+            at = row - top, column - left
+            mask[at] = True
+            for axis, name in enumerate(("x", "y")):
+                rays[(*at, axis)] = np.concatenate([getattr(part, name) for part in parts])
+            rays[(*at, 2)] = 1.0
+            spread[at] = np.concatenate([part.spread for part in parts])
+            place = slice(top, top + shape[0]), slice(left, left + shape[1])
+            windows.append(ViewWindow(view, place, mask, rays, spread))
+        return windows
 
     def _loaded(self, footprints: PixelFootprints) -> _LoadedFootprints:
         some = slice(None, None, max(len(footprints.square) // SAMPLED, 1))
-        arrays = (
-            self._xp.loaded(values)
-            for values in (footprints.square, footprints.x, footprints.y, footprints.slide_mm, footprints.weight)
-        )
+        pupil = footprints.pupil_x, footprints.pupil_y
+        load = self._xp.loaded
         return _LoadedFootprints(
-            footprints.view,
-            footprints.steps,
-            np.column_stack([footprints.x, footprints.y])[some].astype(np.float64),
-            *arrays,
+            view=footprints.view,
+            steps=footprints.steps,
+            some=np.column_stack([footprints.x, footprints.y])[some].astype(np.float64),
+            square=load(footprints.square),
+            x=load(footprints.x),
+            y=load(footprints.y),
+            slide_mm=load(footprints.slide_mm),
+            pupil=(load(pupil[0]), load(pupil[1])) if np.any(pupil) else None,
         )
 
     def _level(self, to_print: PrintMap, footprints: _LoadedFootprints) -> int:
@@ -177,7 +225,7 @@ class FastScene:
         return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))
 
     def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]]) -> Any:
-        """Mean radiance of the print over footprints, times their transmittance."""
+        """Mean radiance of the print over footprints."""
         xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
         n = numbers[0]
         if len(numbers) == 3:
@@ -187,9 +235,16 @@ class FastScene:
                 for a, b, c in zip(*numbers, strict=True)
             ]
         columns = xp.index(level.columns)
-        per_depth = 1.0 / (n[6] * x + n[7] * y + n[8])
-        u = (n[0] * x + n[1] * y + n[2] - slide * (n[9] * x + n[10] * y + n[11])) * per_depth
-        v = (n[3] * x + n[4] * y + n[5] - slide * (n[12] * x + n[13] * y + n[14])) * per_depth
+        depth = n[6] * x + n[7] * y + n[8]
+        u = n[0] * x + n[1] * y + n[2] - slide * (n[9] * x + n[10] * y + n[11])
+        v = n[3] * x + n[4] * y + n[5] - slide * (n[12] * x + n[13] * y + n[14])
+        if footprints.pupil is not None:
+            for at, a in ((21, footprints.pupil[0]), (27, footprints.pupil[1])):
+                u += a * (n[at] * x + n[at + 1] * y + n[at + 2])
+                v += a * (n[at + 3] * x + n[at + 4] * y + n[at + 5])
+            depth += footprints.pupil[0] * n[33] + footprints.pupil[1] * n[34]
+        per_depth = 1.0 / depth
+        u, v = u * per_depth, v * per_depth
         # A box with the variance of the footprint, which is a parallelogram.
         wide = xp.sqrt((n[15] - u * n[19]) ** 2 + (n[16] - u * n[20]) ** 2) * per_depth
         high = xp.sqrt((n[17] - v * n[19]) ** 2 + (n[18] - v * n[20]) ** 2) * per_depth
@@ -198,36 +253,60 @@ class FastScene:
         at = row * columns + column + xp.index(level.begin)
         above = _mixed(xp.take(self._texels, at), xp.take(self._texels, at + 1), left)
         below = _mixed(xp.take(self._texels, at + columns), xp.take(self._texels, at + columns + 1), left)
-        return xp.where(per_depth > 0.0, footprints.weight * _mixed(above, below, upper), 0.0)
+        return xp.where(per_depth > 0.0, _mixed(above, below, upper), 0.0)
 
 
-def map_to_print(view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray) -> PrintMap:
-    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm."""
+def map_to_print(
+    view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, focus_mm: float
+) -> PrintMap:
+    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm.
+
+    The rays of the pupil meet at `focus_mm` along the axis.
+    """
     board_from_rig = rig_from_board[:3, :3].T
     centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
     turn, normal = board_from_rig @ view.turn, board_from_rig @ view.normal_in_rig
+    flat, origin = texels_from_board[:2, :2], texels_from_board[:2, 2]
 
     def meets_board(start: FloatArray) -> FloatArray:
-        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0."""
-        return np.outer(start[:2], turn[2]) - start[2] * turn[:2]
+        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0, in texels."""
+        return flat @ (np.outer(start[:2], turn[2]) - start[2] * turn[:2])
 
     # Seen from the unprinted side, or looking away: a depth that is never positive.
-    depth = turn[2] if centre[2] < 0.0 else np.array([0.0, 0.0, -1.0])
-    flat = texels_from_board[:2, :2]
+    shown = centre[2] < 0.0
+    depth = turn[2] if shown else np.array([0.0, 0.0, -1.0])
+    from_centre = meets_board(centre)
+    # From the point a of the pupil, the ray starts at centre + turn a along turn (r - a / focus); terms of second order
+    # in a cancel.
+    stretch = -turn[2, :2] / focus_mm if shown else np.zeros(2)
+    upright = np.array([0.0, 0.0, 1.0])
+    across = [
+        meets_board(turn[:, k]) + np.outer(origin * stretch[k] - from_centre[:, k] / focus_mm, upright)
+        for k in range(2)
+    ]
     return PrintMap(
-        flat @ meets_board(centre) + np.outer(texels_from_board[:2, 2], turn[2]), depth, flat @ meets_board(normal)
+        from_centre + np.outer(origin, turn[2]),
+        depth,
+        meets_board(normal),
+        np.stack(across),
+        stretch,
+        -turn[2] / centre[2] if shown else np.zeros(3),
     )
 
 
 def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> list[float]:
-    """The 21 coefficients of a map to a mipmap level, whose texels are counted from the corner of the border."""
+    """The 35 coefficients of a map to a mipmap level, whose texels are counted from the corner of the border."""
     at = scale * to_print.print + to_print.depth
+    across = scale * to_print.across
+    across[:, :, 2] += to_print.stretch[:, None]
     parts = (
         at,
         to_print.depth,
         scale * to_print.slide,
         at[:, :2] @ footprints.steps,
         to_print.depth[:2] @ footprints.steps,
+        across,
+        to_print.stretch,
     )
     return [float(number) for part in parts for number in part.ravel()]
 

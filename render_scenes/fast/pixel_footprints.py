@@ -1,4 +1,7 @@
-"""Footprints of subpixels: the mirror that each shows and the virtual origin of its light, shared by all frames.
+"""Footprints of subpixels: the mirrors that each shows and the virtual origin of its light, shared by all frames.
+
+At the edge of a mirror, which is out of focus, the light of a pixel comes through a part of the pupil only: as if from
+the centroid of that part.
 
 Light that reaches the pupil via a plane mirror appears to come from its virtual centre. Through a second-surface
 mirror, light of one direction appears to come from a point on the line through the pupil along the mirror's normal:
@@ -19,11 +22,13 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import inner_tangent, surface_reflectance
+from mirrorcam.optics.geometry.pupil import DiscPart, HalfPlanes, Pupil, disc_part, joined, served_by
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
 BLOCK = 8  # subpixels along each side of a block that is classified as a whole
 FINE = 4  # samples along each side of a subpixel that the edge of a mirror cuts
+SHARP = 4.0  # subpixels that the blurred edge of a mirror is at least wide, or else is sampled in each
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,12 @@ class PixelFootprints:
     slide_mm
         Shift of the view's centre.
     weight
-        Transmittance of mirror and plate, times the fraction of the subpixel that the mirror covers.
+        Transmittance of mirror and plate, times the share of the pupil that the mirror serves, or of a pinhole the
+        fraction of the subpixel.
+    pupil_x, pupil_y
+        Centroid of that part of the pupil, mm.
+    spread
+        Standard deviation of its points about the centroid over that of the whole pupil.
     steps
         (2, 2): mean change of x and y (rows) from one subpixel to the next, to the right and down (columns).
     """
@@ -65,7 +75,18 @@ class PixelFootprints:
     y: NDArray[np.float32]
     slide_mm: NDArray[np.float32]
     weight: NDArray[np.float32]
+    pupil_x: NDArray[np.float32]
+    pupil_y: NDArray[np.float32]
+    spread: NDArray[np.float32]
     steps: FloatArray
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Subpixels (n,) that show a mirror, and the parts of the pupil that it serves there."""
+
+    square: NDArray[np.int64]
+    part: DiscPart
 
 
 def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
@@ -79,7 +100,7 @@ def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
 
 
 def pixel_footprints(
-    camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray
+    camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray, pupil: Pupil
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
     """Assign the subpixels of a sensor to views, in layers whose radiances add up.
 
@@ -94,18 +115,20 @@ def pixel_footprints(
         Subpixels along each side of a pixel.
     reflectances
         Reflectance (mirrors,) of the coatings.
+    pupil
+        Pupil of the lens.
 
     Returns
     -------
     tuple
-        Layers of footprints, one per view and layer.
+        Layers of footprints. In a layer, a view has two at most: with the whole pupil, and with parts of it.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:
-        nothing = np.zeros(grid.count)
-        return ((grid.footprints(0, np.arange(grid.count), nothing, nothing + 1.0),),)
+        every = np.arange(grid.count)
+        return ((grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _whole(grid.count), pupil),),)
     layers: list[list[PixelFootprints]] = []
-    # Nearer mirrors first: a farther one covers at most the rest of a subpixel.
+    # Nearer mirrors first: a farther one serves at most the rest of the pupil.
     order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
@@ -115,16 +138,27 @@ def pixel_footprints(
             mirror = mirrors[index]
             if passes > 0 and not mirror.is_second_surface:
                 continue
-            square, part = grid.seen(mirror, passes)
+            seen = grid.seen(mirror, passes, pupil)
+            square, share = seen.square, np.minimum(seen.part.share, free[seen.square])
             shared = free[square] < 1.0
-            part = np.minimum(part, free[square])
-            free[square] -= part
+            free[square] -= share
             slide, light = _transmitted(mirror, passes, grid.points(square), float(reflectances[index]))
-            alone.append(grid.footprints(index, square[~shared], slide[~shared], (light * part)[~shared]))
-            shared &= part > 0.0
-            if shared.any():
-                layers.append([grid.footprints(index, square[shared], slide[shared], (light * part)[shared])])
-    return tuple(tuple(footprints for footprints in layer if len(footprints.square)) for layer in layers if layer)
+            off_axis = seen.part.centroid.any(axis=1)
+            for into, chosen in (
+                (alone, ~shared & ~off_axis),
+                (alone, ~shared & off_axis),
+                (None, shared & (share > 0.0)),
+            ):
+                if chosen.any():
+                    found = grid.footprints(
+                        index, square[chosen], slide[chosen], (light * share)[chosen], seen.part.chosen(chosen), pupil
+                    )
+                    layers.append([found]) if into is None else into.append(found)
+    return tuple(tuple(layer) for layer in layers if layer)
+
+
+def _whole(count: int) -> DiscPart:
+    return DiscPart(np.ones(count), np.zeros((count, 2)), np.tile([0.25, 0.25, 0.0], (count, 1)))
 
 
 def _transmitted(
@@ -172,40 +206,54 @@ class _SensorGrid:
         return np.asarray(self.normalized.reshape(-1, 2)[square])
 
     def footprints(
-        self, view: int, square: NDArray[np.int64], slide_mm: FloatArray, weight: FloatArray
+        self,
+        view: int,
+        square: NDArray[np.int64],
+        slide_mm: FloatArray,
+        weight: FloatArray,
+        part: DiscPart,
+        pupil: Pupil,
     ) -> PixelFootprints:
-        x, y = self.points(square).astype(np.float32).T
+        x, y = self.points(square).T
+        pupil_x, pupil_y = pupil.radius_mm * part.centroid.T
+
+        def single(values: FloatArray) -> NDArray[np.float32]:
+            return np.ascontiguousarray(values, dtype=np.float32)
+
         return PixelFootprints(
             view=view,
             square=square.astype(np.uint32),
-            x=np.ascontiguousarray(x),
-            y=np.ascontiguousarray(y),
-            slide_mm=slide_mm.astype(np.float32),
-            weight=weight.astype(np.float32),
+            x=single(x),
+            y=single(y),
+            slide_mm=single(slide_mm),
+            weight=single(weight),
+            pupil_x=single(pupil_x),
+            pupil_y=single(pupil_y),
+            spread=single(np.sqrt(2.0 * part.spread[:, :2].sum(axis=1))),
             steps=np.column_stack([step.mean(axis=0) for step in self._steps(square[:: max(len(square) // 1000, 1)])]),
         )
 
-    def seen(self, mirror: Mirror, passes: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Subpixels (n,) that show a mirror after a number of passes through its plate, and their covered fractions."""
+    def seen(self, mirror: Mirror, passes: int, pupil: Pupil) -> _Seen:
+        """Subpixels that show a mirror after a number of passes through its plate."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
-        outline = _front_outline(mirror)
-        near = ((nodes >= outline.min(axis=0)) & (nodes <= outline.max(axis=0))).all(axis=-1)
+        nearest = _served(mirror, passes, nodes.reshape(-1, 2), pupil).distance.min(axis=1).reshape(nodes.shape[:2])
+        near = nearest > -pupil.radius_mm
         if not near.any():
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
+            return _Seen(np.zeros(0, dtype=np.int64), _whole(0))
         top, bottom = _span(near.any(axis=1))
         left, right = _span(near.any(axis=0))
-        margin = _margin_mm(mirror, passes, nodes[top:bottom, left:right])
-        # Largest change of the margin from one subpixel to the next, with its kinks at the edges of the outline.
-        step = 1.5 * max(float(np.abs(np.diff(margin, axis=axis)).max()) for axis in range(2)) / BLOCK
-        corners = np.stack([margin[:-1, :-1], margin[1:, :-1], margin[:-1, 1:], margin[1:, 1:]])
-        # Inside a convex outline the margin within a block is smallest at one of its corners.
-        whole = corners.min(axis=0) > step
-        mixed = ~whole & (corners.max(axis=0) > -BLOCK * step)
+        nearest = nearest[top:bottom, left:right]
+        # Largest change of the distance from one subpixel to the next, with its kinks at the edges of the outline.
+        step = 1.5 * _reach_mm(nearest) / BLOCK
+        corners = np.stack([nearest[:-1, :-1], nearest[1:, :-1], nearest[:-1, 1:], nearest[1:, 1:]])
+        # Inside a convex outline the distance within a block is smallest at one of its corners.
+        whole = corners.min(axis=0) > pupil.radius_mm + step
+        mixed = ~whole & (corners.max(axis=0) > -pupil.radius_mm - BLOCK * step)
         inside, edge = (self._squares(blocks, top, left) for blocks in (whole, mixed))
-        part = self._part(mirror, passes, edge, step)
-        shown = part > 0.0
-        return np.concatenate([inside, edge[shown]]), np.concatenate([np.ones(len(inside)), part[shown]])
+        part = self._part(mirror, passes, edge, pupil, step)
+        shown = part.share > 0.0
+        return _Seen(np.concatenate([inside, edge[shown]]), joined(_whole(len(inside)), part.chosen(shown)))
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
         """Indices (n,) of the subpixels of blocks, of which the first lies `top` and `left` blocks from the corner."""
@@ -215,16 +263,23 @@ class _SensorGrid:
         on = (rows < self._shape[0]) & (columns < self._shape[1])
         return np.asarray(rows[on] * self._shape[1] + columns[on])
 
-    def _part(self, mirror: Mirror, passes: int, square: NDArray[np.int64], step_mm: float) -> FloatArray:
-        """Fraction (n,) of subpixels that the mirror covers: by `FINE` x `FINE` samples where its edge may cut them."""
-        margin = _margin_mm(mirror, passes, self.points(square))
-        part = (margin >= step_mm).astype(np.float64)
-        cut = np.abs(margin) < step_mm
+    def _part(self, mirror: Mirror, passes: int, square: NDArray[np.int64], pupil: Pupil, step_mm: float) -> DiscPart:
+        """Part of the pupil that the mirror serves at subpixels (n,).
+
+        Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples.
+        """
+        planes = _served(mirror, passes, self.points(square), pupil)
+        if pupil.radius_mm > SHARP * step_mm:
+            return disc_part(planes, pupil.radius_mm)
+        cut = np.abs(planes.distance.min(axis=1)) < pupil.radius_mm + step_mm
+        part = disc_part(planes, pupil.radius_mm)
         fine = (np.arange(FINE) + 0.5) / FINE - 0.5
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
-        part[cut] = (_margin_mm(mirror, passes, points) > 0.0).mean(axis=0)
+        part.share[cut] = np.mean(
+            [disc_part(_served(mirror, passes, at, pupil), pupil.radius_mm).share for at in points], axis=0
+        )
         return part
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
@@ -246,30 +301,22 @@ def _front_distance_mm(mirror: Mirror) -> float:
     return mirror.distance_mm - mirror.front_mm
 
 
-def _front_outline(mirror: Mirror) -> FloatArray:
-    """Outline (n, 2) of the front of the plate, in normalized coordinates."""
-    corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
-    return np.asarray(corners[:, :2] / corners[:, 2:])
+def _served(mirror: Mirror, passes: int, normalized: FloatArray, pupil: Pupil) -> HalfPlanes:
+    """Where in the pupil light (n, 2) starts that enters and leaves the plate within its outline."""
+    enters = served_by(mirror, normalized, pupil.focus_mm)
+    if passes == 0 or not mirror.is_second_surface:
+        return enters
+    tangent = _tangent(mirror, normalized)
+    on_mm = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index)
+    leaves = served_by(mirror, normalized, pupil.focus_mm, on_mm)
+    return HalfPlanes(
+        np.concatenate([enters.direction, leaves.direction], axis=1),
+        np.concatenate([enters.distance, leaves.distance], axis=1),
+    )
 
 
-def _margin_mm(mirror: Mirror, passes: int, normalized: FloatArray) -> FloatArray:
-    """Distance (...), mm, from the outline at which rays (..., 2) enter and leave the plate; negative outside."""
-    distance = _front_distance_mm(mirror)
-    rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
-    along = -(rays @ mirror.normal_in_rig)
-    axes = mirror.rig_from_plane[:3, :2]
-    foot_in_rig = -mirror.distance_mm * mirror.normal_in_rig
-    enters = (rays @ axes) * (distance / along)[..., None]
-    outline = (mirror.outline_in_rig_mm - foot_in_rig) @ axes
-    edges = np.roll(outline, -1, axis=0) - outline
-    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    if ((outline.mean(axis=0) - outline) * outward).sum() > 0.0:
-        outward = -outward
-    least = (outline * outward).sum(axis=1)
-    margin = (least - enters @ outward.T).min(axis=-1)
-    if passes > 0:
-        tangent = np.linalg.norm(enters, axis=-1) / distance
-        on = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index)
-        leaves = enters * (1.0 + on / np.maximum(tangent * distance, 1e-9))[..., None]
-        margin = np.minimum(margin, (least - leaves @ outward.T).min(axis=-1))
-    return np.asarray(np.where(along > 0.0, margin, -np.inf))
+def _reach_mm(nearest: FloatArray) -> float:
+    """Largest finite change (rows, columns) of a distance from one node to the next."""
+    with np.errstate(invalid="ignore"):
+        changes = [np.abs(np.diff(nearest, axis=axis)) for axis in range(2)]
+    return max(float(change[np.isfinite(change)].max(initial=0.0)) for change in changes)

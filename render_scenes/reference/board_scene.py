@@ -79,10 +79,7 @@ class BoardScene:
                 **({"sky": {"type": "constant", "radiance": settings.surroundings}} if bodies else {}),
             }
         )
-        lens = settings.sensor
-        self.sensor = sensor(
-            camera, aperture_mm=lens.aperture_mm, focus_mm=lens.focus_mm, near_mm=near_mm(bodies)
-        )
+        self.sensor = sensor(camera, pupil=settings.sensor.pupil, near_mm=near_mm(bodies))
         self.integrator = integrator(_path_options(mirrors, finishes, bodies))
         self._parameters = mi.traverse(self.scene)
 

@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any
 
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.pupil import Pupil
 
 NEWTON_STEPS = 4  # residual below 1e-4 px at the corners of a C920 with k1 = .08, k2 = -.18
 
@@ -56,9 +57,9 @@ def _plugin(variant: str) -> str:
             # Opaque, so that another camera does not compile another kernel.
             self.intrinsics = [mi.Float(float(number)) for number in str(props["intrinsics"]).split(",")]
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
-            self.is_pinhole = props["aperture_mm"] == 0.0
-            self.radius_mm = mi.Float(props["aperture_mm"] / 2.0)
-            self.nearness = mi.Float(1.0 / props["focus_mm"])
+            aperture_mm, focus_mm = (float(str(props[name])) for name in ("aperture_mm", "focus_mm"))
+            self.is_pinhole = aperture_mm == 0.0
+            self.radius_mm, self.nearness = mi.Float(aperture_mm / 2.0), mi.Float(1.0 / focus_mm)
             dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness)
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
@@ -69,7 +70,7 @@ def _plugin(variant: str) -> str:
             else:
                 on_disc = self.radius_mm * mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
                 start_x, start_y = on_disc.x, on_disc.y
-            along = mi.Vector3f(chief_x - start_x * self.nearness, chief_y - start_y * self.nearness, 1.0)
+            along: Any = mi.Vector3f(chief_x - start_x * self.nearness, chief_y - start_y * self.nearness, 1.0)
             start = mi.Point3f(start_x, start_y, 0.0) + self.near_mm * along
             return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(along)))
 
@@ -99,8 +100,7 @@ def _plugin(variant: str) -> str:
 def sensor(
     camera: Camera,
     *,
-    aperture_mm: float = 0.0,
-    focus_mm: float = 500.0,
+    pupil: Pupil | None = None,
     crop: tuple[int, int, int, int] | None = None,
     near_mm: float = 0.0,
 ) -> Any:
@@ -112,10 +112,8 @@ def sensor(
     ----------
     camera
         The camera, at the origin of the frame rig.
-    aperture_mm
-        Diameter of the pupil; 0: a pinhole.
-    focus_mm
-        Distance in focus, along the axis.
+    pupil
+        Pupil of its lens; without one, a pinhole.
     crop
         Window of the film: x, y, width, height in pixels.
     near_mm
@@ -123,6 +121,7 @@ def sensor(
     """
     import mitsuba as mi
 
+    lens = pupil or Pupil()
     film: dict[str, Any] = {
         "type": "hdrfilm",
         "width": camera.width_px,
@@ -140,8 +139,8 @@ def sensor(
             # As text: a property holds single floats in full, but no list of them.
             "intrinsics": ",".join(repr(float(number)) for number in camera.intrinsics),
             "near_mm": near_mm,
-            "aperture_mm": aperture_mm,
-            "focus_mm": focus_mm,
+            "aperture_mm": lens.aperture_mm,
+            "focus_mm": lens.focus_mm,
             "film": film,
             "sampler": {"type": "independent"},
         }

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.render_scenes.low_discrepancy import additive_steps
 from mirrorcam.render_scenes.reference.interactions import (
     CLEARANCE_MM,
     direct_light,
@@ -28,10 +29,6 @@ from mirrorcam.render_scenes.reference.interactions import (
     sample_bsdf,
 )
 
-# Steps of Roberts's sequences, additive recurrences that spread well: 1/g, 1/g^2, ... with g^3 = g + 1 for the plane
-# and g^5 = g + 1 for pixel and pupil together.
-R2_STEPS = (0.7548776662466927, 0.5698402909959032)
-R4_STEPS = (0.8566748838545029, 0.733891856627126, 0.6287067210378087, 0.5385972572236101)
 PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
 NUMBERS = 8  # random numbers reserved for each bounce
 
@@ -182,11 +179,10 @@ def _plugin(variant: str) -> str:
             Memory does not grow with the samples, and sums have one order whatever the number of threads.
             """
             # One pattern of samples, shifted in each square by its place on the sensor: unbiased, and no pattern shows.
-            bits = [*mi.sample_tea_32(y * 65536 + x, seed)]
-            steps = R2_STEPS
+            bits: list[Any] = [*mi.sample_tea_32(y * 65536 + x, seed)]
             if not sensor.is_pinhole:
                 bits += mi.sample_tea_32(bits[0], bits[1])
-                steps = R4_STEPS
+            steps = additive_steps(len(bits))
             shifts = [mi.Float(each) * 2.0**-32 for each in bits]
             left, top = mi.Float(x), mi.Float(y)
             per_sample = NUMBERS * (self.last + 1)

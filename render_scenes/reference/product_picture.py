@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ class Viewpoint:
     middle_in_rig_mm: FloatArray
     mm_per_px: float
     size_px: tuple[int, int]
+    is_pinhole: ClassVar[bool] = True
 
     @property
     def axes(self) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from typing import Annotated
 
 import cv2
@@ -30,13 +30,10 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
     PixelRays,
     board_maps,
     exr_bytes,
-    path_lengths,
     pixel_rays,
 )
 from mirrorcam.render_scenes.variant import use_variant
 
-# Path lengths, for the blur out of focus, are computed at every sixteenth row and column.
-COARSE = 16
 # Rows that the reference renders at one time of a rolling shutter: 0.2 ms of a webcam's readout.
 STRIP_PX = 8
 
@@ -94,9 +91,11 @@ class _SetRenderer:
             )
         self.settings = settings
         obstacles = BodyObstacles(bodies) if bodies else None
-        follow = partial(pixel_rays, built, mirrors=setup.mirrors, finishes=setup.finishes, obstacles=obstacles)
-        self.rays = follow() if settings.maps else None
-        self.coarse = follow(step=COARSE)
+        self.rays = (
+            pixel_rays(built, mirrors=setup.mirrors, finishes=setup.finishes, obstacles=obstacles)
+            if settings.maps
+            else None
+        )
 
     def radiance(self, poses: FloatArray, seed: int) -> NDArray[np.float32]:
         """Radiance (h * subpixels, w * subpixels) of a frame during which the board has poses (1 or 3, 4, 4)."""
@@ -133,14 +132,12 @@ def render_frame(task_json: str) -> dict[str, bytes]:
     made = _set_renderer(setup.model_dump_json())
     key = np.random.SeedSequence(task.key)
     radiance = made.radiance(task.poses, seed=int(key.generate_state(1)[0]))
-    halfway = task.poses[len(task.poses) // 2]
     picture = photograph(
         radiance,
         settings.subpixels,
         setup.built.camera,
         settings.sensor,
         np.random.default_rng(key.spawn(1)[0]),
-        _full_size(path_lengths(made.coarse, halfway), radiance, settings.subpixels),
     )
     files = {task.name: _compressed(picture, settings)}
     if task.map_name is not None and made.rays is not None:
@@ -194,8 +191,3 @@ def _compressed(picture: NDArray[np.uint8], settings: RenderSettings) -> bytes:
     if sensor.h264_crf is not None and settings.video is None:
         picture = as_key_frame(picture, sensor.h264_crf)
     return encoded_image(picture, settings.suffix)
-
-
-def _full_size(coarse: FloatArray, radiance: NDArray[np.float32], subpixels: int) -> FloatArray:
-    height, width = (length // subpixels for length in radiance.shape[:2])
-    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST))

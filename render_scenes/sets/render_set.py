@@ -25,9 +25,10 @@ from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, reaches
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
-from mirrorcam.render_scenes.sets.set_truth import write_truth
+from mirrorcam.render_scenes.sets.set_truth import PUPIL_MAPS, write_pupil_maps, write_truth
 from mirrorcam.render_scenes.sets.set_video import check_video, write_video
 from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer
 from mirrorcam.render_scenes.variant import use_variant
 
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
@@ -76,6 +77,10 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
+    pupil = settings.sensor.pupil
+    if settings.maps and pupil.aperture_mm > 0 and PUPIL_MAPS not in dataset.files:
+        tracer = PupilTracer(built, pupil, finishes, obstacles)
+        dataset = dataset.added(out, lambda folder: write_pupil_maps(folder, tracer))
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 

@@ -1,20 +1,18 @@
-"""Model of lens and sensor: from radiance to the 8-bit picture of a webcam, with blur, vignetting and noise."""
+"""Model of lens and sensor: from radiance to the 8-bit picture of a webcam, with blur, vignetting and noise.
+
+Pupil and focus are the renderers': they decide which light comes to a pixel.
+"""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
-
-# Largest step of sigma, px, between the blur levels that defocus interpolates.
-BLUR_STEP_PX = 0.25
 
 
 def photograph(
@@ -23,7 +21,6 @@ def photograph(
     camera: Camera,
     model: SensorModel,
     random: np.random.Generator,
-    path_mm: FloatArray | None = None,
 ) -> NDArray[np.uint8]:
     """Expose a picture.
 
@@ -37,20 +34,18 @@ def photograph(
     subpixels
         Squares along each side of a pixel.
     camera
-        The camera, for defocus and vignetting.
+        The camera, for vignetting.
     model
         Lens and sensor.
     random
         Generator of the noise.
-    path_mm
-        Path length (h, w) of the light of each pixel; NaN or absent: in focus.
 
     Returns
     -------
     NDArray[np.uint8]
         Picture (h, w) or (h, w, 3).
     """
-    grey = _through_lens(radiance, subpixels, model, defocus_px(camera, model, path_mm))
+    grey = _pixels(radiance, subpixels, model.lens_blur_px)
     grey *= np.float32(255.0 * model.exposure)
     if model.vignetting > 0:
         lost = _vignette(camera, model.vignetting)
@@ -65,36 +60,6 @@ def photograph(
             noise *= np.float32(model.read_noise_grey)
         grey += noise
     return np.asarray(cv2.convertScaleAbs(np.clip(np.rint(grey), 0, 255)))
-
-
-def defocus_px(camera: Camera, model: SensorModel, path_mm: FloatArray | None) -> FloatArray | None:
-    """Sigma (h, w), px, of the defocus blur, with the variance of the circle of confusion; None without defocus.
-
-    The circle of a thin lens has the diameter f A |1 / focus - 1 / path|; sigma is a quarter of it.
-    """
-    if model.aperture_mm == 0 or path_mm is None:
-        return None
-    disc = camera.fx_px * model.aperture_mm * np.abs(1.0 / model.focus_mm - 1.0 / path_mm)
-    return np.nan_to_num(disc / 4.0)
-
-
-def _through_lens(
-    radiance: NDArray[np.float32], subpixels: int, model: SensorModel, defocus: FloatArray | None
-) -> NDArray[np.float32]:
-    """Irradiance (h, w[, 3]) of the pixels."""
-    if defocus is None:
-        return _pixels(radiance, subpixels, model.lens_blur_px)
-    sigma = np.hypot(model.lens_blur_px, defocus).astype(np.float32)
-    low, high = float(sigma.min()), float(sigma.max())
-    steps = max(int(np.ceil((high - low) / BLUR_STEP_PX)), 1)
-    levels = np.linspace(low, high, steps + 1) if high > low else np.array([low])
-    light = _pixels(radiance, subpixels, float(levels[0]))
-    for before, level in pairwise(levels):
-        # Interpolated in variance.
-        part = np.clip((sigma**2 - before**2) / (level**2 - before**2), 0.0, 1.0).astype(np.float32)
-        softer = _pixels(radiance, subpixels, float(level))
-        light += (part[..., None] if light.ndim == 3 else part) * (softer - light)
-    return light
 
 
 def _pixels(radiance: NDArray[np.float32], subpixels: int, blur_px: float) -> NDArray[np.float32]:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.files import write_json, write_npz
+from mirrorcam.optics.base.files import write_bytes, write_json, write_npz
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.poses import PosePlan
 from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
+from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
+
+PUPIL_MAPS = "truth/pupil.exr"
+"""Name of the maps of the parts of the pupil that mirrors serve."""
 
 
 def write_truth(
@@ -38,3 +43,11 @@ def write_truth(
         "base_visible": base_visible,
     }
     write_npz(truth / "corners.npz", corners)
+
+
+def write_pupil_maps(out: Path, tracer: PupilTracer) -> None:
+    """Write the maps of the parts of the pupil that mirrors serve, which all frames share."""
+    pupil = tracer.pupil
+    header = {"layout": tracer.layout.identity, "units": "mm"}
+    header |= {"aperture_mm": repr(pupil.aperture_mm), "focus_mm": repr(pupil.focus_mm)}
+    write_bytes(out / PUPIL_MAPS, exr_bytes(pupil_maps(tracer), header))

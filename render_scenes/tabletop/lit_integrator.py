@@ -17,20 +17,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.render_scenes.low_discrepancy import additive_steps
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+
+RayThrough = Callable[[Any, Any, Any, Any], Any]
+"""The ray from a point of the pupil, u and v in 0..1, through one of the sensor, x and y in Mitsuba's pixels."""
 
 MATTE_BOUNCES = 3
 SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
-# x and y in a pixel; at the first diffuse surface: lobe, direction (2), point of the area light (2).
-_NUMBERS = 7
-_ROOT = 1.0969815577985598  # the positive root of x^8 = x + 1: the R7 sequence (Roberts)
-_STEPS = [round(_ROOT**-number * 2.0**32) for number in range(1, _NUMBERS + 1)]
+# x and y in a pixel; at the first diffuse surface: lobe, direction (2), point of the area light (2); in the pupil: u, v.
+_NUMBERS = 9
 
 
 def render_lit(
     scene: Any,
-    ray_through: Callable[[Any, Any], Any],
+    ray_through: RayThrough,
     *,
+    is_pinhole: bool,
     size: tuple[int, int],
     subpixels: int,
     spp: int,
@@ -44,7 +47,9 @@ def render_lit(
     scene
         Scene of the current variant.
     ray_through
-        `ray_through(x, y)` gives the ray of a point of the sensor in Mitsuba's pixels.
+        The camera: called with x, y, u, v.
+    is_pinhole
+        Whether u and v are not used.
     size
         Width and height in pixels.
     subpixels
@@ -72,12 +77,15 @@ def render_lit(
     dr.make_opaque(opaque, side)
     square: Any = dr.arange(mi.UInt32, width * height)
     left, top = mi.Float(square % columns), mi.Float(square // columns)
-    shifts = [bits for pair in range(4) for bits in mi.sample_tea_32(square, key + (pair << 24))][:_NUMBERS]
+    count = _NUMBERS - 2 if is_pinhole else _NUMBERS
+    shifts = [bits for pair in range(5) for bits in mi.sample_tea_32(square, key + (pair << 24))][:count]
+    steps = [round(step * 2.0**32) for step in additive_steps(count)]
 
     def take(total: Any, taken: Any) -> tuple[Any, ...]:
-        numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, _STEPS, strict=True)]
-        ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side)
-        found = _radiance(scene, mi.Ray3f(ray), numbers[2:], first, (square, key ^ (taken * mi.UInt32(0x9E3779B9))))
+        numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
+        u, v = (0.5, 0.5) if is_pinhole else numbers[7:]
+        ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side, u, v)
+        found = _radiance(scene, mi.Ray3f(ray), numbers[2:7], first, (square, key ^ (taken * mi.UInt32(0x9E3779B9))))
         return total + found, taken + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +10,13 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mirror_shapes
-from mirrorcam.render_scenes.tabletop.lit_integrator import render_lit
+from mirrorcam.render_scenes.tabletop.lit_integrator import RayThrough, render_lit
 from mirrorcam.render_scenes.tabletop.objects import lights, shapes_of
 from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
@@ -83,17 +83,24 @@ class TabletopScene:
         )
         self._owners = [(shape, int(name.split("_")[1])) for name, shape in shapes.items()]
 
-    def photograph(self, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
+    def photograph(self, pupil: Pupil, *, spp: int, subpixels: int, seed: int) -> NDArray[np.float32]:
         """Render radiance (h * subpixels, w * subpixels, 3) of the sensor via the mirrors; all else is black."""
-        camera = self.layout.camera
+        camera, lens = self.layout.camera, sensor(self.layout.camera, pupil=pupil)
         size = camera.width_px, camera.height_px
-        return self._render(sensor(camera).ray_through, size, spp=spp, subpixels=subpixels, seed=seed, by_mirrors=True)
+        how = {"spp": spp, "subpixels": subpixels, "seed": seed}
+        return self._render(lens.ray_through, size, is_pinhole=lens.is_pinhole, by_mirrors=True, **how)
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
         """Render the radiance (v, u, 3) in a pinhole at a view's position, of what lies beyond a depth."""
         through = _pinhole(views, t, s, start_depth_mm)
         return self._render(
-            through, (views.width_px, views.height_px), spp=spp, subpixels=1, seed=seed, by_mirrors=False
+            through,
+            (views.width_px, views.height_px),
+            is_pinhole=True,
+            spp=spp,
+            subpixels=1,
+            seed=seed,
+            by_mirrors=False,
         )
 
     def hits(self, start: FloatArray, direction: FloatArray) -> Hits:
@@ -117,7 +124,7 @@ class TabletopScene:
             points = start + met[..., None] * direction
         return Hits(points, met, found)
 
-    def _render(self, through: Callable[[Any, Any], Any], size: tuple[int, int], **how: Any) -> NDArray[np.float32]:
+    def _render(self, through: RayThrough, size: tuple[int, int], **how: Any) -> NDArray[np.float32]:
         use_variant(self.variant)
         return render_lit(self._scene, through, size=size, **how)
 
@@ -131,7 +138,7 @@ def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[F
     return centre + direction * ((start_depth_mm - centre @ forward) / (direction @ forward))[..., None], direction
 
 
-def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[Any, Any], Any]:
+def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
     """`pinhole_rays` for points of the view in Mitsuba's pixels, in Dr.Jit."""
     import drjit as dr
     import mitsuba as mi
@@ -146,7 +153,7 @@ def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> Callable[[A
     before = mi.Float(float(start_depth_mm - centre @ views.view_from_rig[2]))
     dr.make_opaque(numbers, forward, before)
 
-    def ray_through(x: Any, y: Any) -> Any:
+    def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
         direction = numbers[1] + x * numbers[2] + y * numbers[3]
         return mi.Ray3f(
             mi.Point3f(numbers[0] + direction * (before / dr.dot(direction, forward))), dr.normalize(direction)

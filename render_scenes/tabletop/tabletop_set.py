@@ -242,12 +242,13 @@ def _frame(scene: TabletopScene, request: TabletopRequest) -> tuple[bytes, bytes
     """Files of the picture and of the ground-truth maps of its pixels."""
     layout = scene.layout
     seed = int(_random(request.seed, _FRAME).integers(2**32))
-    radiance = scene.photograph(spp=max(request.spp // _SUBPIXELS**2, 1), subpixels=_SUBPIXELS, seed=seed)
+    spp = max(request.spp // _SUBPIXELS**2, 1)
+    radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
     rays = pixel_rays(layout, mirrors=True)
     hits = scene.hits(rays.start, rays.direction)
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)
-    picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise, path)
+    picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise)
     depth = np.where(hits.object_index == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
     maps = {"mirror": rays.mirror, "thing": hits.object_index + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality

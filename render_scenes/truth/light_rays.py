@@ -32,7 +32,9 @@ class _Ray:
     path_mm: FloatArray
 
 
-def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None) -> Reflected:
+def reflected(
+    mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = None, origin: FloatArray | None = None
+) -> Reflected:
     """Trace rays from the pupil via a mirror.
 
     Parameters
@@ -43,11 +45,13 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
         Unit vectors (..., 3) in rig.
     finish
         Its surface finish; without one it is flat.
+    origin
+        Where in the pupil the rays start (..., 3), in rig, mm; without, in its middle.
 
     Returns
     -------
     entry_mm
-        Distance (...) from the pupil to the mirror's front, mm; infinite where a ray misses it.
+        Distance (...) from there to the mirror's front, mm; infinite where a ray misses it.
     start
         Point (..., 3) in rig, mm, where the ray leaves the mirror; NaN where it does not.
     direction
@@ -55,15 +59,16 @@ def reflected(mirror: Mirror, rays: FloatArray, finish: MirrorFinish | None = No
     path_mm
         Geometric path length (...) from the pupil to that point, mm; NaN likewise.
     """
+    begin = np.zeros(3) if origin is None else origin
     if finish is not None and not finish.flat:
-        places, out = _followed(mirror, finish, rays)
+        places, out = _followed(mirror, finish, rays, begin)
         first, last = _in_rig(mirror, places[0]), _in_rig(mirror, places[-1])
         along = out.direction @ mirror.rig_from_plane[:3, :3].T
-        return _cut(mirror, first, np.linalg.norm(first, axis=-1), last, along, out.path_mm)
+        return _cut(mirror, first, np.linalg.norm(first - begin, axis=-1), last, along, out.path_mm)
     normal = mirror.normal_in_rig
     cosine = np.maximum(-(rays @ normal), 1e-12)
-    entry_mm = (mirror.distance_mm - mirror.front_mm) / cosine
-    entry = rays * entry_mm[..., None]
+    entry_mm = (begin @ normal + mirror.distance_mm - mirror.front_mm) / cosine
+    entry = begin + rays * entry_mm[..., None]
     leaves, path_mm = entry, entry_mm
     if mirror.is_second_surface:
         # To the coating and back. Snell's law: the tangential component is divided by the refractive index.
@@ -114,7 +119,8 @@ def image_px(
     def missed(at: FloatArray) -> FloatArray:
         """Offsets (..., 2), mm, of the rays of pixels from the points, parallel to the mirror's plane."""
         rays = camera.unproject(at)
-        _, out = _followed(mirror, finish, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        _, out = _followed(mirror, finish, unit, np.zeros(3))
         along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
         return (out.start + along[..., None] * out.direction - points)[..., :2]
 
@@ -128,13 +134,15 @@ def image_px(
     return px
 
 
-def _followed(mirror: Mirror, finish: MirrorFinish, rays: FloatArray) -> tuple[list[FloatArray], _Ray]:
+def _followed(
+    mirror: Mirror, finish: MirrorFinish, rays: FloatArray, origin: FloatArray
+) -> tuple[list[FloatArray], _Ray]:
     """Intersections (..., 3) of unit rays (..., 3) from the pupil with each surface, and the rays after the last one.
 
     In the frame `plane`; the surfaces extend beyond the outline.
     """
     frame = mirror.rig_from_plane
-    pupil = -frame[:3, 3] @ frame[:3, :3]
+    pupil = (origin - frame[:3, 3]) @ frame[:3, :3]
     ray = _Ray(np.broadcast_to(pupil, rays.shape), rays @ frame[:3, :3], np.zeros(rays.shape[:-1]))
     if not mirror.is_second_surface:
         ray, normal = _met(mirror, finish, ray, 0.0)

@@ -123,14 +123,6 @@ def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
     return slice(int(top), int(bottom)), slice(int(left), int(right))
 
 
-def path_lengths(rays: PixelRays, rig_from_board: FloatArray) -> FloatArray:
-    """Path length (h, w), mm, from the plane of a board at a rigid 4x4 pose to the pupil; NaN where a ray misses it."""
-    normal = rig_from_board[:3, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        length = (rig_from_board[:3, 3] - rays.start) @ normal / (rays.direction @ normal)
-    return np.where(length > 0.0, rays.path_before_mm + length, np.nan)
-
-
 def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
     """Maps (h, w) of a board at a rigid 4x4 pose, by the names of `CHANNELS`.
 

@@ -9,14 +9,15 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene, build_mipmap
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR
 from tests.render_scenes.corners import MARGIN_PX, TARGET, errors_by_mirror, photographed, tilted_board, windows
 
-SETTINGS = RenderSettings(renderer="fast")
+SETTINGS = RenderSettings(renderer="fast", sensor=SENSORS["ideal"])
 CUT = SETTINGS.subpixels
 
 
@@ -63,6 +64,37 @@ def test_it_agrees_with_the_reference(distorted_layout: Layout) -> None:
     errors = [errors_by_mirror(found, windows(distorted_layout), distorted_layout, pose) for found in pictures.values()]
     for index in crops:
         assert np.abs(errors[0][index] - errors[1][index]).max() <= 0.02
+
+
+WHITE = Checkerboard(cols=6, rows=5, square_mm=300.0)
+
+
+@pytest.mark.parametrize("ink", [1.0, 0.05])
+def test_light_through_parts_of_the_pupil_agrees_with_the_reference(default_layout: Layout, ink: float) -> None:
+    """Profiles across the edges of mirrors out of focus, before a white board and before one with corners."""
+    settings = SETTINGS.replaced(sensor=SENSORS["c920"], paper=1.0, ink=ink, mirror_reflectance=1.0)
+    board = WHITE if ink == 1.0 else Checkerboard(cols=30, rows=24, square_mm=15.0)
+    turn = default_layout.view_from_rig.T
+    half = np.array([board.cols, board.rows, 0.0]) * board.square_mm / 2.0
+    pose = rigid(turn, 380.0 * turn[:, 2] - turn @ half)
+    fast = FastScene(default_layout.camera, default_layout.mirrors, board, settings)
+    reference = BoardScene(default_layout.camera, default_layout.mirrors, board, settings)
+    x, y, width, height = 600, 300, 120, 90  # where four mirrors meet
+    pictures = []
+    for scene in (fast, reference):
+        scene.place_board(pose)
+    pictures = [
+        photographed(picture, CUT)[4:-4, 4:-4]
+        for picture in (
+            fast.render()[CUT * y : CUT * (y + height), CUT * x : CUT * (x + width)],
+            reference.render(spp=256, seed=1, subpixels=CUT, crop=(x, y, width, height)),
+        )
+    ]
+    white = 255.0
+    error = (pictures[0] - pictures[1]) / white
+    assert np.sqrt(np.mean(error**2)) < (0.004 if ink == 1.0 else 0.01)
+    assert abs(error.mean()) < 0.001
+    assert pictures[0].min() < 0.8 * white if ink == 1.0 else pictures[0].min() < 0.2 * white
 
 
 def test_numpy_renders_the_same(small_layout: Layout, small_board: Charuco) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels
 from mirrorcam.render_scenes.fast.analytic_scene import map_to_print
@@ -23,9 +24,9 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
     pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
     truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
     views, board = virtual_views(small.mirrors), board_from_texels(small_board)
-    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92))
+    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92), Pupil())
     for footprints in picture:
-        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)))
+        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)), 500.0)
         rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
         texels = (to_print.print @ rays - footprints.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
         at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
@@ -45,7 +46,7 @@ def test_no_subpixel_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None
     first, *others = distorted_layout.mirrors
     nearer = first.moved(np.eye(3), 0.35 * first.virtual_centre_in_rig_mm * [-0.05, 0.0, 0.0])
     built = distorted_layout.replaced(mirrors=(nearer, *others), kind="as-built")
-    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9))
+    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9), Pupil())
     assert len(layers) > 1
     filled = np.zeros(built.camera.width_px * built.camera.height_px)
     for layer in layers:
@@ -57,7 +58,7 @@ def test_no_subpixel_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None
 
 def test_the_bare_camera_covers_every_subpixel_once(small_layout: Layout) -> None:
     camera = small_layout.camera
-    ((footprints,),) = pixel_footprints(camera, (), 2, np.zeros(0))
+    ((footprints,),) = pixel_footprints(camera, (), 2, np.zeros(0), Pupil())
     np.testing.assert_array_equal(footprints.square, np.arange(4 * camera.width_px * camera.height_px))
     assert (footprints.weight == 1.0).all()
     assert not footprints.slide_mm.any()

@@ -7,6 +7,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.variant import use_variant
 
@@ -57,3 +58,25 @@ def test_a_crop_looks_the_same_way_as_the_whole_sensor() -> None:
     px = np.random.default_rng(0).uniform([400, 700], [600, 900], (50, 2))
     whole, crop = directions(camera, px, (0, 0, 1920, 1080)), directions(camera, px, (400, 700, 200, 200))
     np.testing.assert_allclose(crop, whole, atol=2e-7)
+
+
+def test_the_rays_of_a_pixel_start_all_over_the_pupil_and_meet_in_focus() -> None:
+    use_variant()
+    import mitsuba as mi
+
+    camera = Camera.c920().replaced(distortion=LENSES["all"])
+    lens = sensor(camera, pupil=Pupil(1.8, 450.0), near_mm=3.0)
+    places = np.random.default_rng(0).random((2, 5000)).astype(np.float32)
+    ray = lens.ray_through(mi.Float(300.5), mi.Float(801.5), mi.Float(places[0]), mi.Float(places[1]))
+    start, direction = np.array(ray.o, dtype=np.float64).T, np.array(ray.d, dtype=np.float64).T
+    np.testing.assert_allclose(start[:, 2], 3.0, atol=1e-6)
+    direction /= direction[:, 2:]
+    pupil = start - start[:, 2:] * direction
+    radius = np.linalg.norm(pupil[:, :2], axis=1)
+    assert 0.88 < radius.max() < 0.9 + 1e-5
+    np.testing.assert_allclose(pupil[:, :2].mean(axis=0), 0.0, atol=0.03)
+    np.testing.assert_allclose((radius**2).mean(), 0.9**2 / 2.0, rtol=0.03)
+    met = pupil + 450.0 * direction
+    np.testing.assert_allclose(
+        met, np.broadcast_to(450.0 * camera.unproject(np.array([300.0, 801.0])), met.shape), atol=2e-3
+    )

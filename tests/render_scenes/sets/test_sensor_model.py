@@ -50,38 +50,6 @@ def test_the_blur_has_its_sigma_in_pixels_and_its_middle_in_place(cut: int) -> N
     assert (weight * (y - 20.0) ** 2).sum() == pytest.approx(expected, rel=0.03)
 
 
-def variances_across(paths_mm: list[float], model: SensorModel, across: int) -> list[float]:
-    """The variance (px^2) of pictures of lines, 41 px apart along an axis, whose light has come these ways."""
-    lines = np.full((4000, 41 * len(paths_mm)), 0.1, dtype=np.float32)
-    lines[:, 20::41] += 1.5
-    paths = np.repeat(paths_mm, 41)[None].repeat(4000, axis=0)
-    if across == 0:
-        lines, paths = np.ascontiguousarray(lines.T), paths.T
-    camera = camera_of(lines.shape[1], lines.shape[0])
-    picture = photograph(lines, 1, camera, model, np.random.default_rng(0), paths)
-    x = np.arange(-12.0, 13.0)
-    # The mean of many noisy rows knows more than eight bits of each.
-    light = (picture.mean(axis=1 - across) - 25.5).reshape(len(paths_mm), 41)[:, 8:33]
-    return [float(variance) for variance in (light * x**2).sum(axis=1) / light.sum(axis=1)]
-
-
-@pytest.mark.parametrize("across", [0, 1])
-def test_what_is_out_of_focus_is_blurred_as_by_the_disc_of_a_thin_lens(across: int) -> None:
-    paths_mm = [150.0, 300.0, 500.0, 1200.0, 5000.0]
-    found = variances_across(paths_mm, SensorModel(lens_blur_px=0.7, aperture_mm=2.0, focus_mm=500.0), across)
-    for path_mm, variance in zip(paths_mm, found, strict=True):
-        # The image of a point at s through a pupil A wide, focused at s0, is f A |1/s0 - 1/s| wide; a disc D wide has
-        # the variance D^2/16 along each axis.
-        disc_px = 1000.0 * 2.0 * abs(1.0 / 500.0 - 1.0 / path_mm)
-        assert variance == pytest.approx(0.7**2 + disc_px**2 / 16.0, rel=0.03, abs=0.04)
-
-
-def test_where_nothing_tells_how_far_light_has_come_it_is_in_focus() -> None:
-    unknown, focused = variances_across([np.nan, 500.0], SensorModel(lens_blur_px=1.0, aperture_mm=3.0), across=1)
-    assert unknown == pytest.approx(focused, abs=0.05)
-    assert unknown == pytest.approx(1.0, abs=0.05)
-
-
 @pytest.mark.parametrize("exponent", [2.0, 4.0])
 def test_light_away_from_the_axis_falls_as_a_power_of_its_cosine(exponent: float) -> None:
     camera = camera_of(801, 601, focal_px=500.0)
@@ -119,14 +87,14 @@ def test_noise_of_neighbours_is_independent() -> None:
 
 
 def test_colours_pass_through_the_same_lens_with_noise_of_their_own() -> None:
-    model = NO_NOISE.replaced(lens_blur_px=1.2, vignetting=4.0, aperture_mm=2.0)
+    model = NO_NOISE.replaced(lens_blur_px=1.2, vignetting=4.0)
     colour = np.random.default_rng(1).uniform(0.0, 0.9, (60, 80, 3)).astype(np.float32)
-    camera, paths = camera_of(40, 30, 100.0), np.linspace(200.0, 900.0, 1200).reshape(30, 40)
-    together = photograph(colour, 2, camera, model, np.random.default_rng(0), paths)
+    camera = camera_of(40, 30, 100.0)
+    together = photograph(colour, 2, camera, model, np.random.default_rng(0))
     for channel in range(3):
-        one = photograph(np.ascontiguousarray(colour[..., channel]), 2, camera, model, np.random.default_rng(0), paths)
+        one = photograph(np.ascontiguousarray(colour[..., channel]), 2, camera, model, np.random.default_rng(0))
         np.testing.assert_array_equal(together[..., channel], one)
-    noisy = photograph(colour, 2, camera, model.replaced(read_noise_grey=3.0), np.random.default_rng(0), paths)
+    noisy = photograph(colour, 2, camera, model.replaced(read_noise_grey=3.0), np.random.default_rng(0))
     noise = noisy.astype(float) - together
     assert abs(np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1]) < 0.1
 

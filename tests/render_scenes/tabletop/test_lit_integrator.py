@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.render_scenes.tabletop.lit_integrator import render_lit
+from mirrorcam.render_scenes.tabletop.lit_integrator import RayThrough, render_lit
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 SIZE = 24, 16
@@ -31,11 +30,11 @@ def matte(colour: list[float]) -> dict[str, Any]:
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rgb(colour)}}
 
 
-def straight_on(height: float = 10.0, spread: float = 0.05) -> Callable[[Any, Any], Any]:
+def straight_on(height: float = 10.0, spread: float = 0.05) -> RayThrough:
     """Rays of SIZE pixels from (0, 0, height) down, `spread` apart on the plane one below."""
     import mitsuba as mi
 
-    def ray_through(x: Any, y: Any) -> Any:
+    def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
         import drjit as dr
 
         way = mi.Vector3f((x - SIZE[0] / 2) * spread, (y - SIZE[1] / 2) * spread, -1.0)
@@ -48,7 +47,7 @@ def rendered(scene: dict[str, Any], **how: Any) -> NDArray[np.float32]:
     import mitsuba as mi
 
     usual: dict[str, Any] = {"size": SIZE, "subpixels": 1, "spp": 64, "seed": 3, "by_mirrors": False}
-    return render_lit(mi.load_dict({"type": "scene", **scene}), straight_on(), **(usual | how))
+    return render_lit(mi.load_dict({"type": "scene", **scene}), straight_on(), is_pinhole=True, **(usual | how))
 
 
 def sky() -> dict[str, Any]:

@@ -1,0 +1,148 @@
+"""Ground truth of the pupil: which part of it each mirror serves in every pixel, by rays from all over the pupil.
+
+Nothing but the shape of mirrors is shared with the renderers, and nothing with `optics.geometry.pupil`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
+from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
+
+SAMPLES = 100
+"""Rays of a pixel that more than one surface may serve; those of all others are alike."""
+RIM = 12
+"""Rays from the rim of the pupil that tell which pixels those are."""
+BLOCK_PX = 4
+"""Sides of the blocks of pixels that are told apart."""
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+CHANNELS = tuple(f"{place}.{name}" for place in ("first", "second") for name in ("mirror", "share", "x", "y"))
+
+
+@dataclass(frozen=True)
+class PupilTracer:
+    """Traces rays from points of the pupil of a device as built.
+
+    Attributes
+    ----------
+    layout
+        The device.
+    pupil
+        Pupil of its camera.
+    finishes
+        Surface finishes of the mirrors; empty: they are flat.
+    obstacles
+        Bodies that stand around the mirrors, if any.
+    """
+
+    layout: Layout
+    pupil: Pupil
+    finishes: Sequence[MirrorFinish] = ()
+    obstacles: Obstacles | None = None
+
+    def met(self, chief_rays: FloatArray, place: FloatArray, candidates: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Index (n,) of the mirror that reflects rays, `NO_MIRROR` where there is none or an obstacle before it.
+
+        The rays start at a place (2,) in the unit disc, that of the pupil. `candidates` (mirrors, n) are the mirrors
+        that they may meet.
+        """
+        origin = self.pupil.radius_mm * np.array([*place, 0.0])
+        rays = chief_rays - origin / self.pupil.focus_mm
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        index, depth = np.full(len(rays), NO_MIRROR), np.full(len(rays), np.inf)
+        for number, mirror in enumerate(self.layout.mirrors):
+            asked = np.flatnonzero(candidates[number])
+            finish = self.finishes[number] if self.finishes else None
+            entry, _, _, path = reflected(mirror, rays[asked], finish, origin)
+            nearer = entry < depth[asked]
+            depth[asked[nearer]] = entry[nearer]
+            index[asked[nearer]] = np.where(np.isfinite(path[nearer]), number, NO_MIRROR)
+        if self.obstacles is not None:
+            stopped = self.obstacles.free_mm(np.broadcast_to(origin, rays.shape), rays) < depth
+            index[stopped] = NO_MIRROR
+        return index
+
+    def shares(self, chief_rays: FloatArray, candidates: NDArray[np.bool_]) -> tuple[FloatArray, ...]:
+        """The `CHANNELS` (n,) of rays (n, 3); see `met`."""
+        rows, mirrors = np.arange(len(chief_rays)), len(self.layout.mirrors)
+        # The last column counts rays that meet no mirror.
+        sums = np.zeros((3, len(chief_rays), mirrors + 1))
+        for place in sunflower(SAMPLES):
+            met = self.met(chief_rays, place, candidates)
+            for total, amount in zip(sums, (1.0, *place), strict=True):
+                total[rows, met] += amount
+        count, *moments = sums[:, :, :mirrors]
+        found: list[FloatArray] = []
+        for mirror in np.argsort(-count, axis=1, kind="stable").T[[0, min(1, mirrors - 1)]]:
+            rays = count[rows, mirror] if len(found) == 0 or mirrors > 1 else np.zeros(len(rows))
+            met_any = np.where(rays > 0.0, rays, np.nan)
+            centroid = [self.pupil.radius_mm * moment[rows, mirror] / met_any for moment in moments]
+            found += [np.where(rays > 0.0, mirror, NO_MIRROR), rays / SAMPLES, *centroid]
+        return tuple(found)
+
+
+def sunflower(count: int) -> FloatArray:
+    """Points (count, 2) spread evenly over the unit disc (Vogel's spiral)."""
+    number = np.arange(count)
+    radius, angle = np.sqrt((number + 0.5) / count), GOLDEN_ANGLE * number
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
+    """Maps (h, w) of the two mirrors that serve most of the pupil in each pixel, by the names of `CHANNELS`.
+
+    For each of the two its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid x, y of
+    its part of the pupil, in rig, mm (NaN without one).
+    """
+    camera = tracer.layout.camera
+    rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
+    # Blocks of pixels, by what rays from the rim of the pupil meet at their corners.
+    at = [np.append(np.arange(0, len(axis) - 1, BLOCK_PX), len(axis) - 1) for axis in (rows, columns)]
+    nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
+    angles = 2.0 * np.pi * np.arange(RIM) / RIM
+    every = np.ones((len(tracer.layout.mirrors), len(nodes)), dtype=np.bool_)
+    met = np.stack([tracer.met(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
+    met = met.reshape(RIM, len(at[0]), len(at[1]))
+    corners = np.concatenate([met[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)])
+    mixed = corners.min(axis=0) != corners.max(axis=0)
+    block = np.ix_(
+        np.minimum(rows // BLOCK_PX, mixed.shape[0] - 1), np.minimum(columns // BLOCK_PX, mixed.shape[1] - 1)
+    )
+    index = corners[0][block].astype(np.float64)
+    served = index != NO_MIRROR
+    middle, nothing = np.where(served, 0.0, np.nan), np.full(index.shape, np.nan)
+    single = (
+        index,
+        served * 1.0,
+        middle,
+        middle,
+        np.full(index.shape, float(NO_MIRROR)),
+        0.0 * index,
+        nothing,
+        nothing,
+    )
+    maps = {name: values.copy() for name, values in zip(CHANNELS, single, strict=True)}
+    row, column = np.nonzero(mixed[block])
+    near = np.stack([_spread((corners == number).any(axis=0)) for number in range(len(every))])
+    candidates = near[:, block[0][row, 0], block[1][0, column]]
+    chief_rays = camera.unproject(np.column_stack([column, row]).astype(np.float64))
+    for name, values in zip(CHANNELS, tracer.shares(chief_rays, candidates), strict=True):
+        maps[name][row, column] = values
+    return maps
+
+
+def _spread(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Blocks (rows, columns) of a mask and their neighbours."""
+    wide = np.pad(blocks, 1)
+    rows, columns = blocks.shape
+    return np.logical_or.reduce([wide[i : i + rows, k : k + columns] for i in range(3) for k in range(3)])

@@ -1,0 +1,58 @@
+"""The truth of the pupil, traced ray by ray, against the half-planes of `optics.geometry.pupil`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil, disc_part, served_by
+from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, pixel_rays
+from mirrorcam.render_scenes.truth.pupil_maps import SAMPLES, PupilTracer, pupil_maps
+from tests.render_scenes.truth.test_pixel_maps import Curtain
+
+PUPIL = Pupil(aperture_mm=1.8, focus_mm=500.0)
+
+
+def test_shares_and_centroids_are_those_of_the_half_planes(small_layout: Layout) -> None:
+    maps = pupil_maps(PupilTracer(small_layout, PUPIL))
+    camera = small_layout.camera
+    x, y = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    chief = camera.normalized_from_pixels(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
+    cut = 0
+    for number, mirror in enumerate(small_layout.mirrors):
+        part = disc_part(served_by(mirror, chief, PUPIL.focus_mm), PUPIL.radius_mm)
+        first = maps["first.mirror"].ravel() == number
+        second = maps["second.mirror"].ravel() == number
+        for place, chosen in (("first", first), ("second", second)):
+            found = {name: maps[f"{place}.{name}"].ravel()[chosen] for name in ("share", "x", "y")}
+            np.testing.assert_allclose(found["share"], part.share[chosen], atol=6.0 / SAMPLES)
+            for axis, name in enumerate("xy"):
+                expected = PUPIL.radius_mm * part.centroid[chosen, axis]
+                assert np.abs((found[name] - expected) * found["share"]).max(initial=0.0) < 0.04
+        # Where the corners of four mirrors meet, two have more of the pupil.
+        others = ~first & ~second
+        assert (part.share[others] < maps["second.share"].ravel()[others] + 4.0 / SAMPLES).all()
+        cut += int(((part.share > 0.0) & (part.share < 1.0)).sum())
+    assert cut > 0.05 * len(chief)  # a quarter of the pixels, of four times the size, are as often at an edge
+
+
+def test_a_pinhole_sees_one_mirror_or_none(small_layout: Layout) -> None:
+    maps = pupil_maps(PupilTracer(small_layout, Pupil()))
+    single = pixel_rays(small_layout, mirrors=True)
+    np.testing.assert_array_equal(maps["first.mirror"], single.mirror)
+    np.testing.assert_array_equal(maps["first.share"], single.mirror != NO_MIRROR)
+    assert (maps["second.mirror"] == NO_MIRROR).all()
+    assert np.isnan(maps["second.x"]).all()
+
+
+def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
+    class Half(Curtain):
+        """Stops what leaves the right half of the pupil."""
+
+        def free_mm(self, start, direction):  # type: ignore[no-untyped-def]
+            return np.where(start[..., 0] > 0.0, 1.0, np.inf)
+
+    free, half = (pupil_maps(PupilTracer(small_layout, PUPIL, obstacles=each)) for each in (None, Half()))
+    whole = free["first.share"] == 1.0
+    np.testing.assert_allclose(half["first.share"][whole], 0.5, atol=0.02)
+    assert (half["first.x"][whole] < 0.0).all()
