@@ -18,6 +18,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 CHORDS = 24
 """Number of chords over which a part of the disc is integrated."""
 
+BORDER_STEPS = 4
 PINHOLE_FOCUS_MM = 500.0
 
 
@@ -205,3 +206,44 @@ def _turned(
             ]
         ),
     )
+
+
+def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
+    """Corners (n, 2) of the part of a sub-image whose whole pupil the mirror serves, in normalized coordinates.
+
+    (0, 2) where there is none. Its borders, of which each is nearly straight, are drawn straight and run inside.
+    """
+    shown = mirror.usable_normalized
+    if pupil.radius_mm == 0.0 or len(shown) == 0:
+        return shown
+    apparent = mirror.apparent
+    on_mirror = apparent.replaced(outline_in_rig_mm=apparent.cut(shown))
+    middle = shown.mean(axis=0)
+    kept = shown
+    for k in range(len(shown)):
+        ends = np.stack([shown[k], shown[(k + 1) % len(shown)]])
+        parts = np.zeros(2)
+        for _ in range(BORDER_STEPS):  # of Newton's method towards the middle, along which the distance grows evenly
+            at, beside = (
+                served_by(on_mirror, ends + (parts + step)[:, None] * (middle - ends), pupil.focus_mm)
+                for step in (0.0, 1e-6)
+            )
+            slope = (beside.distance[:, k] - at.distance[:, k]) / 1e-6
+            parts += (pupil.radius_mm - at.distance[:, k]) / slope
+        kept = _clipped(kept, *(ends + parts[:, None] * (middle - ends)), middle)
+    return kept
+
+
+def _clipped(polygon: FloatArray, first: FloatArray, second: FloatArray, inside: FloatArray) -> FloatArray:
+    """The part of a convex polygon (n, 2) on the side of the line through two points on which a third lies."""
+    along = second - first
+    across = np.array([-along[1], along[0]])
+    heights = (polygon - first) @ across * np.sign((inside - first) @ across)
+    kept: list[FloatArray] = []
+    for k in range(len(polygon)):
+        here, following = heights[k - 1], heights[k]
+        if (here > 0.0) != (following > 0.0):
+            kept.append(polygon[k - 1] + (polygon[k] - polygon[k - 1]) * here / (here - following))
+        if following > 0.0:
+            kept.append(polygon[k])
+    return np.array(kept).reshape(-1, 2)
