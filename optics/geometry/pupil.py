@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
-CHORDS = 24
+CHORDS = 32
 """Number of chords over which a part of the disc is integrated."""
 
 BORDER_STEPS = 4
@@ -230,15 +230,16 @@ def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
             )
             slope = (beside.distance[:, k] - at.distance[:, k]) / 1e-6
             parts += (pupil.radius_mm - at.distance[:, k]) / slope
-        kept = _clipped(kept, *(ends + parts[:, None] * (middle - ends)), middle)
+        inwards = middle - ends
+        kept = _clipped(kept, *(ends + parts[:, None] * inwards), inwards[0])
     return kept
 
 
-def _clipped(polygon: FloatArray, first: FloatArray, second: FloatArray, inside: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) on the side of the line through two points on which a third lies."""
+def _clipped(polygon: FloatArray, first: FloatArray, second: FloatArray, inwards: FloatArray) -> FloatArray:
+    """The part of a convex polygon (n, 2) beyond the line through two points, in a direction."""
     along = second - first
     across = np.array([-along[1], along[0]])
-    heights = (polygon - first) @ across * np.sign((inside - first) @ across)
+    heights = (polygon - first) @ across * np.sign(inwards @ across)
     kept: list[FloatArray] = []
     for k in range(len(polygon)):
         here, following = heights[k - 1], heights[k]

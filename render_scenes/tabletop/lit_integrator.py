@@ -25,7 +25,7 @@ RayThrough = Callable[[Any, Any, Any, Any], Any]
 
 MATTE_BOUNCES = 3
 SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
-# Place in a pixel (2); at the first diffuse surface: lobe, direction (2), point of the area light (2); in the pupil (2).
+# Place in a pixel (2); at the first diffuse surface: lobe, direction (2), point of the area light (2); pupil (2).
 _NUMBERS = 9
 
 
