@@ -14,9 +14,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.device_bodies import DeviceBody
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 
-SETTINGS = RenderSettings()
+SETTINGS = RenderSettings(sensor=SENSORS["ideal"])
 
 
 def box(low: Sequence[float] | FloatArray, high: Sequence[float] | FloatArray, kind: str = "part") -> DeviceBody:

@@ -9,8 +9,8 @@ from mirrorcam.render_scenes.low_discrepancy import additive_steps
 
 
 def test_the_golden_ratio_and_the_plastic_number_are_known() -> None:
-    assert additive_steps(1)[0] == pytest.approx(2.0 / (1.0 + 5.0**0.5), rel=1e-15)
-    assert additive_steps(2) == pytest.approx((0.7548776662466927, 0.5698402909959032), rel=1e-15)
+    assert additive_steps(1)[0] == pytest.approx(2.0 / (1.0 + 5.0**0.5), rel=1e-11)
+    assert additive_steps(2) == pytest.approx((0.7548776662466927, 0.5698402909959032), rel=1e-11)
 
 
 @pytest.mark.parametrize("dimensions", [4, 9])

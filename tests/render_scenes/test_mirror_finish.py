@@ -108,7 +108,7 @@ def edge_width(picture: NDArray[np.float32]) -> float:
 def test_a_rough_mirror_blurs_and_loses_no_light(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
     crop, found = (200, 100, 60, 30), []
     for roughness in (0.0, 0.004):
-        asked = RenderSettings(finish=SurfaceFinish(roughness=roughness))
+        asked = RenderSettings(finish=SurfaceFinish(roughness=roughness), sensor=SENSORS["ideal"])
         scene = BoardScene(
             small_layout.camera,
             small_layout.mirrors,
@@ -161,7 +161,9 @@ def test_bent_mirrors_are_traced_where_rays_of_their_exact_shape_go(small_layout
     layout = bent_layout(small_layout, surface)
     pose = tilted_board(layout)
     finishes = (BENT, BENT.replaced(bend="cylinder", sag_mm=-0.1)) * 4 + (BENT,)
-    scene = BoardScene(layout.camera, layout.mirrors, TARGET, RenderSettings(), finishes=finishes)
+    scene = BoardScene(
+        layout.camera, layout.mirrors, TARGET, RenderSettings(sensor=SENSORS["ideal"]), finishes=finishes
+    )
     scene.place_board(pose)
     truth = board_maps(pixel_rays(layout, mirrors=True, step=3, finishes=finishes), TARGET, pose)
     flat = board_maps(pixel_rays(layout, mirrors=True, step=3), TARGET, pose)

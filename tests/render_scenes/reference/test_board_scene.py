@@ -13,9 +13,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 
-SETTINGS = RenderSettings()
+SETTINGS = RenderSettings(sensor=SENSORS["ideal"])
 
 
 def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:

@@ -81,7 +81,10 @@ def test_what_stands_before_a_mirror_hides_it(
 
 def test_a_board_lights_a_wall_as_much_as_a_formula_says(small_layout: Layout, small_board: Charuco) -> None:
     """A matte wall beside a board, without other light: radiance = reflectance / pi * integral of L cos cos / r^2."""
-    dark, wall = RenderSettings(surroundings=0.0), box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0))
+    dark, wall = (
+        RenderSettings(surroundings=0.0, sensor=SENSORS["ideal"]),
+        box((-100.0, -100.0, 200.0), (100.0, 100.0, 210.0)),
+    )
     # The board stands on the left of what the camera sees and faces right.
     turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     pose = rigid(turn, [-150.0, -small_board.size_mm[1] / 2.0, -100.0])

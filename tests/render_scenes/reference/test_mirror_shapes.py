@@ -14,14 +14,15 @@ from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR
 from tests.render_scenes.corners import TARGET, errors_by_mirror, photographed, tilted_board, windows
 
-FAST = RenderSettings(renderer="fast")
+FAST = RenderSettings(renderer="fast", sensor=SENSORS["ideal"])
+REFERENCE = RenderSettings(sensor=SENSORS["ideal"])
 CUT = FAST.subpixels
 SEEN = (0, 7)
 
@@ -36,7 +37,7 @@ def pose(plates: Layout) -> FloatArray:
 @pytest.fixture(scope="module")
 def traced(plates: Layout, pose: FloatArray) -> Pictures:
     """The windows of some plates of 2 mm acrylic by the reference."""
-    scene = BoardScene(plates.camera, plates.mirrors, TARGET, RenderSettings())
+    scene = BoardScene(plates.camera, plates.mirrors, TARGET, REFERENCE)
     scene.place_board(pose)
     return {i: scene.render(spp=32, seed=1, subpixels=CUT, crop=windows(plates)[i]) for i in SEEN}
 
@@ -76,7 +77,7 @@ def test_plates_look_the_same_by_both_renderers(
 
 def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pose: FloatArray) -> None:
     """From face to face by Mitsuba's own intersections and BSDFs: the board's place in every pixel, to 1 um."""
-    scene = BoardScene(plates.camera, plates.mirrors, TARGET, RenderSettings())
+    scene = BoardScene(plates.camera, plates.mirrors, TARGET, REFERENCE)
     scene.place_board(pose)
     import mitsuba as mi
 
@@ -171,7 +172,7 @@ def test_the_scalar_variant_traces_plates_alike(plates: Layout, pose: FloatArray
     x, y, width, height = windows(plates)[0]
     pictures = []
     for variant in (None, SCALAR):
-        scene = BoardScene(plates.camera, plates.mirrors[:1], TARGET, RenderSettings(), variant=variant)
+        scene = BoardScene(plates.camera, plates.mirrors[:1], TARGET, REFERENCE, variant=variant)
         scene.place_board(pose)
         pictures.append(scene.render(spp=2, seed=1, crop=(x + width // 2, y + height // 2, 36, 10)))
     assert np.ptp(pictures[0]) > 0.5
