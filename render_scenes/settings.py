@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
+from mirrorcam.optics.base.bounds import APERTURE_MM, DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.pupil import Pupil
 
@@ -16,7 +16,7 @@ class SensorModel(Value):
 
     lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur where it is in focus")
     focus_mm: float = DEPTH_MM.field(500.0, "distance along the axis, through the mirrors, that is in focus")
-    aperture_mm: float = Bounds(0.0, 1000.0).field(0.0, "diameter of the pupil; 0: a pinhole, in focus everywhere")
+    aperture_mm: float = APERTURE_MM.field(0.0, "diameter of the pupil; 0: a pinhole, in focus everywhere")
     vignetting: float = Bounds(0.0, 100.0).field(
         0.0,
         "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",

@@ -45,6 +45,7 @@ GAP_MM = Bounds(0.0, 1e5)
 OFFSET_MM = Bounds(-1e5, 1e5)
 PART_MM = Bounds(0.001, 1e4)
 """Dimensions of parts of a device."""
+APERTURE_MM = Bounds(0.0, 1000.0)
 DEPTH_MM = Bounds(0.001, 1e6)
 DEPTH_OR_INF_MM = Bounds(0.001, np.inf, "0.001 to 1000000 or inf")
 """The text of `DepthOrInf`."""

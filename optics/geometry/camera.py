@@ -8,9 +8,18 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import FOCAL_PX, LARGEST_DISTORTION, LARGEST_PICTURE_PX, PLACE_PX, Bounds
+from mirrorcam.optics.base.bounds import (
+    APERTURE_MM,
+    DEPTH_MM,
+    FOCAL_PX,
+    LARGEST_DISTORTION,
+    LARGEST_PICTURE_PX,
+    PLACE_PX,
+    Bounds,
+)
 from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
 
 INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
@@ -33,6 +42,10 @@ class Camera(Value):
         Focal lengths and principal point; pixel (0, 0) is the centre of the top-left pixel.
     distortion : ndarray
         (k1, k2, p1, p2, k3), in the order of OpenCV.
+    aperture_mm : float
+        Diameter of the entrance pupil, 0 of a pinhole.
+    focus_mm : float
+        Distance in focus, along the axis from the pupil.
     """
 
     name: Name = "camera"
@@ -45,6 +58,8 @@ class Camera(Value):
     distortion: Annotated[FloatArray, Shaped((5,), largest=LARGEST_DISTORTION)] = Field(
         default_factory=lambda: np.zeros(5), validate_default=True
     )
+    aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.least, le=APERTURE_MM.most, exclude_if=lambda mm: mm == 0.0)
+    focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.least, le=DEPTH_MM.most, exclude_if=lambda mm: mm == FOCUS_MM)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -55,7 +70,10 @@ class Camera(Value):
 
     @classmethod
     def c920(cls) -> Self:
-        """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length."""
+        """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length.
+
+        Its lens is f/2 of 3.67 mm, in focus at half a metre.
+        """
         return cls(
             name="Logitech C920",
             width_px=1920,
@@ -64,7 +82,14 @@ class Camera(Value):
             fy_px=1360.38,
             cx_px=959.5,
             cy_px=539.5,
+            aperture_mm=1.8,
+            focus_mm=500.0,
         )
+
+    @property
+    def pupil(self) -> Pupil:
+        """Pupil of its lens."""
+        return Pupil(self.aperture_mm, self.focus_mm)
 
     @cached_property
     def matrix(self) -> FloatArray:

@@ -19,7 +19,7 @@ CHORDS = 32
 """Number of chords over which a part of the disc is integrated."""
 
 BORDER_STEPS = 4
-PINHOLE_FOCUS_MM = 500.0
+FOCUS_MM = 500.0
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,14 @@ class Pupil:
     """Pupil of a diameter, 0 of a pinhole, and the distance along the axis that is in focus."""
 
     aperture_mm: float = 0.0
-    focus_mm: float = PINHOLE_FOCUS_MM
+    focus_mm: float = FOCUS_MM
 
     @property
     def radius_mm(self) -> float:
         return self.aperture_mm / 2.0
+
+
+PINHOLE = Pupil()
 
 
 @dataclass(frozen=True)

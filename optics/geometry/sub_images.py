@@ -16,6 +16,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, whole_pupil_outline
 
 POINTS_PER_EDGE = 32
 
@@ -43,10 +44,10 @@ def sensor_polygon(camera: Camera) -> Polygon:
     return Polygon(normalized)
 
 
-def sub_images(layout: Layout) -> list[Polygon]:
-    """The part of each sub-image that lies on the sensor and shows the scene, in normalized coordinates."""
+def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
+    """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
-    shown = [sensor.intersection(Polygon(mirror.usable_normalized)) for mirror in layout.mirrors]
+    shown = [sensor.intersection(Polygon(whole_pupil_outline(mirror, pupil))) for mirror in layout.mirrors]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
@@ -114,11 +115,14 @@ class FieldsOfView:
         return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
 
 
-def fields_of_view(layout: Layout) -> FieldsOfView:
-    """The fields of view of a layout; rays that are not reflected towards the scene are left out."""
+def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
+    """The fields of view of a layout, of pixels whose whole pupil a mirror serves.
+
+    Rays that are not reflected towards the scene are left out.
+    """
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
-    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout), strict=True)):
+    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout, pupil), strict=True)):
         apparent = mirror.apparent
         forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
         if len(forward) < 3:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from shapely import union_all
+from shapely import Polygon, union_all
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
+from mirrorcam.optics.geometry.pupil import PINHOLE
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, sub_images, vertices
 
 HALF = 0.5
 """Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
@@ -109,6 +111,30 @@ def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
         f"pixel_efficiency_{depth_mm:g}mm": Metric(value=share, unit="of the sensor", lower_is_better=False),
         f"overlap_iou_{depth_mm:g}mm": Metric(value=iou, unit="of the union", lower_is_better=False),
     }
+
+
+def _usable(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Pixel efficiency of pixels whose whole pupil is served by one mirror, and their part of the sub-images.
+
+    None for a pinhole, of which all pixels are.
+    """
+    camera = layout.camera
+    if camera.aperture_mm == 0.0:
+        return {}
+    views = fields_of_view(layout, camera.pupil)
+    whole, all_px = (
+        sum(_area_px(camera, shown) for shown in sub_images(layout, pupil)) for pupil in (camera.pupil, PINHOLE)
+    )
+    found = {"whole_pupil": Metric(value=whole / all_px, unit="of the sub-images", lower_is_better=False)}
+    for depth_mm in depths_mm:
+        share = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
+        found[f"usable_efficiency_{depth_mm:g}mm"] = Metric(value=share, unit="of the sensor", lower_is_better=False)
+    return found
+
+
+def _area_px(camera: Camera, normalized: Polygon) -> float:
+    """Area, px^2, of a polygon in normalized coordinates, its edges distorted as by the lens at their ends."""
+    return 0.0 if normalized.is_empty else Polygon(camera.pixels_from_normalized(vertices(normalized))).area
 
 
 def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
@@ -215,6 +241,7 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
+    metrics |= _usable(layout, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
     for axis, spacing, count in zip("xy", np.abs(spacings), (layout.cols, layout.rows), strict=True):
