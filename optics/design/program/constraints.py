@@ -16,6 +16,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program.mirror_variables import (
+    OPTICS,
     Kind,
     MirrorVariables,
     edges_of,
@@ -55,11 +56,11 @@ def _given(kind: Kind, term: TermBuilder, optics: Expression) -> MirrorVariables
 def mirror_term(kind: Kind) -> Term:
     """One mirror: it can be cut, the sensor sees it, and it folds the light towards the scene.
 
-    Unknowns: virtual centre, corners. Parameters: optics (4), intrinsics (9), sensor px (2), shortest edge, smallest
+    Unknowns: virtual centre, corners. Parameters: optics, intrinsics (9), sensor px (2), shortest edge, smallest
     area, nearest depth, area of a tile, reduction of the objective for each tile's area of sub-image.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = term.parameter(4), term.parameter(9), term.parameter(2)
+    optics, intrinsics, size_px = term.parameter(OPTICS), term.parameter(9), term.parameter(2)
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = _given(kind, term, optics)
     turned = view_from_rig(optics[:2])
@@ -117,11 +118,11 @@ def view_term(kind: Kind) -> Term:
     """A mirror shows a whole region; the share of the sensor's pixels that it spends on the region is rewarded.
 
     Unknowns: virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at, so that
-    they have one size at any depth. Parameters: optics (4), intrinsics (9), sensor px (2), depth, aim (2), area of a
+    they have one size at any depth. Parameters: optics, intrinsics (9), sensor px (2), depth, aim (2), area of a
     tile, weight of the sensor's share, least share.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = term.parameter(4), term.parameter(9), term.parameter(2)
+    optics, intrinsics, size_px = term.parameter(OPTICS), term.parameter(9), term.parameter(2)
     depth, aim, tile_area, weight, least = (term.parameter(size) for size in (1, 2, 1, 1, 1))
     mirror = _given(kind, term, optics)
     corners = term.unknown(2 * REGION_CORNERS)
@@ -131,9 +132,13 @@ def view_term(kind: Kind) -> Term:
         point = ca.vertcat(aim + corners[2 * k : 2 * k + 2] * (1.0 + depth), depth)
         image = rig_from_view @ reflected(point, mirror.centre)
         seen.append(image[:2] / image[2])
-    for a, b in _usable_edges(mirror, rig_from_view) if kind.second_surface else edges_of(mirror.corners):
+    for a, b in _usable_edges(kind, mirror):
+        before, following = ((rig_from_view @ end)[:2] / (rig_from_view @ end)[2] for end in (a, b))
         for point in seen:
-            term.require(turn(b - a, point - a) / tile_area, "overlap")
+            inside = turn(following - before, point - before)
+            if not kind.pinhole:
+                inside = _inside_for_whole_pupil(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
+            term.require(inside / tile_area, "overlap")
     if kind.distorted:
         area_px = polygon_area([pixels(intrinsics, point) for point in subdivided(seen, 3)])
     else:
@@ -144,15 +149,40 @@ def view_term(kind: Kind) -> Term:
     return term.built()
 
 
-def _usable_edges(mirror: MirrorVariables, rig_from_view: Expression) -> list[tuple[Expression, Expression]]:
-    """Edges moved inwards by the offset of `entry`: light has to enter and to leave through the front."""
+def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression, Expression]]:
+    """Ends (3) of the edges of the part of the face that shows the scene.
+
+    Those of a second-surface mirror lie inwards by the offset of `entry`: light has to enter and to leave through the
+    front.
+    """
+    if not kind.second_surface:
+        return edges_of(mirror.face)
     moved = []
     for a, b in edges_of(mirror.face):
         inwards = ca.cross(mirror.normal, b - a) / ca.sqrt(ca.sumsqr(b - a))
         by = ca.sqrt(ca.dot(inwards, mirror.entry) ** 2 + 1e-10) * inwards
-        ends = [rig_from_view @ (point + by) for point in (a, b)]
-        moved.append((ends[0][:2] / ends[0][2], ends[1][:2] / ends[1][2]))
+        moved.append((a + by, b + by))
     return moved
+
+
+def _inside_for_whole_pupil(
+    mirror: MirrorVariables, optics: Expression, a: Expression, b: Expression, ray: Expression
+) -> Expression:
+    """At least 0 where all rays of the pupil that belong to a chief ray (3, z of the rig 1) pass an edge inside.
+
+    The rays from the points p of the pupil pass it at constant + slope . p (see `optics.geometry.pupil.served_by`).
+    """
+    across, down = (view_from_rig(optics[:2])[:, axis] for axis in range(2))
+    radius, nearness = optics[4], optics[5]
+    away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
+    inwards = ca.cross(mirror.normal, b - a)
+    along, beside, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
+    constant = away * beside - along * reach
+    slope = [
+        (along - away * nearness) * ca.dot(axis, inwards) - (beside - nearness * reach) * ca.dot(axis, mirror.normal)
+        for axis in (across, down)
+    ]
+    return constant - radius * ca.sqrt(slope[0] ** 2 + slope[1] ** 2 + 1e-12)
 
 
 def squared_grid_error(centres: list[Expression], rows: int, cols: int) -> tuple[Expression, list[Expression]]:
@@ -223,10 +253,10 @@ def seen_gap_term(sides: int) -> Term:
 def gap_term(kind: Kind) -> Term:
     """The solids of two mirrors lie on opposite sides of a plane, `gap` apart.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics (4), gap.
+    Unknowns: both mirrors, plane (4). Parameters: optics, gap.
     """
     term = TermBuilder()
-    optics, gap = term.parameter(4), term.parameter()
+    optics, gap = term.parameter(OPTICS), term.parameter()
     first, second = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
     for point in first.solid:
@@ -240,10 +270,10 @@ def gap_term(kind: Kind) -> Term:
 def incoming_term(kind: Kind) -> Term:
     """No part of the second mirror reaches into the pyramid from the pupil to the face of the first.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics (4).
+    Unknowns: both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = term.parameter(4)
+    optics = term.parameter(OPTICS)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
     term.require(d)
@@ -258,10 +288,10 @@ def incoming_term(kind: Kind) -> Term:
 def outgoing_term(kind: Kind) -> Term:
     """No part of the second mirror reaches into the beam from the first's virtual centre through its face, to infinity.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics (4).
+    Unknowns: both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = term.parameter(4)
+    optics = term.parameter(OPTICS)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
     for point in light.face:

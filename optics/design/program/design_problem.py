@@ -78,7 +78,7 @@ def neighbour_pairs(rows: int, cols: int) -> tuple[PairConstraint, ...]:
 
 @dataclass(frozen=True)
 class _Common:
-    """Numbers that many terms take, in scales: `optics` (4), intrinsics (9) and sensor px (2) in `lens`."""
+    """Numbers that many terms take, in scales: `optics`, intrinsics (9) and sensor px (2) in `lens`."""
 
     kind: Kind
     optics: list[float]
@@ -88,8 +88,19 @@ class _Common:
     @classmethod
     def of(cls, spec: DesignSpec, seed: Seed) -> Self:
         return cls(
-            kind=Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface),
-            optics=[*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / spec.scale_mm, spec.refractive_index],
+            kind=Kind(
+                spec.sides,
+                bool(spec.camera.distortion.any()),
+                spec.is_second_surface,
+                pinhole=spec.camera.aperture_mm == 0.0,
+            ),
+            optics=[
+                *spec.view_from_rig[2, [2, 1]],
+                spec.thickness_mm / spec.scale_mm,
+                spec.refractive_index,
+                spec.camera.pupil.radius_mm / spec.scale_mm,
+                spec.scale_mm / spec.camera.focus_mm,
+            ],
             lens=[spec.camera.intrinsics, [spec.camera.width_px, spec.camera.height_px]],
             tile_area=4.0 * float(np.prod(seed.half_tile)),
         )

@@ -9,6 +9,9 @@ import casadi as ca
 
 from mirrorcam.optics.design.program.terms import Expression
 
+OPTICS = 6
+"""Numbers of all mirrors: cosine and sine of the fold, thickness, refractive index, pupil's radius, 1 / focus."""
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -17,6 +20,7 @@ class Kind:
     sides: int
     distorted: bool
     second_surface: bool
+    pinhole: bool = True
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def view_from_rig(fold: Expression) -> Expression:
 
 
 def mirror_of(kind: Kind, optics: Expression, centre: Expression, corners: Expression) -> MirrorVariables:
-    """The mirror of a virtual centre (3) and corners (2 sides); `optics` (4): cosine, sine, thickness, index.
+    """The mirror of a virtual centre (3) and corners (2 sides); `optics` as `OPTICS` says.
 
     The apparent plane of a second-surface mirror lies t (1 - tan' / tan) before the reflecting surface, and light
     meets the front at an offset of t tan', both by Snell's law at the chief ray (see `optics.geometry.plate`).
