@@ -175,7 +175,7 @@ def prices(spec: DesignSpec, problem: Problem, start: FloatArray) -> dict[str, P
 
 def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
     """The subject of each constraint of a program, in its order."""
-    kind = Kind(spec.sides, bool(spec.camera.distortion.any()), spec.is_second_surface)
+    kind = Kind.of(spec)
     makers = {
         "cut": constraints.mirror_term,
         "overlap": constraints.view_term,

@@ -169,7 +169,7 @@ def _stricter(
     """The constraints on pairs, followed by those that the mirrors violate."""
     found = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
     found |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
-    light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2])
+    light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
     found |= {PairConstraint(part.leg, part.mirror, part.occluder) for part in light}
     return pairs + tuple(sorted(found - set(pairs)))
 

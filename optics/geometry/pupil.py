@@ -8,12 +8,15 @@ half-planes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.mirror import Mirror
+
+if TYPE_CHECKING:
+    from mirrorcam.optics.geometry.mirror import Mirror
 
 CHORDS = 32
 """Number of chords over which a part of the disc is integrated."""
@@ -234,7 +237,8 @@ def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
             slope = (beside.distance[:, k] - at.distance[:, k]) / 1e-6
             parts += (pupil.radius_mm - at.distance[:, k]) / slope
         inwards = middle - ends
-        kept = _clipped(kept, *(ends + parts[:, None] * inwards), inwards[0])
+        first, second = ends + parts[:, None] * inwards
+        kept = _clipped(kept, first, second, inwards[0])
     return kept
 
 

@@ -13,14 +13,16 @@ from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, whole_pupil_outline
 
 TOUCH_MM = 1e-6
 SAMPLES = 24
+RIM_POINTS = 8
 
 
 @dataclass(frozen=True)
 class Occlusion:
-    """Fraction of the light of one mirror that the solid of another blocks, on the way in or out."""
+    """Fraction of the rays of one mirror that the solid of another blocks, on the way in or out."""
 
     mirror: int
     occluder: int
@@ -50,8 +52,12 @@ def sampled(polygon: FloatArray, steps: int = SAMPLES) -> FloatArray:
     return np.concatenate(fans) if fans else np.zeros((0, 2))
 
 
-def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points (n, 3) in mm where viewing rays (n, 2) enter and leave a mirror's front, and their directions (n, 3) then.
+def traced(
+    mirror: Mirror, normalized: FloatArray, origins_mm: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points (n, 3) in mm where rays (n, 2) enter and leave a mirror's front, and their directions (n, 3) then.
+
+    The rays start at the pupil's middle or, if given, at other points (n, 3) of it.
 
     Exact, also for second-surface mirrors: the ray is refracted at the front by Snell's law, runs to the back and
     returns, and leaves 2 t tan' further along the front, as if reflected there.
@@ -60,7 +66,8 @@ def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArr
     normal = mirror.normal_in_rig
     glass_mm = mirror.front_mm
     towards = -rays @ normal
-    met = rays * ((mirror.distance_mm - glass_mm) / towards)[:, None]
+    starts = np.zeros_like(rays) if origins_mm is None else origins_mm
+    met = starts + rays * ((mirror.distance_mm - glass_mm + starts @ normal) / towards)[:, None]
     along = rays + towards[:, None] * normal
     leaving = met
     if glass_mm > 0.0:
@@ -73,6 +80,22 @@ def traced(mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArr
         )
         leaving = met + 2.0 * glass_mm * (bend / towards)[:, None] * along
     return met, leaving, rays @ mirror.reflection
+
+
+def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) of the pupil, its middle and its rim, and the rays (n, 2) from them to the mirror.
+
+    They are those of pixels whose whole pupil the mirror serves. `steps` is the number of pixels along an edge of the
+    sub-image.
+    """
+    chief = sampled(whole_pupil_outline(mirror, pupil), steps)
+    if pupil.radius_mm == 0.0:
+        return np.zeros((len(chief), 3)), chief
+    around = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    rim = pupil.radius_mm * np.column_stack([np.cos(around), np.sin(around), np.zeros(RIM_POINTS)])
+    origins = np.concatenate([np.zeros((1, 3)), rim])
+    rays = chief[:, None] - origins[:, :2] / pupil.focus_mm
+    return np.tile(origins, (len(chief), 1)), rays.reshape(-1, 2)
 
 
 def apparent_offset_mm(mirror: Mirror) -> float:
@@ -106,10 +129,12 @@ def blocked_light(
     steps: int = SAMPLES,
     *,
     view_axis: FloatArray | tuple[float, ...] = FOLD_90_VIEW_FROM_RIG[2],
+    pupil: Pupil = PINHOLE,
 ) -> list[Occlusion]:
     """Find mirrors that block others' light, by ray casting from the pupil through sub-images to a depth.
 
-    Rays go through the part of a mirror that shows the scene, and the whole solid of another blocks them.
+    Rays go through the part of a mirror that shows the scene to the whole pupil, and the whole solid of another blocks
+    them.
 
     Parameters
     ----------
@@ -117,6 +142,7 @@ def blocked_light(
     depth_mm : to which the light must be free.
     steps : rays along an edge of a sub-image.
     view_axis : direction (3,) in rig of depths, `layout.view_from_rig[2]`; by default that of a fold by 90 degrees.
+    pupil : from which the light runs; by default its middle alone.
 
     Returns
     -------
@@ -126,15 +152,16 @@ def blocked_light(
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     for index, mirror in enumerate(mirrors):
-        met, leaving, directions = traced(mirror, sampled(mirror.usable_normalized, steps))
+        origins, rays = sampled_light(mirror, pupil, steps)
+        met, leaving, directions = traced(mirror, rays, origins)
         heading = directions @ axis > 1e-9
-        met, leaving, directions = met[heading], leaving[heading], directions[heading]
+        origins, met, leaving, directions = origins[heading], met[heading], leaving[heading], directions[heading]
         if not heading.any():
             continue
         at_depth = leaving + directions * ((depth_mm - leaving @ axis) / (directions @ axis))[:, None]
         outline = mirror.outline_in_rig_mm
         legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
-            ("in", np.zeros_like(met), met, np.zeros(3)),
+            ("in", origins, met, np.zeros(3)),
             ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
         )
         for leg, starts, ends, source in legs:

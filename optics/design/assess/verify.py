@@ -96,7 +96,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         verdict[f"common_area_{depth_mm:g}mm"] = Metric(
             value=area, unit="mm²", limit=LEAST_COMMON_AREA_MM2, lower_is_better=False
         )
-    blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2])
+    blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2], pupil=layout.camera.pupil)
     stopped = max((found.fraction for found in blocked), default=0.0)
     verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
     return verdict

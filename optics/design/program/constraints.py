@@ -172,17 +172,19 @@ def _inside_for_whole_pupil(
 
     The rays from the points p of the pupil pass it at constant + slope . p (see `optics.geometry.pupil.served_by`).
     """
-    across, down = (view_from_rig(optics[:2])[:, axis] for axis in range(2))
     radius, nearness = optics[4], optics[5]
     away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)
     along, beside, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
     constant = away * beside - along * reach
-    slope = [
-        (along - away * nearness) * ca.dot(axis, inwards) - (beside - nearness * reach) * ca.dot(axis, mirror.normal)
-        for axis in (across, down)
-    ]
-    return constant - radius * ca.sqrt(slope[0] ** 2 + slope[1] ** 2 + 1e-12)
+    slope = (along - away * nearness) * inwards - (beside - nearness * reach) * mirror.normal
+    return constant - radius * _length_along_pupil(optics, slope)
+
+
+def _length_along_pupil(optics: Expression, vector: Expression) -> Expression:
+    """Length of a vector's (3) components in the plane of the pupil."""
+    across, down = (view_from_rig(optics[:2])[:, axis] for axis in range(2))
+    return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
 
 
 def squared_grid_error(centres: list[Expression], rows: int, cols: int) -> tuple[Expression, list[Expression]]:
@@ -268,7 +270,7 @@ def gap_term(kind: Kind) -> Term:
 
 @lru_cache
 def incoming_term(kind: Kind) -> Term:
-    """No part of the second mirror reaches into the pyramid from the pupil to the face of the first.
+    """No part of the second mirror reaches into the light from the pupil to the face of the first: their convex hull.
 
     Unknowns: both mirrors, plane (4). Parameters: optics.
     """
@@ -276,7 +278,8 @@ def incoming_term(kind: Kind) -> Term:
     optics = term.parameter(OPTICS)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
-    term.require(d)
+    reach = ca.SX(0.0) if kind.pinhole else optics[4] * _length_along_pupil(optics, n)
+    term.require(d - reach)
     for point in light.face:
         term.require(d - ca.dot(n, point))
     for point in other.solid:
@@ -287,6 +290,8 @@ def incoming_term(kind: Kind) -> Term:
 @lru_cache
 def outgoing_term(kind: Kind) -> Term:
     """No part of the second mirror reaches into the beam from the first's virtual centre through its face, to infinity.
+
+    The light of whole pupils, in focus beyond twice the distance of the mirrors, lies inside that beam.
 
     Unknowns: both mirrors, plane (4). Parameters: optics.
     """

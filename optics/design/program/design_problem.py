@@ -88,12 +88,7 @@ class _Common:
     @classmethod
     def of(cls, spec: DesignSpec, seed: Seed) -> Self:
         return cls(
-            kind=Kind(
-                spec.sides,
-                bool(spec.camera.distortion.any()),
-                spec.is_second_surface,
-                pinhole=spec.camera.aperture_mm == 0.0,
-            ),
+            kind=Kind.of(spec),
             optics=[
                 *spec.view_from_rig[2, [2, 1]],
                 spec.thickness_mm / spec.scale_mm,

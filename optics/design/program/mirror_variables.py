@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import casadi as ca
 
 from mirrorcam.optics.design.program.terms import Expression
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 OPTICS = 6
 """Numbers of all mirrors: cosine and sine of the fold, thickness, refractive index, pupil's radius, 1 / focus."""
@@ -21,6 +23,12 @@ class Kind:
     distorted: bool
     second_surface: bool
     pinhole: bool = True
+
+    @classmethod
+    def of(cls, spec: DesignSpec) -> Self:
+        """The form of a spec's mirrors."""
+        camera = spec.camera
+        return cls(spec.sides, bool(camera.distortion.any()), spec.is_second_surface, camera.aperture_mm == 0.0)
 
 
 @dataclass(frozen=True)

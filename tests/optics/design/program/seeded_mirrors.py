@@ -13,8 +13,15 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
 
-BENT = Camera.c920().replaced(distortion=[0.1, -0.2, 0.003, -0.004, 0.05])
-KINDS = [Kind(4, False, False), Kind(5, True, False), Kind(6, False, True), Kind(4, True, True)]
+DISTORTION = [0.1, -0.2, 0.003, -0.004, 0.05]
+KINDS = [
+    Kind(4, False, False),
+    Kind(5, True, False),
+    Kind(6, False, True),
+    Kind(4, True, True),
+    Kind(4, False, False, pinhole=False),
+    Kind(5, True, True, pinhole=False),
+]
 THICKNESS_MM, INDEX = 3.0, 1.49
 
 
@@ -23,19 +30,24 @@ def number(expression: Expression) -> FloatArray:
 
 
 def spec_of(kind: Kind, fold_deg: float = 90.0) -> DesignSpec:
+    camera = Camera.c920().replaced(
+        aperture_mm=0.0 if kind.pinhole else 1.8, distortion=DISTORTION if kind.distorted else [0.0] * 5
+    )
     return DesignSpec(
         rows=2,
         cols=2,
         sides=kind.sides,
         fold_deg=fold_deg,
-        camera=BENT if kind.distorted else Camera.c920(),
+        camera=camera,
         surface="second" if kind.second_surface else "first",
         thickness_mm=THICKNESS_MM,
     )
 
 
 def optics_of(spec: DesignSpec) -> list[float]:
-    return [*spec.view_from_rig[2, [2, 1]], spec.thickness_mm / spec.scale_mm, spec.refractive_index]
+    glass = [spec.thickness_mm / spec.scale_mm, spec.refractive_index]
+    pupil = [spec.camera.aperture_mm / 2.0 / spec.scale_mm, spec.scale_mm / spec.camera.focus_mm]
+    return [*spec.view_from_rig[2, [2, 1]], *glass, *pupil]
 
 
 def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:

@@ -21,6 +21,7 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
+from mirrorcam.optics.geometry.pupil import whole_pupil_outline
 from tests.optics.design.program.seeded_mirrors import (
     KINDS,
     expressed,
@@ -55,8 +56,9 @@ def test_usable_edges_are_those_of_the_mirror(kind: Kind, fold_deg: float) -> No
     spec = spec_of(kind, fold_deg)
     for index in range(4):
         mine, theirs = expressed(spec, kind, index)
-        edges = constraints._usable_edges(mine, ca.SX(spec.view_from_rig.T))
-        lines = [tuple(number(end).ravel() for end in edge) for edge in edges]
+        edges = constraints._usable_edges(kind, mine)
+        ends = np.array([[number(end).ravel() @ spec.view_from_rig for end in edge] for edge in edges])
+        lines = ends[..., :2] / ends[..., 2:]
         # Corners where lines of neighbouring edges cross; every line bounds what the core says is usable.
         usable = theirs.usable_normalized
         assert len(usable) == kind.sides
@@ -118,7 +120,7 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     assert -f / 2.0 == pytest.approx(share, rel=1e-4)
     assert g[-1] == pytest.approx(share - 0.01, abs=1e-5)
     # The least of the others says by what area over a tile's the region's nearest corner lies within an edge.
-    usable = Polygon(mirror.usable_normalized)
+    usable = Polygon(whole_pupil_outline(mirror, camera.pupil))
     assert (g[:-1] >= 0).all() == usable.contains(Polygon(normalized))
     far = term_value(term, [centres[2], corners[2], 3.0 * tangents.ravel()], numbers)[1]
     assert far[:-1].min() < 0

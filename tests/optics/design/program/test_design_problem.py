@@ -72,7 +72,7 @@ def test_the_objective_is_that_of_the_metrics(changes: dict[str, object]) -> Non
     areas = 0.5 * np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
     filled = float(np.mean(areas)) / (4.0 * float(np.prod(seed.half_tile)))
     efficiency = (grid - TIE_BREAK * filled - f) / (1.0 - spec.tradeoff + TIE_BREAK)
-    measured = np.mean([metrics[f"pixel_efficiency_{depth:g}mm"].value for depth in spec.depths_mm])
+    measured = np.mean([metrics[f"usable_efficiency_{depth:g}mm"].value for depth in spec.depths_mm])
     # The region of the program has eight corners and lies inside the one that all views share.
     assert efficiency <= measured + 1e-6
     assert efficiency >= 0.98 * measured

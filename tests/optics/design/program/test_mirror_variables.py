@@ -10,9 +10,12 @@ from shapely import Polygon
 
 from mirrorcam.optics.design.program import mirror_variables
 from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import reflect
-from tests.optics.design.program.seeded_mirrors import BENT, KINDS, expressed, number, spec_of
+from tests.optics.design.program.seeded_mirrors import DISTORTION, KINDS, expressed, number, spec_of
+
+BENT = Camera.c920().replaced(distortion=DISTORTION)
 
 
 def test_pixels_are_those_of_the_camera() -> None:
