@@ -1,8 +1,8 @@
 """Speed of decoding beside a bare `cv2.remap` of the same tables: `python benchmarks/decode.py [LAYOUT]`.
 
-For one frame in memory, of the size that the layout's camera takes: milliseconds of `Decoder.decode`, of the same with
-equalised views, of the bare lookup, and of copying the result, all in the same run, interleaved; median and best of the
-rounds. Then how the cost grows with the pixels of the views.
+For one frame in memory, of the size that the layout's camera takes: milliseconds of `Decoder.decode` of a pinhole
+camera and of the pupil of a C920, of both with equalised views, of the bare lookup, and of copying the result, all in
+the same run, interleaved; median and best of the rounds. Then how the cost grows with the pixels of the views.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation
 
@@ -41,16 +43,22 @@ def median_ms(jobs: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> di
 
 
 def whole_layout(layout: Layout) -> None:
-    """Decoding of a layout, as it is and equalised, beside the lookup and a copy."""
-    start = time.perf_counter()
-    decoder = Decoder(layout)
-    built_ms = 1e3 * (time.perf_counter() - start)
+    """Decoding of a layout, by a pinhole, by a lens and equalised, beside the lookup and a copy."""
+    decoders, built_ms = [], []
+    for pupil in (Pupil(), Camera.c920().pupil):
+        start = time.perf_counter()
+        camera = layout.camera.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
+        decoders.append(Decoder(layout.replaced(camera=camera)))
+        built_ms.append(1e3 * (time.perf_counter() - start))
+    decoder, lens = decoders
     camera, views = layout.camera, decoder.views
     random = np.random.default_rng(0)
     frame = random.integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
     samples = decoder.decode(frame).samples
     gain = random.uniform(0.8, 1.2, (views.rows, views.cols, 3))
-    equal = decoder.equalised(Equalisation(layout_identity=layout.identity, gain=gain))
+    equal, equal_lens = (
+        each.equalised(Equalisation(layout_identity=each.views.layout_identity, gain=gain)) for each in decoders
+    )
 
     def bare() -> None:
         for where, fraction in decoder.tables:
@@ -58,17 +66,20 @@ def whole_layout(layout: Layout) -> None:
 
     print(
         f"{views.rows}x{views.cols} views of {views.width_px}x{views.height_px} px from {camera.width_px}x"
-        f"{camera.height_px}, {cv2.getNumThreads()} threads; table built once in {built_ms:.0f} ms"
+        f"{camera.height_px}, {cv2.getNumThreads()} threads; table built once in {built_ms[0]:.0f} ms, of a lens in "
+        f"{built_ms[1]:.0f} ms"
     )
     found = median_ms(
         {
             "Decoder.decode": lambda: decoder.decode(frame),
             "the same, equalised": lambda: equal.decode(frame),
+            "of a lens": lambda: lens.decode(frame),
+            "of a lens, equalised": lambda: equal_lens.decode(frame),
             "bare cv2.remap": bare,
             "copy of the result": samples.copy,
         }
     )
-    for name in ("Decoder.decode", "the same, equalised"):
+    for name in list(found)[:4]:
         ratio = found[name] / found["bare cv2.remap"]
         print(f"{name:26} {ratio:.3f} x the bare lookup (at most {MOST_TIMES_THE_LOOKUP})")
     print(f"{1e3 / found['Decoder.decode']:.0f} frames/s; a camera gives 30")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.plate import inner_tangent
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.mirror import Mirror
@@ -125,6 +126,30 @@ def served_by(
     length = np.linalg.norm(slope, axis=-1)
     towards = along < 0.0
     return HalfPlanes(slope / length[..., None], np.where(towards[:, None], constant / length, -np.inf))
+
+
+def served_through(mirror: Mirror, normalized: FloatArray, focus_mm: float, passes: int = 1) -> HalfPlanes:
+    """Where in the pupil light (n, 2) starts that enters and leaves the plate within its outline.
+
+    `passes` is the number of times that the coating of a second-surface mirror reflects it, 0 for its front.
+    """
+    enters = served_by(mirror, normalized, focus_mm)
+    if passes == 0 or not mirror.is_second_surface:
+        return enters
+    inner = inner_tangent(incidence_tangent(mirror, normalized), mirror.refractive_index)
+    leaves = served_by(mirror, normalized, focus_mm, 2.0 * passes * mirror.thickness_mm * inner)
+    return HalfPlanes(
+        np.concatenate([enters.direction, leaves.direction], axis=1),
+        np.concatenate([enters.distance, leaves.distance], axis=1),
+    )
+
+
+def incidence_tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
+    """Tangent (n,) of the angle between rays (n, 2) and the mirror's normal; never quite zero."""
+    n = mirror.normal_in_rig
+    along = -(normalized @ n[:2] + n[2])
+    squared = 1.0 + np.square(normalized).sum(axis=1)
+    return np.sqrt(np.maximum(squared / along**2 - 1.0, 1e-12))
 
 
 def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:

@@ -1,4 +1,8 @@
-"""Decoding by one table lookup: undistort, slice and turn every sub-image into the common view orientation at once."""
+"""Decoding by one table lookup: undistort, slice and turn every sub-image into the common view orientation at once.
+
+What a lens sees of a mirror darkens towards the border of its sub-image; it is brightened again by factors known
+beforehand.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +20,16 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Samples, Views
+from mirrorcam.optics.light_field.pupil_sources import served_sources
 
 Field = Literal["common", "union"]
 
 # A decoded pixel blends sensor pixels up to sqrt(2) px away, each of which gathers light half a pixel around its
-# centre: two pixels inside the outline, no light from beyond the mirror's edge is left in it.
+# centre: two pixels inside the outline, a pinhole camera has no light from beyond the mirror's edge left in it. The
+# pupil of a lens blurs the edge itself: which part of it still sees the mirror is worked out for each pixel.
 OUTLINE_MARGIN_PX = 2.0
+WHOLE = 1.0 - 1.0 / 512.0
+"""Share of the pupil from which a sample of 8 bits is as bright as it should be."""
 DEFAULT_REFERENCE_DEPTH_MM = 400.0
 # cv2.remap takes no table or image side of 2**15 - 1 px or more.
 LONGEST_TABLE_SIDE = 2**15 - 2
@@ -49,7 +57,8 @@ class Decoder:
         Width of every view; the height follows from the field. Default: the resolution of the sub-images themselves,
         to which more pixels add nothing, and of which fewer leave out some.
     margin_px
-        How far inside its mirror's outline on the sensor a valid pixel looks.
+        How far inside its mirror's outline on the sensor a valid pixel of a pinhole camera looks; with a lens, how far
+        inside the border up to which its mirror serves enough of the pupil.
     regular_grid_at_mm
         Depth at which views are moved to the nearest regular grid (`Views.on_regular_grid`), exactly for what lies
         there. Elsewhere a view is off by its shift times the metric slope between the depths.
@@ -59,7 +68,7 @@ class Decoder:
     views : Views
         Geometry of the light fields: positions in mm, focal length and principal point in px.
     weights : ndarray of float32
-        (t, s, v, u), 0 where a view has no sample, 1 where it has.
+        (t, s, v, u), 0 where a view has no sample, else the share of the camera's pupil that its mirror serves.
 
     Raises
     ------
@@ -86,6 +95,9 @@ class Decoder:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
+        flat = self.weights.ravel()
+        self._partial = np.flatnonzero((flat > 0.0) & (flat < WHOLE))
+        self._gain = {channels: np.repeat(1.0 / flat[self._partial, None], channels, axis=1) for channels in (1, 3)}
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
         rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
@@ -130,9 +142,21 @@ class Decoder:
         parts: list[Any] = [cv2.remap(frame, where, fraction, cv2.INTER_LINEAR) for where, fraction in self.tables]
         samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
         samples = samples.reshape(*self.weights.shape, -1)
+        if len(self._partial):
+            self._brighten(samples)
         if self.equalisation is not None:
             self.equalisation.apply(samples)
         return LightField.of(self.views, samples, self.weights)
+
+    def _brighten(self, samples: Samples) -> None:
+        """Multiply, in place, the samples of pixels of which only a part of the pupil sees the scene."""
+        channels = samples.shape[-1]
+        # Whole pixels are gathered and put back: as one item each, several times faster than by channel.
+        pixels = samples.reshape(-1).view(f"V{channels * samples.itemsize}")
+        dark = pixels.take(self._partial).view(samples.dtype).reshape(-1, channels)
+        depth = cv2.CV_8U if samples.dtype == np.uint8 else cv2.CV_32F
+        bright: Any = cv2.multiply(dark, self._gain[channels], dtype=depth)
+        pixels[self._partial] = bright.reshape(-1).view(pixels.dtype)
 
 
 def check_belongs(layout: Layout, identity: str, what: str) -> None:
@@ -231,7 +255,7 @@ def sources(
 
     A pixel looks at its point of the reference plane, or of the plane for which views were moved to a regular grid: the
     direction in which the mirror shows that point, through the plate of a second-surface one, is where the camera sees
-    it.
+    it. With a lens, see `served_sources`.
     """
     depth_mm = views.reference_depth_mm if regular_grid_at_mm is None else regular_grid_at_mm
     shape = (len(layout.mirrors), views.height_px, views.width_px)
@@ -240,6 +264,9 @@ def sources(
     grid = views.pixel_grid()
     for index, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
         plane = views.plane_points_in_rig(depth_mm, grid, (t, s))
+        if layout.camera.aperture_mm > 0.0:
+            pixels[index], weights[index] = served_sources(layout, index, plane, margin_px)
+            continue
         pixels[index] = layout.project(plane, index)
         outline = layout.outline_px(index, points_per_edge=64, usable=True)
         inside = Polygon(outline[np.isfinite(outline).all(axis=1)]).buffer(-margin_px)

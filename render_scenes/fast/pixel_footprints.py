@@ -22,7 +22,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import inner_tangent, surface_reflectance
-from mirrorcam.optics.geometry.pupil import DiscPart, HalfPlanes, Pupil, disc_part, joined, served_by
+from mirrorcam.optics.geometry.pupil import DiscPart, Pupil, disc_part, incidence_tangent, joined, served_through
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
@@ -168,20 +168,12 @@ def _transmitted(
     count = len(normalized)
     if not mirror.is_second_surface:
         return np.zeros(count), np.full(count, reflectance)
-    tangent = _tangent(mirror, normalized)
+    tangent = incidence_tangent(mirror, normalized)
     lost = surface_reflectance(tangent, mirror.refractive_index)
     if passes == 0:
         return np.zeros(count), lost
     slide = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index) / tangent
     return slide, (1.0 - lost) ** 2 * reflectance**passes * lost ** (passes - 1)
-
-
-def _tangent(mirror: Mirror, normalized: FloatArray) -> FloatArray:
-    """Tangent of the angle between rays (n, 2) and the mirror's normal; never quite zero."""
-    n = mirror.normal_in_rig
-    along = -(normalized @ n[:2] + n[2])
-    squared = 1.0 + np.square(normalized).sum(axis=1)
-    return np.sqrt(np.maximum(squared / along**2 - 1.0, 1e-12))
 
 
 class _SensorGrid:
@@ -237,7 +229,8 @@ class _SensorGrid:
         """Subpixels that show a mirror after a number of passes through its plate."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
-        nearest = _served(mirror, passes, nodes.reshape(-1, 2), pupil).distance.min(axis=1).reshape(nodes.shape[:2])
+        planes = served_through(mirror, nodes.reshape(-1, 2), pupil.focus_mm, passes)
+        nearest = planes.distance.min(axis=1).reshape(nodes.shape[:2])
         near = nearest > -pupil.radius_mm
         if not near.any():
             return _Seen(np.zeros(0, dtype=np.int64), _whole(0))
@@ -268,7 +261,7 @@ class _SensorGrid:
 
         Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples.
         """
-        planes = _served(mirror, passes, self.points(square), pupil)
+        planes = served_through(mirror, self.points(square), pupil.focus_mm, passes)
         if pupil.radius_mm > SHARP * step_mm:
             return disc_part(planes, pupil.radius_mm)
         cut = np.abs(planes.distance.min(axis=1)) < pupil.radius_mm + step_mm
@@ -277,9 +270,8 @@ class _SensorGrid:
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
-        part.share[cut] = np.mean(
-            [disc_part(_served(mirror, passes, at, pupil), pupil.radius_mm).share for at in points], axis=0
-        )
+        every = (served_through(mirror, at, pupil.focus_mm, passes) for at in points)
+        part.share[cut] = np.mean([disc_part(planes, pupil.radius_mm).share for planes in every], axis=0)
         return part
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
@@ -299,20 +291,6 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
 def _front_distance_mm(mirror: Mirror) -> float:
     """Distance of the front of a mirror from the pupil."""
     return mirror.distance_mm - mirror.front_mm
-
-
-def _served(mirror: Mirror, passes: int, normalized: FloatArray, pupil: Pupil) -> HalfPlanes:
-    """Where in the pupil light (n, 2) starts that enters and leaves the plate within its outline."""
-    enters = served_by(mirror, normalized, pupil.focus_mm)
-    if passes == 0 or not mirror.is_second_surface:
-        return enters
-    tangent = _tangent(mirror, normalized)
-    on_mm = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index)
-    leaves = served_by(mirror, normalized, pupil.focus_mm, on_mm)
-    return HalfPlanes(
-        np.concatenate([enters.direction, leaves.direction], axis=1),
-        np.concatenate([enters.distance, leaves.distance], axis=1),
-    )
 
 
 def _reach_mm(nearest: FloatArray) -> float:

@@ -8,11 +8,14 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.light_field.decoder import OUTLINE_MARGIN_PX, Decoder, Field, check_belongs
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
 from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 from tests.optics.light_field.photographs import letter, photographed, seen_by_pinholes, waves
 
 
@@ -156,6 +159,50 @@ def test_views_moved_to_a_regular_grid_are_exact_at_the_depth_named(crooked_layo
         both = unmoved.samples[t, s, :, :, 0].astype(np.float64)
         shifts[t, s] = shift_px(both, expected[t, s], unmoved.valid[t, s])
     assert np.abs(shifts).max() > 0.1  # what the correction takes away
+
+
+@pytest.fixture(scope="module")
+def lit_evenly(parabola_layout: Layout) -> tuple[Layout, NDArray[np.uint8]]:
+    """Mirrors before a lens, and a frame of a scene of grey level 200 all over: rays of the pupil, one by one."""
+    camera = Camera(
+        width_px=480, height_px=270, fx_px=340.0, fy_px=340.0, cx_px=239.5, cy_px=134.5, aperture_mm=2.4, focus_mm=500.0
+    )
+    layout = parabola_layout.replaced(camera=camera)
+    maps = pupil_maps(PupilTracer(layout, camera.pupil))
+    return layout, np.rint(200.0 * (maps["first.share"] + maps["second.share"])).astype(np.uint8)
+
+
+def test_a_scene_lit_evenly_is_even_up_to_the_borders_of_views(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
+    layout, frame = lit_evenly
+    decoder = Decoder(layout, field="union")
+    as_pinhole = Decoder(layout.replaced(camera=layout.camera.replaced(aperture_mm=0.0)), field="union")
+    light_field = decoder.decode(frame)
+    partial = light_field.valid & (light_field.weights < 0.9)
+    assert partial.mean() > 0.02
+    assert light_field.weights[partial].min() < 0.65
+    # The frame itself is good to 2 % where only a part of the pupil sees the scene.
+    error = light_field.samples[..., 0] - 200.0
+    assert np.abs(error[light_field.valid]).max() <= 10.0
+    assert np.abs(error[partial].mean()) < 0.5
+    dark = as_pinhole.decode(frame)
+    assert dark.samples[dark.valid].min() < 160
+    # What several views show is even, too, where one of them ends.
+    for each, most in ((light_field, 8.0), (dark, np.inf)):
+        picture = refocus(each, FocalPlane.at_depth(each, 420.0))
+        shown = 255.0 * picture.image[picture.valid]
+        assert np.abs(shown - 200.0).max() <= most
+    assert shown.min() < 170.0
+
+
+def test_frames_of_all_kinds_are_brightened_alike(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
+    layout, frame = lit_evenly
+    decoder = Decoder(layout)
+    colours = np.stack([frame, frame // 2, frame // 3], axis=-1)
+    of_bytes = decoder.decode(colours).samples
+    of_floats = decoder.decode(np.float32(1.0 / 255.0) * colours.astype(np.float32)).samples
+    assert np.abs(of_bytes - 255.0 * of_floats).max() < 2.0
+    assert np.array_equal(decoder.decode(frame).samples[..., 0], of_bytes[..., 0])
+    assert not of_bytes[~decoder.decode(colours).valid].any()
 
 
 def test_frames_of_another_layout_are_refused(crooked_layout: Layout) -> None:
