@@ -1,4 +1,7 @@
-"""Views against truth towards their borders, and seams there: `python -m benchmarks.light_field_borders SCENE...`.
+"""Views against truth towards their borders, and seams there.
+
+`python -m benchmarks.light_field_borders SCENE... [PICTURE]`; PICTURE (.jpg): refocused pictures of the last scene, as
+a pinhole (top) and with the pupil, and ten times their errors beside them.
 
 SCENE: folders of `mirrorcam scene`, decoded by the layout as built: as if its camera had a pinhole, and with its pupil.
 True views are as soft as lens, focus and lookup make them, and as dark as the lens's corners.
@@ -16,7 +19,7 @@ The outermost 3 px of the pictures are left out, where true views are not known 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +30,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -163,26 +166,40 @@ def borders(valid: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArr
         yield there & valid & (inner <= STRIP_PX), there & ~valid & (outer <= STRIP_PX)
 
 
+def refocused(pair: Compared, depth_mm: float) -> tuple[NDArray[np.float32], FloatArray]:
+    """A refocused picture (v, u, c), 0 to 255, and its differences from that of true views with the same weights."""
+    light_field = pair.light_field
+    truth = LightField.of(light_field, (pair.true / 255.0).astype(np.float32), light_field.weights)
+    plane = FocalPlane.at_depth(light_field, depth_mm)
+    found, true = (np.float32(255.0) * refocus(each, plane).image for each in (light_field, truth))
+    return found, np.asarray(found - true, dtype=np.float64)
+
+
 def seams(name: str, pair: Compared) -> None:
     """Print how much the error of refocused pictures changes across the borders of views."""
     light_field = pair.light_field
-    truth = LightField.of(light_field, (pair.true / 255.0).astype(np.float32), light_field.weights)
+    size = light_field.width_px, light_field.height_px
     texts = []
     for depth_mm in FOCI_MM:
-        plane = FocalPlane.at_depth(light_field, depth_mm)
-        found, true = (refocus(each, plane) for each in (light_field, truth))
-        error = 255.0 * (found.image - true.image).mean(axis=-1)
-        size = light_field.width_px, light_field.height_px
+        error = refocused(pair, depth_mm)[1].mean(axis=-1)
         steps = []
         for index in np.ndindex(light_field.rows, light_field.cols):
-            valid = light_field.weights[index].astype(np.float32)
+            matrix = homography(light_field, index, FocalPlane.at_depth(light_field, depth_mm))
             flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-            shown = cv2.warpPerspective(valid, homography(light_field, index, plane), size, flags=flags) > 0
-            for inner, outer in borders(np.asarray(shown)):
+            shown = np.asarray(cv2.warpPerspective(light_field.weights[index], matrix, size, flags=flags)) > 0
+            for inner, outer in borders(shown):
                 if min(np.count_nonzero(inner), np.count_nonzero(outer)) >= FEWEST_PIXELS:
                     steps.append(np.median(error[inner]) - np.median(error[outer]))
         texts.append(f"{depth_mm:.0f} mm: {np.sqrt(np.mean(np.square(steps))):.2f}, {np.abs(steps).max():.2f}")
     print(f"  {name:16} " + "; ".join(texts))
+
+
+def picture(pairs: Iterable[Compared]) -> NDArray[np.uint8]:
+    """Refocused pictures of the pairs, one below the other, and ten times their errors about grey beside them."""
+    rows = [
+        np.hstack([found, 128.0 + 10.0 * error]) for found, error in (refocused(pair, FOCI_MM[1]) for pair in pairs)
+    ]
+    return np.clip(np.vstack(rows), 0.0, 255.0).astype(np.uint8)
 
 
 def depth(folder: Path, name: str, pair: Compared) -> None:
@@ -212,8 +229,10 @@ def depth(folder: Path, name: str, pair: Compared) -> None:
     print(f"  {name:16} " + "; ".join(texts))
 
 
-def main(folders: list[Path]) -> None:
-    for folder in folders:
+def main(arguments: list[Path]) -> None:
+    pictures = [path for path in arguments if path.suffix == ".jpg"]
+    pairs: dict[str, Compared] = {}
+    for folder in arguments[: len(arguments) - len(pictures)]:
         pinhole, pupil = (compared(folder, with_pupil=with_pupil) for with_pupil in (False, True))
         pairs = {"as a pinhole": pinhole, "with the pupil": pupil}
         rows, cols, height, width = pupil.light_field.weights.shape
@@ -227,6 +246,8 @@ def main(folders: list[Path]) -> None:
         print("  depth")
         for name, pair in pairs.items():
             depth(folder, name, pair)
+    for path in pictures:
+        write_image(path, picture(pairs.values()))
 
 
 if __name__ == "__main__":
