@@ -186,7 +186,7 @@ def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
     names = {id(maker(kind)): name for name, maker in makers.items()}
     names |= {
         id(constraints.seen_gap_term(spec.sides)): "gap as seen",
-        id(constraints.grid_term(spec.rows, spec.cols)): "grid's spacing",
+        id(constraints.grid_term(spec.arrangement)): "grid's spacing",
         id(constraints.region_term()): "region's shape",
     }
     parts = []

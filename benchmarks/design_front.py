@@ -165,7 +165,10 @@ def fronts(workers: int) -> Fronts:
             for tradeoff in TRADEOFFS
         ]
     more: list[Call] = [
-        (partial(searched, checked=True), (DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(3, 3)))
+        (
+            partial(searched, checked=True),
+            (DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(DesignSpec().arrangement)),
+        )
         for depths in PROTOTYPE
     ]
     # The searches take longest, so they start first.

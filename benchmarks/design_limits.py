@@ -46,7 +46,7 @@ COLOURS = ("#000000", "#0077bb", "#ee7733", "#cc3311", "#009988")
 
 def relaxations(spec: DesignSpec) -> dict[str, tuple[DesignSpec, tuple[PairConstraint, ...], bool]]:
     """Specs and pairs with more and more left out, and whether their layouts are to be checked."""
-    pairs = neighbour_pairs(spec.rows, spec.cols)
+    pairs = neighbour_pairs(spec.arrangement)
     touching = spec.replaced(spacing_mm=0.0, seen_gap_mm=0.0)
     thin = touching.replaced(thickness_mm=1e-4, min_edge_mm=0.0, min_area_mm2=0.0)
     apart = tuple(pair for pair in pairs if pair.kind in ("seen", "in"))
@@ -212,7 +212,7 @@ def main(workers: int, pictures: Path | None) -> None:
     print_budgets(budgets)
     print_parallax_bounds(layouts, budgets, spec.depths_mm)
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    problem = problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.rows, spec.cols))
+    problem = problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
     found = prices(spec, problem, problem.solver.optimise().values)
     print_prices(found)
     folded = {90: layouts[0.3]} | {fold: design(spec.replaced(fold_deg=float(fold))) for fold in (75, 120)}

@@ -36,7 +36,7 @@ def seconds_of(action: Callable[[], Any]) -> float:
 def first_problem(spec: DesignSpec) -> Problem:
     """The first program that `design` solves."""
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    return problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.rows, spec.cols))
+    return problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
 
 
 class Question:

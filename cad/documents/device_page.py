@@ -48,6 +48,7 @@ def write_page(
     The model is embedded in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
     """
     layout = device.layout
+    views = len(layout.mirrors) if layout.pattern else f"{layout.rows} by {layout.cols}"
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     failed = [name for name, metric in checks.items() if not metric.passed]
     limited = sum(metric.limit is not None for metric in checks.values())
@@ -55,10 +56,10 @@ def write_page(
     page = render(
         WEB,
         "page.html",
-        title=f"A light field camera with {layout.rows} by {layout.cols} views",
+        title=f"A light field camera with {views} views",
         lead=(
             f"{len(layout.mirrors)} flat mirrors turn a {device.hardware.camera.name} into "
-            f"{layout.rows} by {layout.cols} cameras. This page has everything needed to print, cut and assemble them."
+            f"{views} cameras. This page has everything needed to print, cut and assemble them."
         ),
         identity=layout.identity,
         parts=parts,

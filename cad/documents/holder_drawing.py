@@ -24,8 +24,8 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
-    """Name "row-column" of every seat's mirror, and the middle (3,) of its corners in rig."""
-    return [(f"{i // plan.cols}-{i % plan.cols}", core.top.mean(axis=0)) for i, core in enumerate(plan.cores)]
+    """Name of every seat's mirror, and the middle (3,) of its corners in rig."""
+    return [(name, core.top.mean(axis=0)) for name, core in zip(plan.mirror_names, plan.cores, strict=True)]
 
 
 def seat_table(plan: HolderPlan) -> DrawingTable:

@@ -40,11 +40,11 @@ OVERLAP_MM = 0.5
 class HolderPlan:
     """The solids of a mirror holder, in rig, mm.
 
-    Material: `slab`, a `flange` round it, `cores` (right behind a mirror, their fronts the seats, row by row in `cols`
-    columns), `fillers` (in the gaps around and between the mirrors, a little further back), `rims` (each with the
-    ground it stands on after it) and, on the flange, `walls`: the baffle against stray light. Cut out of all of it are
-    the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the `hollows`
-    and, for nuts, the `slots` that they are put in by.
+    Material: `slab`, a `flange` round it, `cores` (right behind a mirror, their fronts the seats, in the order of
+    `mirror_names`), `fillers` (in the gaps around and between the mirrors, a little further back), `rims` (each with
+    the ground it stands on after it) and, on the flange, `walls`: the baffle against stray light. Cut out of all of it
+    are the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the
+    `hollows` and, for nuts, the `slots` that they are put in by.
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin in the middle of the mount holes, x along the rig's x,
     z out of the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to)
@@ -70,7 +70,7 @@ class HolderPlan:
     size_mm: tuple[float, float, float]
     cuts_mm: Cuts
     planned_cover: tuple[float, ...]
-    cols: int
+    mirror_names: tuple[str, ...]
     screw: Fastening
     wall_mm: float
 
@@ -189,7 +189,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
             tuple(cut - float(mount.centre_mm[1]) for cut in cuts[1]),
         ),
         planned_cover=(),
-        cols=front.layout.cols,
+        mirror_names=front.layout.mirror_names,
         screw=hardware.screw,
         wall_mm=hardware.printer.wall_mm,
     )

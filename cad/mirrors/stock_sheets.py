@@ -24,7 +24,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 class CutMirror:
     """One mirror on a stock sheet: the laser's closed path (n, 2), half the kerf outside it, and engraved strokes.
 
-    `name` is its row and column, "1-2". Lengths in mm from the sheet's lower left corner, y up.
+    `name` is that of `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
     """
 
     name: str
@@ -68,7 +68,7 @@ class StockSheet:
             f"Sheet: {self.kind}, {width:g} x {height:g}",
             "Seen from the BACK of the mirrors: lay the sheet with its back up; do not mirror the drawing",
             f"CUT (red): kerf {self.cutting.kerf_mm:g} included, lines are {half:g} outside the finished edge",
-            "ENGRAVE (blue): id row-column and an arrow that points up in the device, on the back; engrave first",
+            "ENGRAVE (blue): name of the mirror and an arrow that points up in the device, on the back; engrave first",
         )
 
 

@@ -199,7 +199,7 @@ def design(spec: DesignSpec) -> Layout:
         and cannot say why.
     """
     _check_at_once(spec)
-    pairs = neighbour_pairs(spec.rows, spec.cols)
+    pairs = neighbour_pairs(spec.arrangement)
     values: FloatArray | None = None
     while True:
         mirrors, values = _optimum(spec, pairs, values)

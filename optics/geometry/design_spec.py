@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from mirrorcam.optics.base.bounds import AREA_MM2, DEPTH_MM, GAP_MM, LENGTH_MM, REFRACTIVE_INDEX, Bounds
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 
 MIRRORS = Bounds(1, 12)
@@ -26,6 +27,11 @@ class DesignSpec(Value):
     camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
     rows: int = MIRRORS.field(3, "rows of mirrors, one row of views each")
     cols: int = MIRRORS.field(3, "columns of mirrors")
+    pattern: Pattern | None = Field(
+        default=None,
+        exclude_if=lambda pattern: pattern is None,
+        description="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
+    )
     scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
     fold_deg: float = Bounds(60.0, 150.0).field(90.0, "angle from the camera's axis to the views' axis")
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
@@ -58,8 +64,23 @@ class DesignSpec(Value):
         cosine, sine = np.cos(fold).round(15) + 0.0, np.sin(fold)
         return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
+    @cached_property
+    def arrangement(self) -> Arrangement:
+        """How the views are arranged: in rows and columns or, where there is a pattern, in it."""
+        if self.pattern is None:
+            return Arrangement(self.rows, self.cols)
+        return Arrangement(1, len(self.pattern.positions), self.pattern)
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """All fields; rows and columns only where they are asked for."""
+        written: dict[str, Any] = write(self)
+        return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
+
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.pattern is not None and (self.rows, self.cols) != (3, 3):
+            raise ValueError("rows or cols are given with a pattern, expected one of the two")
         if self.rows * self.cols < 2:
             raise ValueError("rows x cols is 1, expected at least two mirrors")
         if len(set(self.depths_mm)) != len(self.depths_mm):

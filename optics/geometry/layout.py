@@ -14,6 +14,7 @@ from mirrorcam.optics.base.bounds import GRID
 from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
+from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -39,7 +40,7 @@ class Uncertainty(Value):
 
 
 class Layout(Value):
-    """A base camera plus rows x cols flat mirrors, row by row: t down (view y), s right (view x).
+    """A base camera and its flat mirrors, row by row: t down (view y), s right (view x); one row of a pattern's.
 
     Nominal (designed), as-built (perturbed) and calibrated layouts are this same type. All lengths are mm in the rig
     frame: origin at the entrance pupil, +x image right, +y image down, +z along the optical axis.
@@ -49,7 +50,9 @@ class Layout(Value):
     kind : str
         `nominal`, `as-built` or `calibrated`.
     rows, cols : int
-        Number of mirrors along t and s.
+        Number of mirrors along t and s; 1 and all of those in a pattern.
+    pattern : Pattern or None
+        Where the views lie that are no rectangular grid, in the order of the mirrors.
     camera : Camera
         The base camera, at the origin of rig.
     mirrors : tuple of Mirror
@@ -72,6 +75,7 @@ class Layout(Value):
     kind: Literal["nominal", "as-built", "calibrated"] = "nominal"
     rows: int = GRID.field()
     cols: int = GRID.field()
+    pattern: Pattern | None = Field(default=None, exclude_if=lambda pattern: pattern is None)
     camera: Camera
     mirrors: tuple[Mirror, ...]
     view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)
@@ -85,6 +89,7 @@ class Layout(Value):
     def _check(self) -> Self:
         if len(self.mirrors) != self.rows * self.cols:
             raise ValueError(f"{len(self.mirrors)} mirrors, expected rows x cols = {self.rows * self.cols}")
+        _ = self.arrangement
         turn = self.view_from_rig
         if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
             raise ValueError("view_from_rig is not a rotation")
@@ -121,15 +126,20 @@ class Layout(Value):
         """Virtual camera centres (rows, cols, 3) in view axes (x right, y down, z forward), origin at the pupil."""
         return (self.virtual_centres_in_rig_mm @ self.view_from_rig.T).reshape(self.rows, self.cols, 3)
 
+    @cached_property
+    def arrangement(self) -> Arrangement:
+        """How the views are arranged: in a grid or a pattern."""
+        return Arrangement(self.rows, self.cols, self.pattern)
+
     @property
     def mirror_names(self) -> tuple[str, ...]:
-        """What people call each mirror, by its row and column: "0-2" for row 0, column 2."""
-        return tuple(f"{t}-{s}" for t in range(self.rows) for s in range(self.cols))
+        """What people call each mirror: "0-2" for row 0, column 2 of a grid, "2" in a pattern."""
+        return self.arrangement.names
 
     @property
     def central_index(self) -> int:
-        """Index of the central mirror (with an even count, the one after the centre)."""
-        return (self.rows // 2) * self.cols + self.cols // 2
+        """Index of the central mirror, whose view is the reference (`Arrangement.central_index`)."""
+        return self.arrangement.central_index
 
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
         """Pixels (..., 2) at which points (..., 3) in rig appear in one mirror, whether or not the outline shows them.

@@ -19,7 +19,7 @@ from shapely import Polygon
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.equalisation import Equalisation
-from mirrorcam.optics.light_field.light_field import Axis, LightField, Samples, Views
+from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.pupil_sources import served_sources
 
 Field = Literal["common", "union"]
@@ -241,9 +241,9 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
         view_from_rig=layout.view_from_rig,
         layout_identity=layout.identity,
     )
-    counts: dict[Axis, int] = {"s": views.cols, "t": views.rows}
-    for axis, count in counts.items():
-        if count > 1 and views.step_mm(axis) <= 0:
+    _, spacings_mm = layout.arrangement.fitted(centres.reshape(-1, 3))
+    for axis, size, spacing_mm in zip("st", layout.arrangement.extent, spacings_mm, strict=True):
+        if size > 0 and spacing_mm <= 0:
             raise InputError(f"the mirrors' order along {axis} is reversed, expected s to the right and t down")
     return views
 

@@ -14,6 +14,9 @@ from mirrorcam.optics.base.values import FloatArray, InputError, Shaped
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
 
+UNEVEN = 0.5
+"""Deviation of views from an even grid, in its steps, from which on they are no grid."""
+
 _SHAPES = {
     "positions_mm": (None, None, 3),
     "centre_px": (2,),
@@ -24,7 +27,7 @@ _SHAPES = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Views:
-    """Viewing directions of every pixel of a grid of parallel views.
+    """Viewing directions of every pixel of parallel views: a grid, or one row of views in another pattern.
 
     The view frame has its origin at the reference (central) view, x right, y down, z forward. Pixel (u, v) of *every*
     view looks at the same point (X, Y) of the reference plane, which lies Z0 in front of the reference view:
@@ -141,8 +144,38 @@ class Views:
         """The pixel centres (v, u, 2) of a view, as (u, v)."""
         return np.stack(np.meshgrid(np.arange(self.width_px), np.arange(self.height_px)), axis=-1).astype(np.float64)
 
+    @cached_property
+    def is_grid(self) -> bool:
+        """Whether the views lie in rows and columns, however uneven, and not in another pattern.
+
+        They lie closer to an even grid, of any two directions, than half its smaller step (root mean square).
+        """
+        t, s = np.indices((self.rows, self.cols)).reshape(2, -1)
+        places = self.positions_mm[..., :2].reshape(-1, 2)
+        counted = [steps - steps.mean() for steps, count in ((s, self.cols), (t, self.rows)) if count > 1]
+        if not counted:
+            return True
+        steps_mm = np.array([(steps @ places) / (steps @ steps) for steps in counted])
+        off = places - places.mean(axis=0) - np.array(counted).T @ steps_mm
+        return float(np.sqrt((off**2).sum(axis=1).mean())) <= UNEVEN * float(np.linalg.norm(steps_mm, axis=1).min())
+
+    def require_grid(self, purpose: str) -> None:
+        """Raise InputError, which names the purpose, where the views are no grid."""
+        if not self.is_grid:
+            raise InputError(
+                f"{purpose} needs rows and columns of views, but these {self.rows * self.cols} lie in another pattern"
+            )
+
     def step_mm(self, axis: Axis = "s") -> float:
-        """Mean distance of neighbouring views along s (view x) or t (view y); positive in the order of the grid."""
+        """Mean distance of neighbouring views along s (view x) or t (view y); positive in the order of the grid.
+
+        Where the views are no grid, their mean distance to the nearest other, along either axis.
+        """
+        if not self.is_grid:
+            places = self.positions_mm[..., :2].reshape(-1, 2)
+            apart = np.linalg.norm(places[:, None] - places, axis=-1)
+            np.fill_diagonal(apart, np.inf)
+            return float(apart.min(axis=1).mean())
         ends = self.positions_mm[:, [0, -1], 0] if axis == "s" else self.positions_mm[[0, -1], :, 1].T
         count = self.cols if axis == "s" else self.rows
         if count < 2:
@@ -176,7 +209,9 @@ class Views:
         """The same views moved to the evenly spaced grid that lies nearest, through the reference view, all z_i zero.
 
         Its steps along s and t are those of least squares. Pixels still look at the same points of the reference plane.
+        Raises InputError where the views are no grid.
         """
+        self.require_grid("an even grid")
         row, col = np.argwhere((self.positions_mm == 0).all(axis=2))[0]
         positions = np.zeros_like(self.positions_mm)
         for axis, steps in ((0, np.arange(self.cols) - col), (1, (np.arange(self.rows) - row)[:, None])):
@@ -189,7 +224,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LightField(Views):
-    """Samples of a grid of parallel views; t down, s right, then image rows, image columns, colour.
+    """Samples of parallel views; t down, s right, then image rows, image columns, colour.
 
     The geometry is that of `Views`: every attribute and method of it is here, too.
 

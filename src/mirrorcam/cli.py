@@ -48,6 +48,7 @@ from mirrorcam.console.refusals import causes, one_line_message, refusal
 from mirrorcam.console.streams import make_readable, quieten_libraries
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -125,6 +126,30 @@ def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | 
     )
 
 
+def pattern_from_text(text: str) -> Pattern | None:
+    """A pattern of views by its name, such as hex7, or read from a JSON or TOML file; "none" is None."""
+    if text == "none":
+        return None
+    named = Pattern.named(text)
+    if named is not None:
+        return named
+    from mirrorcam.optics.base.files import read_model
+
+    return read_model(Pattern, Path(text))
+
+
+def _pattern_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Pattern | None] | None:
+    if info.type != Pattern | None:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="hexN|ringN|FILE",
+        instance_from_str=lambda texts: pattern_from_text(texts[0]),
+        is_instance=lambda value: value is None or isinstance(value, Pattern),
+        str_from_instance=lambda pattern: ["none" if pattern is None else pattern.name],
+    )
+
+
 def _help_command(arguments: Sequence[str]) -> str:
     """The command line that prints the help of the command that was asked for, or of all where none was."""
     first = next((argument for argument in arguments if not argument.startswith("-")), "")
@@ -143,6 +168,7 @@ def parse(arguments: Sequence[str]) -> Command:
         raise InputError("an argument contains a null character")
     registry = ConstructorRegistry()
     registry.primitive_rule(_camera_rule)
+    registry.primitive_rule(_pattern_rule)
     printed = StringIO()
     try:
         with redirect_stderr(printed):

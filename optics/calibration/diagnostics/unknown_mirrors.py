@@ -69,7 +69,7 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
     places = [f"frame {number} at pixel ({at[0, 0]:.0f}, {at[0, 1]:.0f})" for number, at in surplus.items() if len(at)]
     shown = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
     grid = grid_shown([_middles_px(frame) for frame in frames])
-    own = f"the layout has {layout.rows} x {layout.cols} mirrors"
+    own = f"the layout has {layout.arrangement.text} mirrors"
     other = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
     question = other and f"do the frames show {other} mirrors? {own}"
     if not places or len(places) < max(ALARM_FRAMES * shown, min(2, shown)):

@@ -145,20 +145,13 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
 
 def _grids(views: BuiltViews) -> dict[str, FloatArray]:
     """Grid error and baselines (n,), as `layout_metrics.fitted_grid` has them for one layout."""
-    rows, cols = views.layout.rows, views.layout.cols
-    centres = views.centres_mm.reshape(-1, rows, cols, 3)
-    left = centres - centres.mean(axis=(1, 2), keepdims=True)
-    spacings = {}
-    for name, axis, count in (("x", 0, cols), ("y", 1, rows)):
-        steps = np.arange(count) - (count - 1) / 2.0
-        if count > 1:
-            spacing = left[..., axis].mean(axis=1 + axis) @ steps / (steps @ steps)
-            left[..., axis] -= spacing[:, None, None] * (steps[None, :] if axis == 0 else steps[:, None])
-            spacings[name] = np.abs(spacing)
-    errors = np.sqrt(np.mean(np.sum(left**2, axis=-1), axis=(1, 2)))
-    figures = {"grid_error": errors / np.exp(np.mean(np.log([*spacings.values()]), axis=0))}
-    counts = {"x": cols, "y": rows}
-    return figures | {f"baseline_{name}_mm": value * (counts[name] - 1) for name, value in spacings.items()}
+    arrangement = views.layout.arrangement
+    places, spacings = arrangement.fitted(views.centres_mm)
+    used = arrangement.extent > 0
+    errors = np.sqrt(np.mean(np.sum((views.centres_mm - places) ** 2, axis=-1), axis=1))
+    baselines_mm = np.abs(spacings) * arrangement.extent
+    figures = {"grid_error": errors / np.exp(np.mean(np.log(np.abs(spacings[:, used])), axis=1))}
+    return figures | {f"baseline_{name}_mm": baselines_mm[:, k] for k, name in enumerate("xy") if used[k]}
 
 
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:

@@ -26,22 +26,13 @@ SMALL_SHIFT_PX = 0.25
 
 
 def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Best-fitting rectangular grid (rows, cols, 3) to the virtual centres in view axes, and its two spacings, mm.
+    """Best-fitting grid or pattern (rows, cols, 3) to the virtual centres in view axes, and its two spacings, mm.
 
-    The grid's axes are those of the view; its origin (3) and two spacings are fitted by least squares. An axis with a
+    Its axes are those of the view; its origin (3) and two spacings are fitted by least squares. An axis with a
     single row or column has spacing 0.
     """
-    centres = layout.virtual_centres_in_view_mm
-    grid = np.broadcast_to(centres.mean(axis=(0, 1)), centres.shape).copy()
-    spacings = np.zeros(2)
-    for axis, count in ((0, layout.cols), (1, layout.rows)):
-        steps = np.arange(count) - (count - 1) / 2.0
-        if count == 1:
-            continue
-        along = centres[..., axis].mean(axis=axis)
-        spacings[axis] = steps @ along / (steps @ steps)
-        grid[..., axis] += (steps[None, :] if axis == 0 else steps[:, None]) * spacings[axis]
-    return grid, spacings
+    places, spacings = layout.arrangement.fitted(layout.virtual_centres_in_view_mm.reshape(-1, 3))
+    return places.reshape(layout.rows, layout.cols, 3), spacings
 
 
 def grid_error(layout: Layout) -> float:
@@ -53,7 +44,7 @@ def grid_error(layout: Layout) -> float:
     if layout.rows * layout.cols < 2:
         return 0.0
     distances = np.linalg.norm(layout.virtual_centres_in_view_mm - grid, axis=-1)
-    used = np.abs(spacings[[layout.cols > 1, layout.rows > 1]])
+    used = np.abs(spacings[layout.arrangement.extent > 0])
     if used.min() < 1e-6:
         raise InputError(f"virtual centres are {used.min():.2g} mm apart along an axis of the grid, expected a grid")
     return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
@@ -174,15 +165,15 @@ def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric
     """
     _, spacings = fitted_grid(layout)
     steps_mm = np.abs(spacings)
-    counts = np.array([layout.cols, layout.rows])
+    extent = layout.arrangement.extent
     focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
     behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
-    best = float((focal_px * steps_mm * (counts - 1)).max())
+    best = float((focal_px * steps_mm * extent).max())
     figures = {}
     for depth_mm in depths_mm:
         distance_mm = depth_mm - behind_mm
-        for axis, count, shift_px in zip("st", counts, focal_px * steps_mm / distance_mm, strict=True):
-            if count > 1:
+        for axis, size, shift_px in zip("st", extent, focal_px * steps_mm / distance_mm, strict=True):
+            if size > 0:
                 figures[f"disparity_{axis}_{depth_mm:g}mm"] = Metric(
                     value=float(shift_px), unit="px per view", lower_is_better=False
                 )
@@ -244,8 +235,8 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     metrics |= _usable(layout, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
-    for axis, spacing, count in zip("xy", np.abs(spacings), (layout.cols, layout.rows), strict=True):
-        metrics[f"baseline_{axis}_mm"] = Metric(value=float(spacing * (count - 1)), unit="mm", lower_is_better=False)
+    for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
+        metrics[f"baseline_{axis}_mm"] = Metric(value=float(baseline_mm), unit="mm", lower_is_better=False)
     metrics |= _depth_range(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
     metrics |= _sizes(layout)

@@ -40,10 +40,16 @@ def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
 
 
 def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
-    wholes = ((layout.camera, spec.camera), (layout.rows, spec.rows), (layout.cols, spec.cols))
+    asked = spec.arrangement
+    wholes = (
+        (layout.camera, spec.camera),
+        (layout.rows, asked.rows),
+        (layout.cols, asked.cols),
+        (layout.pattern, asked.pattern),
+    )
     turned = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
     return (
-        sum(found != asked for found, asked in wholes)
+        sum(found != wanted for found, wanted in wholes)
         + int(turned)
         + sum(_differs(mirror, spec) for mirror in layout.mirrors)
     )

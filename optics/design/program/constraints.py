@@ -29,6 +29,7 @@ from mirrorcam.optics.design.program.mirror_variables import (
     view_from_rig,
 )
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
+from mirrorcam.optics.geometry.arrangement import Arrangement
 
 MARGIN = 1e-6
 """Kept beyond every limit (in scales), so that the rounded layout still satisfies it."""
@@ -187,13 +188,12 @@ def _length_along_pupil(optics: Expression, vector: Expression) -> Expression:
     return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
 
 
-def squared_grid_error(centres: list[Expression], rows: int, cols: int) -> tuple[Expression, list[Expression]]:
-    """Squared grid error of virtual centres (row by row, view axes) to their best grid, and that grid's spacings.
+def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> tuple[Expression, list[Expression]]:
+    """Squared grid error of virtual centres (view axes) to their best grid or pattern, and that one's spacings.
 
-    Linear regression on the indices is the best fit; the error is relative to the geometric mean of the spacings.
+    Linear regression on the steps is the best fit; the error is relative to the geometric mean of the spacings.
     """
-    rightwards = np.tile(np.arange(cols) - (cols - 1) / 2.0, rows)
-    downwards = np.repeat(np.arange(rows) - (rows - 1) / 2.0, cols)
+    rightwards, downwards = arrangement.steps.T
     mean: Expression = sum(centres, start=ca.SX.zeros(3)) / len(centres)
     residual = ca.horzcat(*(centre - mean for centre in centres)).T
     spacings = []
@@ -206,11 +206,11 @@ def squared_grid_error(centres: list[Expression], rows: int, cols: int) -> tuple
 
 
 @lru_cache
-def grid_term(rows: int, cols: int) -> Term:
-    """Virtual centres (row by row) near a grid whose spacings are positive. Parameter: weight of its squared error."""
+def grid_term(arrangement: Arrangement) -> Term:
+    """Virtual centres near a grid or pattern whose spacings are positive. Parameter: weight of its squared error."""
     term = TermBuilder()
-    centres, weight = [term.unknown(3) for _ in range(rows * cols)], term.parameter()
-    error, spacings = squared_grid_error(centres, rows, cols)
+    centres, weight = [term.unknown(3) for _ in arrangement.names], term.parameter()
+    error, spacings = squared_grid_error(centres, arrangement)
     for spacing in spacings:
         term.require(spacing - LEAST_GRID_SPACING)
     term.minimise(weight * error)

@@ -13,8 +13,9 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import Program, Solver
-from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds
+from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds, tile_places
 from mirrorcam.optics.design.program.terms import Indices
+from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 REFERENCE_GRID_ERROR = 0.25
@@ -27,6 +28,9 @@ TIE_BREAK = 1e-3
 """Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
 
 CENTRE_REACH = 0.6
+
+NEAR_TILES = 1e-6
+"""Difference of the places of two tiles that is none."""
 
 SLACK_WEIGHTS = {"spacing": 1.0, "seen gap": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
 """Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
@@ -60,18 +64,20 @@ class Problem:
         return values[self.centres], values[self.corners]
 
 
-def neighbour_pairs(rows: int, cols: int) -> tuple[PairConstraint, ...]:
+def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
     """The constraints on neighbours that every design starts with; others follow where a solution violates them.
 
-    Gaps and free light in both directions; across the diagonal, beams leave side by side without being kept apart.
+    Neighbours are those whose tiles touch in the seed. Gaps and free light in both directions; across the diagonal,
+    beams leave side by side without being kept apart.
     """
-    pairs = []
-    for i, j in combinations(range(rows * cols), 2):
-        down, across = j // cols - i // cols, abs(i % cols - j % cols)
-        if max(down, across) > 1:
+    places, pairs = tile_places(arrangement), []
+    for i, j in combinations(range(len(places)), 2):
+        across, down = np.abs(places[j] - places[i]) + NEAR_TILES
+        if max(down, across) > 1.0 + 2.0 * NEAR_TILES:
             continue
+        diagonal = min(down, across) >= 1.0
         pairs += [PairConstraint("seen", i, j), PairConstraint("gap", i, j)]
-        legs: tuple[PairKind, ...] = ("in",) if down and across else ("in", "out")
+        legs: tuple[PairKind, ...] = ("in",) if diagonal else ("in", "out")
         pairs += [PairConstraint(leg, *ordered) for leg in legs for ordered in ((i, j), (j, i))]
     return tuple(pairs)
 
@@ -128,7 +134,7 @@ def problem_of(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...]) 
 
 
 def _add_mirrors(program: Program, spec: DesignSpec, seed: Seed, common: _Common) -> list[MirrorUnknowns]:
-    """The mirrors, row by row; returns their unknowns, virtual centre and corners."""
+    """The mirrors, in the order of the layout; returns their unknowns, virtual centre and corners."""
     low, high = sensor_bounds(spec.camera)
     centres = [program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH) for centre in seed.centres]
     corners = [
@@ -145,16 +151,12 @@ def _add_mirrors(program: Program, spec: DesignSpec, seed: Seed, common: _Common
 
 
 def _add_grid(program: Program, spec: DesignSpec, centres: list[Indices]) -> None:
-    """The grid of virtual centres, its place and its objective."""
+    """The arrangement of virtual centres, its place and its objective."""
     # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
     # fixes the size of the whole or its direction.
-    inner = [centres[t * spec.cols + s] for t in _inner(spec.rows) for s in _inner(spec.cols)]
+    inner = [centres[index] for index in spec.arrangement.inner]
     program.add(constraints.mean_term(len(inner)), inner, [spec.view_from_rig[:, 2] - [0.0, 0.0, 1.0]])
-    program.add(constraints.grid_term(spec.rows, spec.cols), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
-
-
-def _inner(count: int) -> list[int]:
-    return [count // 2] if count % 2 else [count // 2 - 1, count // 2]
+    program.add(constraints.grid_term(spec.arrangement), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
 
 
 def _add_region(

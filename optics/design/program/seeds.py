@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.optimize import brentq
 
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
+
+Booleans = NDArray[np.bool_]
+
+TILE_RATIOS = (1.0, 0.8, 1.25, 0.6, 1.7, 0.4, 2.5)
+"""Factors between distances across and down that decide along which axis two tiles lie apart."""
 
 CENTRE_DECIMALS_MM = 6
 NORMALIZED_DECIMALS = 8
@@ -25,7 +32,7 @@ OUTLINE_DECIMALS_MM = 9
 
 @dataclass(frozen=True)
 class Seed:
-    """Mirrors to start from, row by row, in units of the scale.
+    """Mirrors to start from, in the order of the layout, in units of the scale.
 
     Attributes
     ----------
@@ -92,18 +99,72 @@ def corner_pattern(sides: int) -> FloatArray:
     return np.array(rectangle)
 
 
-def tiles(spec: DesignSpec, gap: float) -> FloatArray:
-    """Sub-images (rows, cols, sides, 2) in normalized coordinates that tile the sensor with a gap between neighbours.
+def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
+    """The first and the last place (n,) that a thing may have of those that the longest chain needs.
 
-    Row 0, whose views are highest, lies where v is greatest, because the fold turns the image upside down. Corners
-    run as in `corner_pattern`.
+    `order[i, j]` says that i comes before j, at least one place; indices come in such an order.
+    """
+    count = len(order)
+    first, after = np.zeros(count), np.zeros(count)
+    for k in range(count):
+        first[k] = (first[:k][order[:k, k]] + 1.0).max(initial=0.0)
+    for k in reversed(range(count)):
+        after[k] = (after[k + 1 :][order[k, k + 1 :]] + 1.0).max(initial=0.0)
+    return first, first.max() - after
+
+
+def _places_along(steps: FloatArray, apart: Booleans) -> FloatArray:
+    """Places (n,) along one axis, near the steps (n,): at least one apart where two are to be apart along it."""
+    by_step = np.argsort(steps, kind="stable")
+    order = np.triu(apart[np.ix_(by_step, by_step)], 1)
+    first, last = _ranks(order)
+    most = float(last.max())
+    ordered = steps[by_step]
+    wanted = (ordered - ordered[0]) / max(ordered[-1] - ordered[0], 1e-12) * most
+    rising, falling = first.copy(), last.copy()
+    for k in range(len(steps)):
+        rising[k] = min(last[k], max(wanted[k], (rising[:k][order[:k, k]] + 1.0).max(initial=first[k])))
+    for k in reversed(range(len(steps))):
+        falling[k] = max(first[k], min(wanted[k], (falling[k + 1 :][order[k, k + 1 :]] - 1.0).min(initial=last[k])))
+    places = np.empty(len(steps))
+    places[by_step] = (rising + falling) / 2.0
+    return places
+
+
+@lru_cache
+def tile_places(arrangement: Arrangement) -> FloatArray:
+    """Places (n, 2) of equal tiles that do not overlap, in tiles across and down: columns and rows of a grid.
+
+    Two tiles lie apart along the axis along which their views do more. Of some ratios of the axes, the one is taken
+    that needs the fewest tiles across times down, which leaves the largest tiles.
+    """
+    across, down = (np.abs(steps[:, None] - steps) for steps in arrangement.steps.T)
+    found = []
+    for ratio in TILE_RATIOS:
+        beside = across * ratio >= down - 1e-9
+        found.append(
+            np.column_stack(
+                [
+                    _places_along(steps, apart)
+                    for steps, apart in zip(arrangement.steps.T, (beside, ~beside), strict=True)
+                ]
+            )
+        )
+    return min(found, key=lambda places: float(np.prod(places.max(axis=0) + 1.0)))
+
+
+def tiles(spec: DesignSpec, gap: float) -> FloatArray:
+    """Sub-images (n, sides, 2) in normalized coordinates, equal tiles of the sensor with a gap between neighbours.
+
+    Those of the highest views lie where v is greatest, because the fold turns the image upside down. Corners run as in
+    `corner_pattern`.
     """
     low, high = sensor_rectangle(spec.camera)
-    count = np.array([spec.cols, spec.rows])
-    size = (high - low - (count - 1) * gap) / count
-    u, v = (low[k] + np.arange(count[k]) * (size[k] + gap) for k in (0, 1))
-    origins = np.stack(np.broadcast_arrays(u[None, :], v[::-1, None]), axis=-1)
-    return origins[:, :, None] + corner_pattern(spec.sides) * size
+    places = tile_places(spec.arrangement)
+    most = places.max(axis=0)
+    size = (high - low - most * gap) / (most + 1.0)
+    origins = low + np.column_stack([places[:, 0], most[1] - places[:, 1]]) * (size + gap)
+    return np.asarray(origins[:, None] + corner_pattern(spec.sides) * size)
 
 
 def _rays(chief: FloatArray, view_from_rig: FloatArray) -> FloatArray:
@@ -144,10 +205,10 @@ def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
 
     Where that would leave little of the sensor, they are as far apart as half a tile.
     """
-    whole = tiles(spec, 0.0)[0, 0]
+    whole = tiles(spec, 0.0)[0]
     most = 0.5 * float((whole.max(axis=0) - whole.min(axis=0)).min())
     gap_mm = max(1.3 * spec.spacing_mm, spec.seen_gap_mm)
-    corners = tiles(spec, min(gap_mm / spec.scale_mm, most)).reshape(-1, spec.sides, 2)
+    corners = tiles(spec, min(gap_mm / spec.scale_mm, most))
     centres = ellipsoid_centres(corners.mean(axis=1), 1.0, target_depth_mm / spec.scale_mm, spec.view_from_rig)
     return Seed(centres, corners, (corners[0].max(axis=0) - corners[0].min(axis=0)) / 2.0)
 
@@ -176,11 +237,12 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
 
 
 def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, str]) -> Layout:
-    """The nominal layout of mirrors, row by row. Raises InfeasibleDesign where two overlap in the image."""
+    """The nominal layout of mirrors, in their order. Raises InfeasibleDesign where two overlap in the image."""
     try:
         return Layout(
-            rows=spec.rows,
-            cols=spec.cols,
+            rows=spec.arrangement.rows,
+            cols=spec.arrangement.cols,
+            pattern=spec.pattern,
             camera=spec.camera,
             mirrors=mirrors,
             view_from_rig=spec.view_from_rig,
@@ -192,7 +254,7 @@ def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, 
 
 
 def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
-    corners = tiles(spec.replaced(sides=4), gap).reshape(-1, 4, 2)
+    corners = tiles(spec.replaced(sides=4), gap)
     centres = parabola_centres(corners.mean(axis=1), spec.scale_mm, spec.view_from_rig)
     return layout_of(spec, mirrors_of(spec, centres, corners), {"made_by": "optics.design.seeds.faceted_parabola"})
 
@@ -204,7 +266,7 @@ def faceted_parabola(spec: DesignSpec) -> Layout:
     InfeasibleDesign where no gap does.
     """
     low, high = sensor_rectangle(spec.camera)
-    widest = float(((high - low) / np.maximum(np.array([spec.cols, spec.rows]) - 1, 1)).min())
+    widest = float(((high - low) / np.maximum(tile_places(spec.arrangement).max(axis=0), 1)).min())
 
     def excess_mm(gap: float) -> float:
         return smallest_gap_mm(_parabola_with_gap(spec, gap)) - spec.spacing_mm

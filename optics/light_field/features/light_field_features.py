@@ -251,7 +251,14 @@ class FeatureFinder:
 
 
 def _ends(views: Views, reference: int) -> list[int]:
-    """The views at the ends of the reference view's row and column: the widest that move along s or t alone."""
+    """The views at the ends of the reference view's row and column: the widest that move along s or t alone.
+
+    Where the views are no grid, the farthest to the left, to the right, up and down.
+    """
+    if not views.is_grid:
+        places = views.positions_mm[..., :2].reshape(-1, 2)
+        farthest = [*places.argmin(axis=0).tolist(), *places.argmax(axis=0).tolist()]
+        return [view for view in dict.fromkeys(farthest) if view != reference]
     t, s = divmod(reference, views.cols)
     row = [t * views.cols + end for end in (0, views.cols - 1)]
     column = [end * views.cols + s for end in (0, views.rows - 1)]

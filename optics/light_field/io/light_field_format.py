@@ -88,6 +88,8 @@ class Format:
         Writer of a light field and, in formats that have it, the depth (v, u) of the central view.
     read
         Reader, given what is assumed of the geometry; None for a format that is only written.
+    needs_grid
+        Whether it holds rows and columns of views only.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Format:
     detect: Callable[[Path], bool]
     write: Callable[[Path, LightField, Depth | None], None]
     read: Callable[[Path, Assumed], Contents] | None
+    needs_grid: bool = False
 
     @property
     def is_folder(self) -> bool:

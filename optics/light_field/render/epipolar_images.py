@@ -68,8 +68,10 @@ def epi(light_field: LightField, axis: Axis, line: int, *, depth_mm: float | Non
     Raises
     ------
     InputError
-        For a line outside the picture, fewer than two views along the axis, or a depth within the views.
+        For a line outside the picture, fewer than two views along the axis, views that are no grid, or a depth within
+        the views.
     """
+    light_field.require_grid("an epipolar-plane image")
     lines, count = (
         (light_field.height_px, light_field.cols) if axis == "s" else (light_field.width_px, light_field.rows)
     )

@@ -57,7 +57,7 @@ def run(options: DesignOptions) -> int:
     with output_folder(options.out, "design", force=options.force) as output:
         output.refuse_others(*FILES)
         with output.staged() as folder:
-            with long_work("design", f"{options.spec.rows} x {options.spec.cols} mirrors"):
+            with long_work("design", f"{options.spec.arrangement.text} mirrors"):
                 found = write_design(options.spec, folder)
             study = _study(found.optimised, options, folder) if options.tolerance else None
     columns = {} if found.parabola is None else {"parabola": found.parabola}

@@ -18,6 +18,7 @@ from mirrorcam.optics.base.bounds import LENGTH_MM, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.design.spec_grid import grid
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.workflow.extras import require
 
@@ -47,6 +48,7 @@ class CommonSpec(DesignSpec):
 
     rows: tyro.conf.Suppress[int] = 3
     cols: tyro.conf.Suppress[int] = 3
+    pattern: tyro.conf.Suppress[Pattern | None] = Field(default=None, exclude_if=lambda pattern: pattern is None)
     scale_mm: tyro.conf.Suppress[float] = 80.0
     depths_mm: tyro.conf.Suppress[tuple[float, ...]] = (300.0, 500.0)
     tradeoff: tyro.conf.Suppress[float] = 0.3

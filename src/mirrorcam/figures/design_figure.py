@@ -27,6 +27,8 @@ MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
 DEPTHS_PER_ROW = 2
 LEGEND_COLUMNS = 3
+SAME_COLUMN = 0.1
+"""Distance across, in steps, up to which views are drawn in one column from the side."""
 SIDE_IN, HEAD_IN, SENSOR_IN, ROW_IN = 8.0, 1.0, 5.35, 3.9
 MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
 
@@ -163,11 +165,12 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
 
 
 def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
-    """Draw virtual centres, the fitted ideal grid and the deviations from it, along two axes of the view."""
-    smaller = min(1.0, 4.0 / max(layout.rows, layout.cols))
+    """Draw virtual centres, the fitted ideal grid or pattern and the deviations from it, along two axes of the view."""
+    arrangement = layout.arrangement
+    smaller = min(1.0, 4.0 / (arrangement.extent.max() + 1.0))
     grid = fitted_grid(layout)[0][..., [first, second]]
-    for line in (*grid, *np.swapaxes(grid, 0, 1)):
-        axes.plot(*line.T, color=GRID, linewidth=0.9, zorder=2)
+    for i, j in arrangement.neighbours:
+        axes.plot(*grid.reshape(-1, 2)[[i, j]].T, color=GRID, linewidth=0.9, zorder=2)
     centres = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, [first, second]]
     for centre, node in zip(centres, grid.reshape(-1, 2), strict=True):
         axes.plot(*np.array([centre, node]).T, color=VIEW, linewidth=1.6, zorder=3)
@@ -177,12 +180,12 @@ def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> Non
 
 def _side(axes: Axes, layout: Layout) -> None:
     """Draw mirrors, camera, chief rays and virtual cameras from the side; the scene is to the right."""
-    turn = layout.view_from_rig.T
+    turn, across = layout.view_from_rig.T, layout.arrangement.steps[:, 0]
     depths = np.concatenate([mirror.outline_in_rig_mm @ turn for mirror in layout.mirrors])[:, 2]
     end_mm = depths.max() + 0.5 * np.ptp(depths)
     for k, mirror in enumerate(layout.mirrors):
         outline = mirror.outline_in_rig_mm @ turn
-        if k % layout.cols == layout.central_index % layout.cols:
+        if abs(across[k] - across[layout.central_index]) < SAME_COLUMN:
             seen = mirror.apparent
             chief = layout.view_from_rig @ seen.cut(seen.outline_normalized.mean(axis=0))
             leaving = chief - layout.view_from_rig @ seen.virtual_centre_in_rig_mm
@@ -204,9 +207,10 @@ def _front(axes: Axes, layout: Layout) -> None:
         _outline(axes, outline, facecolor=_fill(MIRROR, 0.12), edgecolor=MIRROR, linewidth=0.8)
     _virtual_cameras(axes, layout, 0, 1)
     axes.margins(0.06)
+    ideal = "ideal grid" if layout.pattern is None else f"ideal {layout.pattern.name}"
     handles = [
         Line2D([], [], color=VIEW, marker="o", linestyle="none", label="virtual camera"),
-        Line2D([], [], color=GRID, marker="s", markerfacecolor="white", label="ideal grid"),
+        Line2D([], [], color=GRID, marker="s", markerfacecolor="white", label=ideal),
     ]
     _finish(axes, "Virtual cameras along the view", "x mm", "y mm (down)", handles)
 

@@ -64,7 +64,7 @@ def design_table(parabola: Layout, optimised: Layout) -> Table:
 def highlights(report: Report) -> list[Tile]:
     """Headline figures for a newcomer, of those that were measured."""
     width, height = report.view_size_px
-    tiles = [Tile(f"{report.layout.rows} {TIMES} {report.layout.cols}", f"views of {width} {TIMES} {height} px")]
+    tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
     for name, metric in report.layout.metrics.items():
         if name.startswith("pixel_efficiency_"):
             before = report.parabola.metrics.get(name)

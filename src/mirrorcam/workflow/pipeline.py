@@ -115,7 +115,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         Stage(
             "design",
             design,
-            doing=f"{recipe.spec.rows} x {recipe.spec.cols} mirrors",
+            doing=f"{recipe.spec.arrangement.text} mirrors",
             parameters={"spec": recipe.spec.model_dump(mode="json")},
             sources=("mirrorcam.optics", "mirrorcam.workflow.design_files", "mirrorcam.figures"),
         ),

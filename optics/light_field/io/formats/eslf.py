@@ -23,4 +23,5 @@ FORMAT = Format(
     detect=is_eslf,
     read=single(lambda path, assumed: read_mosaic(path, "eslf", assumed)),
     write=without_depth(lambda path, light_field: write_mosaic(path, light_field, "eslf")),
+    needs_grid=True,
 )

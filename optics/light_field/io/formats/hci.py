@@ -267,4 +267,5 @@ FORMAT = Format(
     detect=lambda path: (path / PARAMETERS).exists(),
     read=lambda path, assumed: _contents(path),
     write=write_hci,
+    needs_grid=True,
 )

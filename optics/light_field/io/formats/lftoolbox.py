@@ -170,4 +170,5 @@ FORMAT = Format(
     detect=lambda path: path.suffix.lower() == ".mat" and not path.is_dir(),
     read=single(read_lftoolbox),
     write=without_depth(write_lftoolbox),
+    needs_grid=True,
 )

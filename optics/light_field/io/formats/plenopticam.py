@@ -70,4 +70,5 @@ FORMAT = Format(
     detect=is_plenopticam,
     read=single(read_plenopticam),
     write=without_depth(write_plenopticam),
+    needs_grid=True,
 )

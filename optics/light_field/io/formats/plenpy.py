@@ -18,4 +18,5 @@ FORMAT = Format(
     detect=lambda path: (path / ARRAY).exists(),
     read=single(lambda path, assumed: read_arrays(path / ARRAY, LARGEST, assumed)),
     write=without_depth(lambda path, light_field: write_arrays(path / ARRAY, light_field, LARGEST)),
+    needs_grid=True,
 )

@@ -137,11 +137,13 @@ def write_light_field(path: Path, light_field: LightField, to: str, depth_mm: De
     ------
     InputError
         For a folder that exists and has something in it, whose files would mix with the new ones, and for what the
-        format cannot hold.
+        format cannot hold: most need views in rows and columns.
     """
     form = formats()[to]
     if form.is_folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: exists, expected a new or empty folder")
+    if form.needs_grid:
+        light_field.require_grid(f"the format {form.name}")
     form.write(path, light_field, depth_mm)
 
 

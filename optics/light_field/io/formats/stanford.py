@@ -152,4 +152,5 @@ FORMAT = Format(
     detect=is_stanford,
     read=single(read_stanford),
     write=without_depth(write_stanford),
+    needs_grid=True,
 )

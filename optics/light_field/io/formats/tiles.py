@@ -13,4 +13,5 @@ FORMAT = Format(
     detect=lambda path: is_picture(path) and not is_eslf(path),
     read=single(lambda path, assumed: read_mosaic(path, "tiles", assumed)),
     write=without_depth(lambda path, light_field: write_mosaic(path, light_field, "tiles")),
+    needs_grid=True,
 )

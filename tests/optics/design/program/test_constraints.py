@@ -19,6 +19,7 @@ from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
+from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
 from mirrorcam.optics.geometry.pupil import whole_pupil_outline
@@ -37,7 +38,7 @@ from tests.optics.design.program.seeded_mirrors import (
 def test_grid_error_is_that_of_the_metrics(rows: int, cols: int) -> None:
     layout = faceted_parabola(DesignSpec(rows=rows, cols=cols))
     centres = [ca.SX(centre) for centre in layout.virtual_centres_in_view_mm.reshape(-1, 3)]
-    squared, spacings = constraints.squared_grid_error(centres, rows, cols)
+    squared, spacings = constraints.squared_grid_error(centres, layout.arrangement)
     assert np.sqrt(number(squared).item()) == pytest.approx(grid_error(layout))
     assert len(spacings) == (rows > 1) + (cols > 1)
     assert all(number(spacing).item() > 0 for spacing in spacings)
@@ -184,7 +185,7 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
             [centres[2], corners[2], region],
             [optics, *lens, np.array([5.0, *spec.view_from_rig[:2, 2], 0.09, 0.8, 0.01])],
         ),
-        "grid": (constraints.grid_term(2, 2), [centres.ravel()], [np.array([3.0])]),
+        "grid": (constraints.grid_term(Arrangement(2, 2)), [centres.ravel()], [np.array([3.0])]),
         "mean": (constraints.mean_term(2), [centres[:2].ravel()], [np.array([0.0, -1.0, 0.4])]),
         "seen": (
             constraints.seen_gap_term(kind.sides),

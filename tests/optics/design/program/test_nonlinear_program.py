@@ -43,7 +43,7 @@ SPECS = [
 @cache
 def problem(which: int) -> Problem:
     spec = SPECS[which]
-    return problem_of(spec, seed_of(spec, 375.0), neighbour_pairs(spec.rows, spec.cols))
+    return problem_of(spec, seed_of(spec, 375.0), neighbour_pairs(spec.arrangement))
 
 
 def nearby(solver: Solver, seed: int = 5) -> FloatArray:
