@@ -152,19 +152,19 @@ class Arrangement:
         """Index of the central mirror: in a grid of even count the one after the centre, of equals the first."""
         if self.pattern is None:
             return (self.rows // 2) * self.cols + self.cols // 2
-        return int(self._innermost[0])
+        return self._innermost[0]
 
     @property
-    def _innermost(self) -> FloatArray:
+    def _innermost(self) -> list[int]:
         from_middle = np.hypot(*self.steps.T)
-        return np.flatnonzero(from_middle <= from_middle.min() + SAME_DISTANCE)
+        return [int(index) for index in np.flatnonzero(from_middle <= from_middle.min() + SAME_DISTANCE)]
 
     @property
     def inner(self) -> list[int]:
         """Indices of the mirrors nearest to the middle of all; all of them where those do not balance about it."""
         nearest = self._innermost
         balanced = np.abs(self.steps[nearest].mean(axis=0)).max() <= SAME_DISTANCE
-        return nearest.tolist() if balanced else list(range(len(self.steps)))
+        return nearest if balanced else list(range(len(self.steps)))
 
     def fitted(self, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The places nearest to virtual centres (..., n, 3), view axes, that keep the arrangement, and its spacings.

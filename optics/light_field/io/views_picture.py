@@ -10,6 +10,9 @@ from mirrorcam.optics.light_field.light_field import LightField
 SEPARATOR_PX = 3
 SEPARATOR_RGB = (255, 255, 255)
 INVALID_RGB = (64, 64, 64)
+RATIOS = (1.0, 0.7, 1.4, 0.5, 2.0)
+"""Factors between distances across and down; of those, the one is taken that leaves the smallest picture."""
+FARTHEST = 1e6
 
 
 def tiles(light_field: LightField) -> NDArray[np.uint8]:
@@ -37,6 +40,11 @@ def _places(light_field: LightField, tile_px: NDArray[np.int64]) -> NDArray[np.i
         t, s = np.indices((light_field.rows, light_field.cols))
         return np.stack([s, t], axis=-1) * tile_px
     at = light_field.positions_mm[..., :2].reshape(-1, 2) / tile_px
-    apart = np.abs(at[:, None] - at).max(axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return np.ceil((at - at.min(axis=0)) / apart.min() * tile_px).astype(np.int64)[None]
+    apart = np.abs(at[:, None] - at)[~np.eye(len(at), dtype=bool)]
+    scales = []
+    for ratio in RATIOS:
+        # Two tiles lie apart along the axis along which their views do more.
+        beside = apart[:, 0] * ratio >= apart[:, 1]
+        scales.append(1.0 / np.array([apart[beside, 0].min(initial=FARTHEST), apart[~beside, 1].min(initial=FARTHEST)]))
+    scale = min(scales, key=lambda scale: float(np.prod(scale * np.ptp(at, axis=0) + 1.0)))
+    return np.ceil((at - at.min(axis=0)) * scale * tile_px).astype(np.int64)[None]

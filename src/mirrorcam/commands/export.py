@@ -63,6 +63,7 @@ def run(options: ExportOptions) -> int:
     if exported.measured is not None:
         say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field
-    views = f"{field.rows}x{field.cols} views of {field.width_px}x{field.height_px} px"
+    count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
+    views = f"{count} views of {field.width_px}x{field.height_px} px"
     say("export", f"{exported.path} written ({options.to}), from {exported.source_format}: {views}")
     return 0

@@ -14,6 +14,7 @@ from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.seeds import faceted_parabola
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -119,6 +120,27 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
     assert layout.metrics["grid_error"].value <= worst_error
     for depth in ("300", "500"):
         assert layout.metrics[f"usable_efficiency_{depth}mm"].value >= least_efficiency
+
+
+@pytest.mark.parametrize(
+    ("pattern", "worst_error", "least_efficiency"), [(Pattern.hexagonal(1), 0.05, 0.5), (Pattern.ring(6), 0.12, 0.45)]
+)
+def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float) -> None:
+    spec = DesignSpec(pattern=pattern)
+    layout = designed(spec)
+    assert stands(layout, spec)
+    assert layout.pattern == pattern
+    assert layout.metrics["grid_error"].value <= worst_error
+    for depth in ("300", "500"):
+        assert layout.metrics[f"pixel_efficiency_{depth}mm"].value >= least_efficiency
+
+
+def test_a_pattern_that_is_a_grid_is_designed_as_that_grid() -> None:
+    asked = DesignSpec(rows=1, cols=3)
+    line = Pattern(name="line", positions=5.0 * asked.arrangement.steps)
+    found, expected = designed(DesignSpec(pattern=line)), designed(asked)
+    assert np.allclose(found.virtual_centres_in_rig_mm, expected.virtual_centres_in_rig_mm, rtol=0.0, atol=1e-9)
+    assert found.metrics == expected.metrics
 
 
 @pytest.mark.slow

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 
@@ -53,3 +55,15 @@ def test_a_refusal_names_its_constraint() -> None:
     refusal = InfeasibleDesign("spacing", "mirrors come 3 mm too close")
     assert isinstance(refusal, InputError)
     assert str(refusal) == "infeasible design, spacing constraint: mirrors come 3 mm too close"
+
+
+def test_a_pattern_takes_the_place_of_rows_and_columns() -> None:
+    spec = DesignSpec(pattern=Pattern.ring(8))
+    assert (spec.arrangement.rows, spec.arrangement.cols, spec.arrangement.text) == (1, 8, "ring8")
+    written = spec.model_dump(mode="json")
+    assert not {"rows", "cols"} & set(written)
+    assert DesignSpec.model_validate(written) == spec
+    assert DesignSpec().arrangement == Arrangement(3, 3)
+    assert "pattern" not in DesignSpec().model_dump()
+    with pytest.raises(ValidationError, match="rows or cols are given with a pattern, expected one of the two"):
+        DesignSpec(rows=2, pattern=Pattern.ring(8))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -236,3 +237,25 @@ def test_a_reference_plane_at_infinity_is_the_limit_of_one_far_away() -> None:
     assert np.allclose(infinite.disparity_px_from_depth(depths), far.disparity_px_from_depth(depths), atol=1e-4)
     assert infinite.disparity_px_from_depth(np.inf) == 0.0
     assert np.allclose(infinite.depth_mm_from_disparity(infinite.disparity_px_from_depth(depths)), depths)
+
+
+def in_pattern(pattern: Pattern, step_mm: float = 20.0) -> Views:
+    places = step_mm * (pattern.positions - pattern.positions[0])
+    return views(positions_mm=np.column_stack([places, np.zeros(len(places))])[None])
+
+
+@pytest.mark.parametrize("pattern", [Pattern.hexagonal(1), Pattern.hexagonal(2), Pattern.ring(3), Pattern.ring(8)])
+def test_views_in_a_pattern_are_no_grid_and_have_the_step_of_nearest_neighbours(pattern: Pattern) -> None:
+    found = in_pattern(pattern)
+    assert not found.is_grid
+    expected = 20.0 if pattern.name.startswith("hex") else 40.0 * np.sin(np.pi / len(pattern.positions))
+    assert found.step_mm("s") == found.step_mm("t") == pytest.approx(expected)
+    with pytest.raises(InputError, match="an even grid needs rows and columns of views, but these"):
+        found.on_regular_grid()
+
+
+def test_uneven_rows_and_columns_are_a_grid() -> None:
+    assert views().is_grid
+    assert in_pattern(Pattern(positions=[[0, 0], [3, 1]])).is_grid
+    assert in_pattern(Pattern(positions=[[0, 0], [1, 0.2], [2.3, -0.2], [3, 0]])).is_grid
+    assert views(positions_mm=np.zeros((1, 1, 3))).is_grid

@@ -142,8 +142,12 @@ def write_light_field(path: Path, light_field: LightField, to: str, depth_mm: De
     form = formats()[to]
     if form.is_folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: exists, expected a new or empty folder")
-    if form.needs_grid:
-        light_field.require_grid(f"the format {form.name}")
+    if form.needs_grid and not light_field.is_grid:
+        others = [each.name for each in formats().values() if not each.needs_grid]
+        raise InputError(
+            f"{path}: {form.name} holds rows and columns of views, but these are in another pattern, expected one of "
+            f"{', '.join(others)}"
+        )
     form.write(path, light_field, depth_mm)
 
 

@@ -19,7 +19,7 @@ from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
-from mirrorcam.optics.geometry.arrangement import Arrangement
+from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
 from mirrorcam.optics.geometry.pupil import whole_pupil_outline
@@ -34,13 +34,17 @@ from tests.optics.design.program.seeded_mirrors import (
 )
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(3, 3), (2, 4), (1, 3), (3, 1)])
-def test_grid_error_is_that_of_the_metrics(rows: int, cols: int) -> None:
-    layout = faceted_parabola(DesignSpec(rows=rows, cols=cols))
+@pytest.mark.parametrize(
+    "asked",
+    [*({"rows": rows, "cols": cols} for rows, cols in [(3, 3), (2, 4), (1, 3), (3, 1)]), {"pattern": Pattern.ring(5)}],
+    ids=["3x3", "2x4", "1x3", "3x1", "ring5"],
+)
+def test_grid_error_is_that_of_the_metrics(asked: dict[str, object]) -> None:
+    layout = faceted_parabola(DesignSpec.model_validate(asked))
     centres = [ca.SX(centre) for centre in layout.virtual_centres_in_view_mm.reshape(-1, 3)]
     squared, spacings = constraints.squared_grid_error(centres, layout.arrangement)
     assert np.sqrt(number(squared).item()) == pytest.approx(grid_error(layout))
-    assert len(spacings) == (rows > 1) + (cols > 1)
+    assert len(spacings) == (layout.arrangement.extent > 0).sum()
     assert all(number(spacing).item() > 0 for spacing in spacings)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -17,8 +19,10 @@ from mirrorcam.optics.design.program.seeds import (
     parabola_centres,
     seed_of,
     sensor_rectangle,
+    tile_places,
     tiles,
 )
+from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
@@ -262,3 +266,45 @@ def test_outlines_are_rounded_and_lie_on_their_planes() -> None:
         outline = mirror.outline_in_rig_mm
         assert (outline == outline.round(9)).all()
         assert np.abs(outline @ mirror.normal_in_rig + mirror.distance_mm).max() < 2e-9
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 2), (3, 3), (7, 4)])
+def test_tiles_of_a_grid_lie_in_its_rows_and_columns(rows: int, cols: int) -> None:
+    places = tile_places(Arrangement(rows, cols)).reshape(rows, cols, 2)
+    assert (places == np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)).all()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "size"),
+    [
+        (Pattern.hexagonal(1), (3, 3)),
+        (Pattern.hexagonal(2), (5, 5)),
+        (Pattern.ring(8), (3, 3)),
+        (Pattern(positions=[[0, -1.5], [-2, 0], [0, 0], [1, 0], [3, 0], [0, 1]]), (4, 3)),
+    ],
+    ids=["hex7", "hex19", "ring8", "cross"],
+)
+def test_tiles_of_a_pattern_lie_apart_in_its_order(pattern: Pattern, size: tuple[int, int]) -> None:
+    arrangement = Arrangement(1, len(pattern.positions), pattern)
+    places = tile_places(arrangement)
+    assert places.min() == 0.0
+    assert (places.max(axis=0) + 1 == size).all()
+    for i, j in combinations(range(len(places)), 2):
+        moved, step = places[j] - places[i], arrangement.steps[j] - arrangement.steps[i]
+        assert np.abs(moved).max() >= 1.0 - 1e-12
+        axis = int(np.abs(moved).argmax())
+        assert moved[axis] * step[axis] > 0
+
+
+def test_seeds_of_a_pattern_tile_the_sensor_without_overlap() -> None:
+    spec = DesignSpec(pattern=Pattern.hexagonal(1))
+    seed = seed_of(spec, 375.0)
+    polygons = [Polygon(corners) for corners in seed.corners]
+    assert all(not one.intersects(other) for one, other in combinations(polygons, 2))
+    low, high = sensor_rectangle(spec.camera)
+    assert ((seed.corners >= low - 1e-9) & (seed.corners <= high + 1e-9)).all()
+    assert sum(polygon.area for polygon in polygons) > 0.7 * float(np.prod(high - low))
+    layout = faceted_parabola(spec)
+    assert (layout.pattern, layout.mirror_names[-1]) == (spec.pattern, "6")
+    # The highest view is mirror 0, whose sub-image lies lowest on the sensor.
+    assert layout.virtual_centres_in_view_mm[0, 0, 1] < layout.virtual_centres_in_view_mm[0, -1, 1]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
@@ -41,3 +42,19 @@ def test_tiles_of_grey_and_of_float_samples() -> None:
     assert (tiles(light_field(grey))[0, 0] == [90, 90, 90]).all()
     bright = np.full((ROWS, COLS, HEIGHT, WIDTH, 3), [0.5, 1.7, -0.2], np.float32)
     assert (tiles(light_field(bright))[0, 0] == [128, 255, 0]).all()
+
+
+def test_views_in_a_pattern_lie_as_in_space_and_apart() -> None:
+    places = 20.0 * Pattern.hexagonal(1).positions
+    views = grid_views(
+        1, 7, width_px=WIDTH, height_px=HEIGHT, positions_mm=np.column_stack([places, np.zeros(7)])[None]
+    )
+    samples = np.broadcast_to(np.arange(1, 8, dtype=np.uint8)[None, :, None, None, None], (1, 7, HEIGHT, WIDTH, 3))
+    picture = tiles(LightField.of(views, samples, np.ones((1, 7, HEIGHT, WIDTH), np.float32)))
+    middles = []
+    for number in range(1, 8):
+        v, u = np.nonzero((picture == number).all(axis=-1))
+        assert len(v) == HEIGHT * WIDTH
+        middles.append([u.mean(), v.mean()])
+    fit = [np.polyfit(places[:, axis], np.array(middles)[:, axis], 1, full=True)[1] for axis in (0, 1)]
+    assert np.sqrt(np.concatenate(fit).max() / 7) < 0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pytest
 
 from mirrorcam.optics.base import array_files
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.formats.registry import (
     NAMES,
     format_of,
@@ -229,3 +230,19 @@ def test_messages_are_short_and_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a_tiles\.json") as refused:
         open_light_field(tmp_path / "a_tiles.png")
     assert len(str(refused.value)) <= 300
+
+
+@pytest.mark.parametrize("to", READABLE)
+def test_formats_of_grids_refuse_a_pattern_and_the_others_hold_it(tmp_path: Path, to: Any) -> None:
+    places = 20.0 * Pattern.hexagonal(1).positions
+    grid = noise(1, 7)
+    positions = np.column_stack([places - places[3], np.zeros(7)])[None]
+    hexagon = LightField.of(replace(grid, positions_mm=positions), grid.samples, (grid.weights > 0).astype(np.float32))
+    path = tmp_path / f"a{formats()[to].ending}"
+    if not formats()[to].needs_grid:
+        write_light_field(path, hexagon, to)
+        assert np.allclose(open_light_field(path).positions_mm, hexagon.positions_mm)
+        return
+    with pytest.raises(InputError, match=f"{to} holds rows and columns of views, but these are in another pattern"):
+        write_light_field(path, hexagon, to)
+    assert not path.exists()
