@@ -18,7 +18,7 @@ import numpy as np
 
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import Pupil
+from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation
 
@@ -45,10 +45,9 @@ def median_ms(jobs: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> di
 def whole_layout(layout: Layout) -> None:
     """Decoding of a layout, by a pinhole, by a lens and equalised, beside the lookup and a copy."""
     decoders, built_ms = [], []
-    for pupil in (Pupil(), Camera.c920().pupil):
+    for pupil in (PINHOLE, Camera.c920().pupil):
         start = time.perf_counter()
-        camera = layout.camera.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
-        decoders.append(Decoder(layout.replaced(camera=camera)))
+        decoders.append(Decoder(layout.replaced(camera=layout.camera.with_pupil(pupil))))
         built_ms.append(1e3 * (time.perf_counter() - start))
     decoder, lens = decoders
     camera, views = layout.camera, decoder.views

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
@@ -110,10 +111,9 @@ def softened(folder: Path, layout: Layout, decoder: Decoder, index: tuple[int, i
 
 def compared(folder: Path, *, with_pupil: bool, margin_px: float = 2.0) -> Compared:
     """The frame of a set, decoded by the layout as built with or without its pupil, beside the truth."""
-    layout, model = Layout.load(folder / "truth/layout.json"), TabletopSet.load(folder).sensor
-    aperture_mm = model.aperture_mm if with_pupil else 0.0
-    camera = layout.camera.replaced(aperture_mm=aperture_mm, focus_mm=model.focus_mm)
-    layout = layout.replaced(camera=camera)
+    layout = Layout.load(folder / "truth/layout.json")
+    pupil = TabletopSet.load(folder).sensor.pupil if with_pupil else PINHOLE
+    layout = layout.replaced(camera=layout.camera.with_pupil(pupil))
     decoder = Decoder(layout, margin_px=margin_px)
     light_field = decoder.decode(read_image(folder / TabletopSet.load(folder).frame_name))
     true = np.empty(light_field.samples.shape)

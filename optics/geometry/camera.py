@@ -91,6 +91,10 @@ class Camera(Value):
         """Pupil of its lens."""
         return Pupil(self.aperture_mm, self.focus_mm)
 
+    def with_pupil(self, pupil: Pupil) -> Self:
+        """The same camera with another pupil."""
+        return self.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
+
     @cached_property
     def matrix(self) -> FloatArray:
         """The 3x3 intrinsic matrix."""

@@ -66,6 +66,8 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     variant = use_variant()
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, request.random(Stream.AS_BUILT))
+    pupil = settings.sensor.pupil
+    built = built.replaced(camera=built.camera.with_pupil(pupil))
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
     plan, moments = planned_frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
@@ -77,7 +79,6 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
     oracle = Oracle(built, dataset.target, finishes, obstacles)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
-    pupil = settings.sensor.pupil
     if settings.maps and pupil.aperture_mm > 0 and PUPIL_MAPS not in dataset.files:
         tracer = PupilTracer(built, pupil, finishes, obstacles)
         dataset = dataset.added(out, lambda folder: write_pupil_maps(folder, tracer))

@@ -145,6 +145,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     depths = request.depths_mm or default_depths_mm(layout)
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
+    built = built.replaced(camera=built.camera.with_pupil(request.sensor.pupil))
     seed = int(_random(request.seed, _ARRANGEMENT).integers(2**31))
     tabletop = arrange_tabletop(layout, depths, seed, request.meshes)
     check_meshes(layout, tabletop.objects)

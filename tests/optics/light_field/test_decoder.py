@@ -11,6 +11,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.light_field.decoder import OUTLINE_MARGIN_PX, Decoder, Field, check_belongs
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
@@ -175,7 +176,7 @@ def lit_evenly(parabola_layout: Layout) -> tuple[Layout, NDArray[np.uint8]]:
 def test_a_scene_lit_evenly_is_even_up_to_the_borders_of_views(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
     layout, frame = lit_evenly
     decoder = Decoder(layout, field="union")
-    as_pinhole = Decoder(layout.replaced(camera=layout.camera.replaced(aperture_mm=0.0)), field="union")
+    as_pinhole = Decoder(layout.replaced(camera=layout.camera.with_pupil(PINHOLE)), field="union")
     light_field = decoder.decode(frame)
     partial = light_field.valid & (light_field.weights < 0.9)
     assert partial.mean() > 0.02
