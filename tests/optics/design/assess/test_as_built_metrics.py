@@ -14,6 +14,7 @@ from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -71,8 +72,9 @@ def test_a_device_without_a_fault_has_the_figures_of_its_design(fixture: str, re
 
 
 def test_the_usable_window_is_what_the_decoder_finds_valid(default_layout: Layout) -> None:
-    """The design's own window is the bounding box of what all its views share at the reference depth."""
-    decoder = Decoder(default_layout, margin_px=0.0)
+    """The design's own window is the bounding box of what all its views share at the reference depth, of a pinhole."""
+    pinhole = default_layout.replaced(camera=default_layout.camera.with_pupil(PINHOLE))
+    decoder = Decoder(pinhole, margin_px=0.0)
     counted = (decoder.weights > 0).all(axis=(0, 1)).mean()
     assert figures(default_layout, exact(default_layout))["usable_window"] == pytest.approx(counted, abs=0.005)
 
