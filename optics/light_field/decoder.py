@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.pupil_sources import served_sources
+from mirrorcam.optics.light_field.response import LINEAR
 
 Field = Literal["common", "union"]
 
@@ -95,9 +96,8 @@ class Decoder:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
-        flat = self.weights.ravel()
-        self._partial = np.flatnonzero((flat > 0.0) & (flat < WHOLE))
-        self._gain = {channels: np.repeat(1.0 / flat[self._partial, None], channels, axis=1) for channels in (1, 3)}
+        self._partial = np.flatnonzero((self.weights > 0.0) & (self.weights < WHOLE))
+        self._gain = self._brightening(LINEAR)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = NOWHERE_PX
         rows_per_block = LONGEST_TABLE_SIDE // self.views.height_px * self.views.height_px
@@ -105,11 +105,23 @@ class Decoder:
         self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
 
     def equalised(self, equalisation: Equalisation) -> Self:
-        """The same decoder, which makes views equally bright; raises InputError for factors of another layout."""
+        """The same decoder, which makes views equally bright, up to their borders.
+
+        Without it, frames are taken for those of a linear camera. Raises InputError for factors of another layout.
+        """
         equalisation.check_belongs_to(self.views)
         decoder = copy(self)
         decoder.equalisation = equalisation
+        decoder._gain = self._brightening(equalisation.exponent)
         return decoder
+
+    def _brightening(self, exponent: float) -> dict[int, NDArray[np.float32]]:
+        """Factors (n, channels) of the pixels of which a part of the pupil sees the scene, by the number of channels.
+
+        `exponent` is that of grey levels over light.
+        """
+        gain = self.weights.ravel()[self._partial, None] ** np.float32(-exponent)
+        return {channels: np.repeat(gain, channels, axis=1) for channels in (1, 3)}
 
     def decode(self, frame: Samples) -> LightField:
         """Decode one frame.

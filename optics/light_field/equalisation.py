@@ -1,4 +1,7 @@
-"""Mirrors that reflect unequally: the brightness of each view relative to the central one, measured and compensated."""
+"""Mirrors that reflect unequally: the brightness of each view relative to the central one, measured and compensated.
+
+So is how a camera's grey levels grow with light, by which views are brightened where only part of the pupil sees them.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from pydantic import Field, model_validator
 from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
+from mirrorcam.optics.light_field.response import LEAST, LINEAR, MOST, Fading, measured_exponent
 
 # Views are compared at a part of their size, a quarter at least: no detail is asked for, and noise averages out.
 SHRINK = 4
@@ -32,12 +36,14 @@ class Equalisation(Value):
     """Factors (t, s, c) on the samples of each view, one per colour, that make all views as bright as the central one.
 
     They apply to frames as they are, not to linear light: a gamma curve turns factors into others, not into something
-    else. `layout_identity` is that of the layout that they were measured with.
+    else. `layout_identity` is that of the layout that they were measured with. `exponent` is that of grey levels over
+    light, 1 of a linear camera.
     """
 
     schema_id: Literal["mirrorcam.equalisation/1"] = Field(default="mirrorcam.equalisation/1", alias="schema")
     layout_identity: str
     gain: Annotated[FloatArray, Shaped((None, None, None))]
+    exponent: float = Field(default=LINEAR, ge=LEAST, le=MOST, exclude_if=lambda exponent: exponent == LINEAR)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -84,6 +90,7 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
     Raises InputError for a view that has too few places to compare, light fields of different layouts, and none at all.
     """
     found: list[list[_Places]] = []
+    fading: list[Fading] = []
     views: LightField | None = None
     for light_field in light_fields:
         if views is not None and light_field.layout_identity != views.layout_identity:
@@ -92,6 +99,7 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
             )
         views = light_field
         found.append(list(_compared(light_field)))
+        fading.append(Fading.of(light_field))
     if views is None:
         raise InputError("no light field to measure the brightness of views in, expected at least one")
     gain = np.ones((views.rows, views.cols, views.samples.shape[4]))
@@ -109,7 +117,7 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
                 "give frames of a scene that is neither dark nor overexposed"
             )
         gain[t, s] = np.exp(np.median(medians, axis=0))
-    return Equalisation(layout_identity=views.layout_identity, gain=gain)
+    return Equalisation(layout_identity=views.layout_identity, gain=gain, exponent=measured_exponent(fading))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.response import LINEAR
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams
@@ -104,6 +105,9 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         with output.staged(complete=False) as folder:
             decoder.equalisation.save(folder / EQUALISATION)
         reporter.note("decode", f"gains of the views written to {output.path / EQUALISATION}")
+        if decoder.equalisation.exponent != LINEAR:
+            curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
+            reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
     recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter)
     return damaged + _record(request, layout, recorder, bool(images))
 

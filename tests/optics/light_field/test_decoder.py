@@ -13,6 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.light_field.decoder import OUTLINE_MARGIN_PX, Decoder, Field, check_belongs
+from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
 from mirrorcam.render_scenes.truth.light_rays import reflected
@@ -193,6 +194,19 @@ def test_a_scene_lit_evenly_is_even_up_to_the_borders_of_views(lit_evenly: tuple
         shown = 255.0 * picture.image[picture.valid]
         assert np.abs(shown - 200.0).max() <= most
     assert shown.min() < 170.0
+
+
+def test_frames_with_a_gamma_curve_are_brightened_by_its_exponent(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:
+    layout, frame = lit_evenly
+    decoder, exponent = Decoder(layout), 1.0 / 2.2
+    curved = np.rint(255.0 * (frame / 255.0) ** exponent).astype(np.uint8)
+    shape = decoder.views.rows, decoder.views.cols, 1
+    known = Equalisation(layout_identity=layout.identity, gain=np.ones(shape), exponent=exponent)
+    light_field = decoder.equalised(known).decode(curved)
+    valid = light_field.valid
+    assert np.abs(light_field.samples[valid] - 255.0 * (200.0 / 255.0) ** exponent).max() <= 6.0
+    # Taken for those of a linear camera, they are far too bright there.
+    assert decoder.decode(curved).samples[valid].max() > 250
 
 
 def test_frames_of_all_kinds_are_brightened_alike(lit_evenly: tuple[Layout, NDArray[np.uint8]]) -> None:

@@ -106,6 +106,10 @@ def test_factors_are_kept_in_a_file(tmp_path: Path) -> None:
     made.save(tmp_path / "e.json")
     read = Equalisation.load(tmp_path / "e.json")
     assert np.array_equal(read.gain, GAIN)
+    assert read.exponent == 1.0
+    assert "exponent" not in (tmp_path / "e.json").read_text(encoding="utf-8")
+    made.replaced(exponent=0.45).save(tmp_path / "curved.json")
+    assert Equalisation.load(tmp_path / "curved.json").exponent == 0.45
     (tmp_path / "bad.json").write_text('{"layout_identity": "a", "gain": [[[0.0]]]}', encoding="utf-8")
     with pytest.raises(InputError, match=r"bad.json: gain lies outside 0.05 to 20"):
         Equalisation.load(tmp_path / "bad.json")

@@ -14,9 +14,9 @@ from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
+from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 
