@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any, Literal
@@ -55,14 +55,20 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     spec = optimised.spec or (parabola.spec if parabola else None)
     if spec is None:
         raise ValueError("before_after needs a layout with a spec, found none to take depths from")
-    sides = [("Faceted parabola", parabola)] if parabola else []
-    sides.append(("Optimised" if parabola else "Optimised (no parabola fits)", optimised))
-    depths_mm = sorted(spec.depths_mm)
+    sides = {"Faceted parabola": parabola} if parabola else {}
+    sides["Optimised" if parabola else "Optimised (no parabola fits)"] = optimised
+    beside_each_other(sides, sorted(spec.depths_mm), path)
+
+
+def beside_each_other(
+    sides: Mapping[str, Layout], depths_mm: Sequence[float], path: Path, *, dots_per_inch: float = 110.0
+) -> None:
+    """Write a PNG of layouts beside each other, each under its title, as `before_after` does, for increasing depths."""
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
     height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
     figure = Figure(figsize=(len(sides) * SIDE_IN, height_in))
     same_scale: list[list[Axes]] = []
-    for number, (name, layout) in enumerate(sides):
+    for number, (name, layout) in enumerate(sides.items()):
         left_in = number * SIDE_IN
         middle, top_in = (left_in + SIDE_IN / 2.0) / figure.get_figwidth(), height_in - HEAD_IN
         figure.text(middle, 1.0 - 0.35 / height_in, name, ha="center", va="center", fontsize=17, fontweight="bold")
@@ -81,7 +87,7 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     for column in zip(*same_scale, strict=True):
         _share_limits(column)
     with atomic(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+        figure.savefig(temporary, dpi=dots_per_inch)
 
 
 def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths: Sequence[float]) -> list[Axes]:

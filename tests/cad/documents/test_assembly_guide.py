@@ -21,6 +21,7 @@ from mirrorcam.cad.write.bill_of_materials import bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.arrangement import Pattern
 from tests.cad.documents.conftest import Made
 
 
@@ -120,3 +121,15 @@ def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None
     write_guide(tmp_path, made.device, made.parts, (*made.pieces, *item_pieces([pin, pin])))
     assert f"Press the pins (2 {TIMES} 3 x 16 pins)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Press the pins" not in (made.folder / "guide.md").read_text(encoding="utf-8")
+
+
+def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_path: Path) -> None:
+    layout = made.device.layout
+    views = len(layout.mirrors)
+    pattern = Pattern(name="zigzag", positions=np.column_stack([np.arange(views), np.arange(views) % 2]))
+    device = plan_device(layout.replaced(rows=1, cols=views, pattern=pattern), made.device.hardware)
+    write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
+    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    assert f"{views} mirrors (zigzag) above" in text
+    assert "The name of a mirror is its number" in text
+    assert "row" not in text.partition("## Step 5")[2].partition("## Step 6")[0].replace("arrow", "")

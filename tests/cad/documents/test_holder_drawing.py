@@ -12,7 +12,9 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.documents.drawing import draw
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.documents.holder_drawing import seat_names
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -42,3 +44,10 @@ def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout
         tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
         assert f"{tilt:.3f}" in said
         assert said.count(f"{index // 2}-{index % 2}") == 2
+
+
+def test_seats_have_the_names_of_their_mirrors(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
+    ring = layout.replaced(rows=1, cols=4, pattern=Pattern.ring(4))
+    for device in (plan_device(layout, HARDWARE), plan_device(ring, HARDWARE)):
+        assert tuple(name for name, _ in seat_names(device.holder)) == device.layout.mirror_names

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.cli import main
+from mirrorcam.cli import main, pattern_from_text
 from mirrorcam.optics.base.figure_texts import figure_text
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from tests.mirrorcam.command_line import assert_refused, mirrorcam, results
@@ -92,3 +94,14 @@ def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Pa
     layout, parabola = (Layout.load(tmp_path / "design" / name) for name in ("layout.json", "parabola.json"))
     for text in ("parabola", "optimised", *(figure_text(x.metrics["grid_error"].value) for x in (parabola, layout))):
         assert text in result.stdout
+
+
+def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\npositions = [[0, 0], [1, 0], [0.4, 2]]\n')
+    assert pattern_from_text("hex7") == Pattern.hexagonal(1)
+    assert pattern_from_text(str(file)) == Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
+    assert pattern_from_text("none") is None
+    file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
+    with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
+        pattern_from_text(str(file))
