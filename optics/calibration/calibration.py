@@ -3,14 +3,17 @@
 1. Corners, views and frames that contradict the others are left out (`screening`).
 2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
    (`initial_estimates`).
-3. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
+3. The lens's pupil is estimated from the mirrors' edges, and corners that it sees only partly are left out
+   (`whole_pupil`).
+4. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
    (`model_selection`).
-4. The uncertainty and the validity of the result are determined (`diagnostics`).
+5. The uncertainty and the validity of the result are determined (`diagnostics`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +22,7 @@ from pydantic import ValidationError
 
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.calibrated_layout import as_estimated
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
@@ -35,7 +39,7 @@ from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.consistency import unseen_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
-from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
+from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of, first_fit
 from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors, unknown_mirrors
@@ -44,8 +48,8 @@ from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures
+from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 
 UPSIDE_DOWN = (
@@ -132,6 +136,7 @@ def calibrate(
             target.corners_in_board_mm,
             level=level,
             extremes=taken.extremes,
+            pictures=Pictures(taken.mirrored, target),
             unknown=unknown_mirrors(layout, found),
         )
     except InputError:
@@ -151,6 +156,7 @@ def calibrate_corners(
     *,
     level: str | None = None,
     extremes: Extremes | None = None,
+    pictures: Pictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
 ) -> Calibration:
     """Calibrate a mirror camera from detected corners.
@@ -167,6 +173,8 @@ def calibrate_corners(
         Model to fit, as in `calibrate`.
     extremes
         Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
+    pictures
+        The frames with mirrors; where given, the pupil of the lens is estimated from them.
     unknown
         Boards that belong to no mirror of the layout.
 
@@ -180,8 +188,8 @@ def calibrate_corners(
     notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
     try:
         screened = screen(seen, base, layout, corners_in_board_mm)
-        selection, observations = _fitted(screened, layout, corners_in_board_mm, level)
-        return _concluded(selection, observations, layout, extremes, (*notes, *screened.notes), unknown)
+        fitted = _fitted(screened, layout, corners_in_board_mm, level, extremes, pictures)
+        return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
@@ -190,29 +198,54 @@ def calibrate_corners(
         raise unknown.explained(str(error)) from None
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """The selected model, the corners that it was fitted to, and what was found of the pupil."""
+
+    selection: ModelSelection
+    observations: Observations
+    metrics: dict[str, Metric]
+    notes: tuple[str, ...]
+
+
 def _fitted(
-    screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray, level: str | None
-) -> tuple[ModelSelection, Observations]:
-    """The selected model, and the corners of all frames that show any: first those with mirrors, then the others."""
+    screened: ScreenedFrames,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    level: str | None,
+    extremes: Extremes | None,
+    pictures: Pictures | None,
+) -> _Fitted:
+    """Fit the corners of all frames that show any: first those with mirrors, then the others."""
+    numbers = [number for number, o in enumerate(screened.seen) if len(o)]
     used = [o for o in (*screened.seen, *screened.base) if len(o)]
     observations = Observations.join([o.shifted(place) for place, o in enumerate(used)])
-    mirrored = sum(len(o) > 0 for o in screened.seen)
-    direct = observations.where(observations.frame >= mirrored)
+    direct = observations.where(observations.frame >= len(numbers))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
+    metrics: dict[str, Metric] = {}
+    notes: tuple[str, ...] = ()
+    if pictures is not None or camera.aperture_mm > 0.0:
+        first = first_fit(start, observations, corners_in_board_mm)
+        seen = as_estimated(layout, first)
+        if extremes is not None:
+            seen = outlined(seen, seen_edges(seen, extremes))[0]
+        if pictures is not None:
+            pupil = estimated_pupil(seen, pictures.placed(numbers, first.rig_from_board), pictures.target)
+            metrics, notes = pupil.metrics, (pupil.note,)
+            seen = seen.replaced(camera=pupil.camera)
+        kept, left_out = wholly_served(seen, observations)
+        observations, notes = observations.where(kept), (*notes, *left_out)
+        start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
     selection = select_model(start, observations, corners_in_board_mm, level=level)
-    return selection.widened_to(screened.widened), observations
+    return _Fitted(selection.widened_to(screened.widened), observations, metrics, notes)
 
 
 def _concluded(
-    selection: ModelSelection,
-    observations: Observations,
-    layout: Layout,
-    extremes: Extremes | None,
-    notes: tuple[str, ...],
-    unknown: UnknownMirrors,
+    fitted: _Fitted, layout: Layout, extremes: Extremes | None, notes: tuple[str, ...], unknown: UnknownMirrors
 ) -> Calibration:
     """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
+    selection, observations = fitted.selection, fitted.observations
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
     edges = [] if extremes is None else seen_edges(calibrated, extremes)
@@ -224,12 +257,12 @@ def _concluded(
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution
-    notes += (*doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
+    notes += (*fitted.notes, *doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
     metrics |= held_out_metrics(solution.estimate, observations, selection.model, mirrored_frames=mirrored_frames)
-    metrics |= diagnostics.metrics | unknown.metrics
+    metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
     return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
 
 
@@ -246,38 +279,7 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
 
 
 def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
-    estimate = selection.solution.estimate
-    mirrors = tuple(
-        moved_to(mirror, centre).replaced(
-            thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
-        )
-        for mirror, centre, thickness, curvature in zip(
-            layout.mirrors,
-            estimate.virtual_centres_in_rig_mm,
-            estimate.thickness_mm.tolist(),
-            estimate.curvature_per_m,
-            strict=True,
-        )
-    )
-    return layout.replaced(
-        kind="calibrated",
-        camera=estimate.camera,
-        mirrors=mirrors,
-        metrics={},
-        verdict={},
+    return as_estimated(layout, selection.solution.estimate).replaced(
         provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.level},
         uncertainty=uncertainty(selection.solution),
     )
-
-
-def moved_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
-    """The mirror as a rigid body, moved the shortest way (tilt, then shift along the normal) to a measured plane."""
-    normal = -virtual_centre / np.linalg.norm(virtual_centre)
-    axis = np.cross(mirror.normal_in_rig, normal)
-    cosine = float(mirror.normal_in_rig @ normal)
-    # Rodrigues' formula with sine and axis in one vector; the planes are never opposite.
-    skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
-    middle = mirror.outline_in_rig_mm.mean(axis=0)
-    distance = float(np.linalg.norm(virtual_centre)) / 2.0
-    return mirror.moved(rotation, (-distance - normal @ middle) * normal)

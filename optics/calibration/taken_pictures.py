@@ -14,6 +14,8 @@ from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.targets import Target
 
+MOST_KEPT = 24  # arrays: more would not tell more of the pupil
+
 
 class TakenPictures:
     """Pictures that are read one at a time: those that are damaged, the first ones, and the extremes of those mirrored.
@@ -24,11 +26,14 @@ class TakenPictures:
         What is wrong with each damaged file so far.
     extremes
         Extremes of the pictures through the mirrors so far.
+    mirrored
+        The pictures through the mirrors so far: up to `MOST_KEPT`, and None for each damaged or further one.
     """
 
     def __init__(self, camera: Camera) -> None:
         self.damaged: list[DamagedPicture] = []
         self.extremes = Extremes()
+        self.mirrored: list[Grey | Path | None] = []
         self._camera = camera
         self._first: dict[bool, list[Grey]] = {True: [], False: []}
 
@@ -41,6 +46,9 @@ class TakenPictures:
             grey = self._grey(picture)
             yield grey
             # Once the next one is requested, this one was found to have the expected size.
+            if mirrored:
+                at_hand = sum(kept is not None for kept in self.mirrored)
+                self.mirrored.append(picture if grey is not None and at_hand < MOST_KEPT else None)
             if grey is None:
                 continue
             if mirrored:

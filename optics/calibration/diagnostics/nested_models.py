@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
@@ -70,6 +70,15 @@ def joint_model(corners_in_board_mm: FloatArray, additions: Sequence[str] = ()) 
         curvature="bend" in additions,
         board=Board.warped(corners_in_board_mm) if "warp" in additions else Board.rigid(corners_in_board_mm),
     )
+
+
+def first_fit(start: Estimate, observations: Observations, corners_in_board_mm: FloatArray) -> Estimate:
+    """The estimate of `joint`, or of `paper` where the corners leave the intrinsics open."""
+    paper = fit(start, observations, paper_model(corners_in_board_mm)).estimate
+    try:
+        return fit(paper, observations, joint_model(corners_in_board_mm)).estimate
+    except UndeterminedError:
+        return paper
 
 
 def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitted:

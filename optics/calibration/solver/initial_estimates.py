@@ -192,7 +192,8 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
     )
     ratio = camera.fx_px / nominal.fx_px
     plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _corner_radius(camera)
-    return camera.replaced(name=nominal.name) if plausible else nominal
+    # Size, name and pupil are the nominal ones.
+    return nominal.with_intrinsics(camera.intrinsics) if plausible else nominal
 
 
 def first_estimate(

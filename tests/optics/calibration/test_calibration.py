@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners, moved_to
+from mirrorcam.optics.calibration.calibrated_layout import moved_to
+from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.calibration import moved_to
+from mirrorcam.optics.calibration.calibrated_layout import moved_to
 from mirrorcam.optics.calibration.detection.mirror_sides import Side
 from mirrorcam.optics.calibration.detection.segmentation import SeenEdge
 from mirrorcam.optics.calibration.diagnostics.common_scale import ALARM_SIGMAS, NOTED, common_scale, scale_doubt

@@ -1,0 +1,267 @@
+"""The light of a mirror across the borders of its sub-image, by comparing frames with the known print.
+
+Over the frames, the grey value of a pixel follows what the mirror shows there, in proportion to the part of the pupil
+that the mirror serves. What else reaches the pixel stays the same (the gaps), or follows what the neighbour shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.pupil import disc_part, served_by
+from mirrorcam.optics.geometry.targets import Target
+
+REACH_PX = 48.0
+"""To either side of a border: more than half the width of its blur."""
+
+STEP_PX = 2.0
+STATIONS = 25
+"""Profiles across a border."""
+
+ENDS = 0.12
+"""Part of a border's length, at either end, that is left out: the next border is near."""
+
+MIN_LENGTH_PX = 60.0
+BLUR_PX = 1.2
+"""Sigma of the blur of the print in the picture; a wrong one changes all of a profile in proportion."""
+
+ON_BOARD = 0.15
+"""Squares inside the border of the print from where on it is known what a ray meets."""
+
+LARGEST_RADIUS_MM = 3.0
+"""A mirror farther from a ray than this, in the plane of the pupil, adds no light."""
+
+MIN_FRAMES = 6
+MIN_VARIANCE = 0.02
+"""Smallest variance of the print, from -1 to 1, over the frames, apart from what the other mirror shows."""
+
+
+@dataclass(frozen=True)
+class BoardFrame:
+    """A frame through the mirrors, and the rigid pose (4, 4) of its board, rig_from_board, mm."""
+
+    picture: Grey | Path
+    rig_from_board: FloatArray
+
+    @property
+    def grey(self) -> Image:
+        """Grey values (h, w)."""
+        picture = read_image(self.picture, grey=True) if isinstance(self.picture, Path) else self.picture
+        return np.asarray(picture, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Border:
+    """Points across a border of a sub-image: `STATIONS` profiles (rows) of points from inside to outside (columns).
+
+    Attributes
+    ----------
+    mirror
+        Index of the mirror.
+    aperture
+        The plane mirror that cuts its light, on its front.
+    pixels
+        The points (s, d, 2); NaN off the sensor.
+    out_px
+        Their distances (d,) out of the border.
+    neighbour
+        The other mirror that may show light there; None where there is none.
+    """
+
+    mirror: int
+    aperture: Mirror
+    pixels: FloatArray
+    out_px: FloatArray
+    neighbour: int | None
+
+    def normalized(self, layout: Layout) -> FloatArray:
+        """Normalized coordinates (s, d, 2) of the points."""
+        return layout.camera.normalized_from_pixels(self.pixels)
+
+
+@dataclass(frozen=True)
+class BorderLight:
+    """Light of the mirror at the points (s, d) of a border, in grey levels, and its standard deviation.
+
+    NaN and infinite where the frames do not show it.
+    """
+
+    border: Border
+    light: FloatArray
+    sigma: FloatArray
+
+
+def _aperture(mirror: Mirror) -> Mirror | None:
+    """The plane mirror on the front of a mirror whose outline cuts the light as the mirror does; None if it shows none.
+
+    A first-surface mirror is its own.
+    """
+    shown = mirror.usable_normalized
+    if not mirror.is_second_surface or not len(shown):
+        return mirror if len(shown) else None
+    centre = mirror.virtual_centre_in_rig_mm * (1.0 - mirror.front_mm / mirror.distance_mm)
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(shown, centre))
+
+
+def borders(layout: Layout) -> list[Border]:
+    """The borders of all sub-images that lie on the sensor."""
+    found = []
+    apertures = [_aperture(mirror) for mirror in layout.mirrors]
+    for index, aperture in enumerate(apertures):
+        if aperture is None:
+            continue
+        for edge in range(len(aperture.outline_in_rig_mm)):
+            border = _border(layout, apertures, index, edge)
+            if border is not None:
+                found.append(border)
+    return found
+
+
+def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge: int) -> Border | None:
+    aperture = apertures[index]
+    if aperture is None:
+        return None
+    corners = aperture.outline_normalized
+    start, end, middle = corners[edge], corners[(edge + 1) % len(corners)], corners.mean(axis=0)
+    camera = layout.camera
+    parts = np.linspace(ENDS, 1.0 - ENDS, STATIONS)[:, None]
+    at = camera.pixels_from_normalized(start + parts * (end - start))
+    size = np.array([camera.width_px, camera.height_px])
+    if not ((at >= 0.0) & (at <= size - 1.0)).all() or np.linalg.norm(at[-1] - at[0]) < MIN_LENGTH_PX:
+        return None
+    along = np.gradient(at, axis=0)
+    out = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    out *= np.sign((out * (at - camera.pixels_from_normalized(middle))).sum(axis=1))[:, None]
+    out_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2.0, STEP_PX)
+    pixels = at[:, None] + out_px[:, None] * out[:, None]
+    pixels[~((pixels >= 0.0) & (pixels <= size - 1.0)).all(axis=2)] = np.nan
+    normalized = camera.normalized_from_pixels(pixels.reshape(-1, 2))
+    near = [
+        -np.inf if other in (None, aperture) else float(np.nanmax(_inside_mm(other, normalized, np.inf)))
+        for other in apertures
+    ]
+    neighbour = int(np.argmax(near))
+    return Border(index, aperture, pixels, out_px, neighbour if near[neighbour] > -LARGEST_RADIUS_MM else None)
+
+
+def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> FloatArray:
+    """Distance (n,) of the pupil's middle from the nearest border of the part that a mirror serves, on its side."""
+    return np.asarray(served_by(mirror, normalized, focus_mm).distance.min(axis=1))
+
+
+def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> list[BorderLight]:
+    """The light of each mirror across the borders of its sub-image.
+
+    Parameters
+    ----------
+    layout
+        A calibrated layout, whose pupil need only be about right.
+    frames
+        Frames through the mirrors.
+    target
+        The board.
+    """
+    found = [(_Rays.of(layout, border), _Sums.of(border)) for border in borders(layout)]
+    for frame in frames:
+        grey = frame.grey
+        board_from_rig = np.linalg.inv(frame.rig_from_board)
+        for rays, sums in found:
+            own, other = (_shown(target, *way, board_from_rig) for way in (rays.own, rays.other))
+            sums.add(sample(grey, sums.border.pixels), own, np.where(rays.alone, 0.0, other))
+    return [sums.light() for _, sums in found]
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Starts and directions (s, d, 3) of the rays of a border's points, beyond its mirror and beyond the neighbour.
+
+    `alone` (s, d) tells where the neighbour adds no light.
+    """
+
+    own: tuple[FloatArray, FloatArray]
+    other: tuple[FloatArray, FloatArray]
+    alone: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, layout: Layout, border: Border) -> _Rays:
+        normalized = border.normalized(layout)
+        own = _beyond(layout, layout.mirrors[border.mirror], normalized)
+        if border.neighbour is None:
+            return cls(own, own, np.ones(normalized.shape[:2], dtype=bool))
+        neighbour = layout.mirrors[border.neighbour]
+        inside_mm = _inside_mm(neighbour, normalized.reshape(-1, 2), layout.camera.focus_mm)
+        alone = ~(inside_mm > -LARGEST_RADIUS_MM).reshape(normalized.shape[:2])
+        return cls(own, _beyond(layout, neighbour, normalized), alone)
+
+
+def _beyond(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rays from the middle of the part of the pupil that a mirror serves, reflected: starts and directions."""
+    pupil, flat, seen = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
+    start = np.zeros((len(flat), 3))
+    start[:, :2] = pupil.radius_mm * disc_part(served_by(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
+    rays = np.column_stack([flat, np.ones(len(flat))]) - start / pupil.focus_mm
+    shape = (*normalized.shape[:2], 3)
+    return seen.reflect(start).reshape(shape), (rays @ seen.reflection).reshape(shape)
+
+
+def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray) -> FloatArray:
+    """The print, from -1 to 1, that rays (s, d, 3) meet; NaN where they do not meet the board."""
+    turn = board_from_rig[:3, :3].T
+    start, along = starts @ turn + board_from_rig[:3, 3], directions @ turn
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = -start[..., 2] / along[..., 2]
+        at = (start + way[..., None] * along)[..., :2] / target.square_mm
+    inside = (way > 0.0) & (along[..., 2] > 0.0)
+    inside &= ((at > ON_BOARD) & (at < np.array([target.cols, target.rows]) - ON_BOARD)).all(axis=-1)
+    steps = np.linalg.norm(np.diff(np.nan_to_num(at), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
+    if not len(steps):
+        return np.full(at.shape[:2], np.nan)
+    at = np.nan_to_num(at)
+    square_px = STEP_PX / max(float(np.median(steps)), 1e-6)
+    value = sample(blurred_print(target, BLUR_PX / square_px).value, (at + 1.0) * PX_PER_SQUARE - 0.5)
+    return np.where(inside, value, np.nan)
+
+
+@dataclass
+class _Sums:
+    """Sums over frames for the regression of grey values on 1, what the mirror shows and what the neighbour shows."""
+
+    border: Border
+    normal: FloatArray
+    right: FloatArray
+    squares: FloatArray
+    count: FloatArray
+
+    @classmethod
+    def of(cls, border: Border) -> _Sums:
+        shape = border.pixels.shape[:2]
+        return cls(border, np.zeros((*shape, 3, 3)), np.zeros((*shape, 3)), np.zeros(shape), np.zeros(shape))
+
+    def add(self, grey: FloatArray, own: FloatArray, other: FloatArray) -> None:
+        known = np.isfinite(own + other)
+        columns = np.nan_to_num(np.stack([np.ones_like(own), own, other], axis=-1)) * known[..., None]
+        self.normal += columns[..., :, None] * columns[..., None, :]
+        self.right += columns * grey[..., None]
+        self.squares += grey**2 * known
+        self.count += known
+
+    def light(self) -> BorderLight:
+        """Half the grey values from black to white that the mirror adds."""
+        inverse = np.linalg.inv(self.normal + 1e-6 * np.eye(3))
+        found = (inverse @ self.right[..., None])[..., 0]
+        rest = np.maximum(self.squares - (found * self.right).sum(axis=-1), 0.0)
+        enough = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
+        noise = np.sqrt(rest[enough].sum() / max(float((self.count - 3.0)[enough].sum()), 1.0))
+        sigma = np.where(enough, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)
+        return BorderLight(self.border, np.where(enough, found[..., 1], np.nan), sigma)

@@ -1,0 +1,222 @@
+"""Diameter of the pupil and distance in focus, from the blur of the borders of sub-images.
+
+The border of a mirror cuts the disc of the pupil along a line: the light falls over f A |1 / d - 1 / focus|, for an
+edge at the distance d. The blur of lens and pixels adds to the variance. Edges at different distances tell the three
+apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.border_light import STATIONS, STEP_PX, BorderLight
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import served_by
+
+LEAST_LENS_PX, LEAST_HALF_PX = 0.5, 0.5
+"""Sigma of the blur of lens and pixels, and half the width of that by the pupil, that every border has at least."""
+
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+MIN_POINTS, MIN_BESIDE = 150, 20
+"""Points of a border, and points on either side of it, that show it."""
+
+INSIDE, OUTSIDE = -0.5, 0.2
+"""Where points are wholly on either side, in `REACH_PX`."""
+
+MIN_CONTRAST = 8.0
+"""Grey levels between black and white, halved, below which a border is too dim."""
+
+MODEL_PX2, MODEL_PART = 0.15, 0.02
+"""Standard deviations of what the model leaves out: of the variance of a border, and of the diameter, in parts."""
+
+NEARNESS_SIGMA = 0.002
+"""Standard deviation, 1/mm, of one over the distance in focus about what the layout's camera says."""
+
+LENS_PX2 = 1.0, 1.0
+"""Variance of the blur of lens and pixels, and its standard deviation, before any border was seen."""
+
+MIN_BORDERS = 6
+STEPS = 30
+OUTLIER_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class BorderBlur:
+    """Variance of the blur across the middle of a border of a plane mirror, px^2, with its standard deviation.
+
+    `ends` (2, 2) are normalized coordinates a little inside and outside that middle, `apart_px` pixels apart.
+    """
+
+    aperture: Mirror
+    variance_px2: float
+    sigma_px2: float
+    ends: FloatArray
+    apart_px: float
+
+    def px_per_mm(self, nearness: float) -> float:
+        """Half the width of the blur by the pupil, px, per mm of its radius, for 1 / focus."""
+        inside, outside = served_by(self.aperture, self.ends, 1.0 / nearness).distance.min(axis=1)
+        return self.apart_px / float(inside - outside)
+
+
+@dataclass(frozen=True)
+class SeenPupil:
+    """The pupil that explains the blur of borders.
+
+    Attributes
+    ----------
+    square_mm2, square_sigma_mm2
+        The square of its diameter, whose error is nearly normal down to 0; it may come out negative.
+    nearness, nearness_sigma
+        One over the distance in focus, 1/mm.
+    borders
+        How many borders show it.
+    """
+
+    square_mm2: float
+    square_sigma_mm2: float
+    nearness: float
+    nearness_sigma: float
+    borders: int
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the borders are no wider than those of a pinhole, within three standard deviations."""
+        return self.square_mm2 < 3.0 * self.square_sigma_mm2
+
+    @property
+    def shows_focus(self) -> bool:
+        """Whether the borders tell the distance in focus, rather than what was assumed of it."""
+        return not self.is_pinhole and self.nearness_sigma < NEARNESS_SIGMA / 2.0
+
+    @property
+    def aperture_mm(self) -> float:
+        """Diameter of the pupil."""
+        return float(np.sqrt(max(self.square_mm2, 0.0)))
+
+    @property
+    def aperture_sigma_mm(self) -> float:
+        """By how much the diameter grows when its square grows by a standard deviation."""
+        return float(np.sqrt(max(self.square_mm2, 0.0) + self.square_sigma_mm2)) - self.aperture_mm
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """Light and its sigma (n,) at points of a border: `inside_mm` of it in the pupil, at `along` and `across` -1 to 1.
+
+    `mm_per_px` is the slope of `inside_mm` there and, in the middle of the border, `middle`.
+    """
+
+    light: FloatArray
+    sigma: FloatArray
+    inside_mm: FloatArray
+    mm_per_px: FloatArray
+    along: FloatArray
+    across: FloatArray
+    middle: float
+
+    @classmethod
+    def of(cls, layout: Layout, seen: BorderLight) -> _Profile:
+        border, pupil = seen.border, layout.camera.pupil
+        normalized = border.normalized(layout)
+        shape = normalized.shape[:2]
+        planes = served_by(border.aperture, normalized.reshape(-1, 2), pupil.focus_mm)
+        nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
+        faces = np.isfinite(nearest)
+        slope = -np.gradient(np.where(faces, nearest, 0.0), STEP_PX, axis=1)
+        # Not where the next edge of the outline cuts the pupil too.
+        good = faces & np.isfinite(seen.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
+        along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
+        across = np.broadcast_to(border.out_px / border.out_px[-1], shape)
+        columns = (each[good] for each in (seen.light, seen.sigma, nearest, slope, along, across))
+        return cls(*columns, float(slope[shape[0] // 2, shape[1] // 2]))
+
+    @property
+    def gain(self) -> float:
+        """The light inside the border, 0 where either side of it is not seen."""
+        inside = self.across < INSIDE
+        enough = len(self.light) >= MIN_POINTS and min(inside.sum(), (self.across > OUTSIDE).sum()) >= MIN_BESIDE
+        return float(np.median(self.light[inside])) if enough else 0.0
+
+    def residuals(self, p: FloatArray) -> FloatArray:
+        """Model less light, in sigmas, for the light in the middle and its slopes, shift, turn, and variance (6,)."""
+        radius_mm = 2.0 * np.sqrt(p[5] - LEAST_LENS_PX**2) * self.middle
+        inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
+        served = sum(
+            weight * share((inside_mm + LEAST_LENS_PX * node * self.mm_per_px) / radius_mm)
+            for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum(), strict=True)
+        )
+        return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * served - self.light) / self.sigma)
+
+
+def share(inside: FloatArray) -> FloatArray:
+    """The part of the unit disc on the side of a line on which its middle lies by `inside` (...)."""
+    inside = np.clip(inside, -1.0, 1.0)
+    return np.asarray(1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside**2)) / np.pi)
+
+
+def border_blur(layout: Layout, seen: BorderLight) -> BorderBlur | None:
+    """The blur of a border, by least squares with its place and the light that falls off; None where it is not seen."""
+    profile = _Profile.of(layout, seen)
+    gain = profile.gain
+    if gain < MIN_CONTRAST:
+        return None
+    half_px = max(layout.camera.pupil.radius_mm, 0.2) / profile.middle
+    lens_px2 = LEAST_LENS_PX**2
+    start = np.array([gain, 0.0, 0.0, 0.0, 0.0, lens_px2 + max(half_px, 2.0 * LEAST_HALF_PX) ** 2 / 4.0])
+    least = np.append(np.full(5, -np.inf), lens_px2 + LEAST_HALF_PX**2 / 4.0)
+    scale = np.array([gain, gain, gain, 1.0, 1.0, start[5]])
+    found = least_squares(
+        profile.residuals, start, bounds=(least, np.full(6, np.inf)), x_scale=scale, loss="soft_l1", f_scale=3.0
+    )
+    spread = max(2.0 * found.cost / (len(profile.light) - len(start)), 1.0)
+    covariance = np.linalg.inv(found.jac.T @ found.jac + np.diag(1e-12 / scale**2)) * spread
+    sigma = float(np.hypot(np.sqrt(covariance[5, 5]), MODEL_PX2))
+    row, column = seen.border.pixels.shape[0] // 2, seen.border.pixels.shape[1] // 2
+    ends = seen.border.normalized(layout)[row, [column - 1, column + 1]]
+    return BorderBlur(seen.border.aperture, float(found.x[5]), sigma, ends, 2.0 * STEP_PX)
+
+
+def seen_pupil(layout: Layout, lights: Sequence[BorderLight]) -> SeenPupil | None:
+    """The pupil from the light across the borders of a calibrated layout; None where too few of them are seen.
+
+    The blur of borders that deviate from the others is left out, and the others count as much as they agree.
+    """
+    blurs = [blur for light in lights if (blur := border_blur(layout, light)) is not None]
+    while len(blurs) >= MIN_BORDERS:
+        found, off, covariance = _fitted(layout, blurs)
+        limit = OUTLIER_SIGMAS * max(1.4826 * float(np.median(np.abs(off))), 1.0)
+        kept = [blur for blur, each in zip(blurs, np.abs(off), strict=True) if each < limit]
+        if len(kept) == len(blurs):
+            covariance = covariance * max(float(np.square(off).sum()) / (len(off) - 2), 1.0)
+            square_sigma = np.hypot(np.sqrt(covariance[0, 0]), 2.0 * MODEL_PART * max(found[0], 0.0))
+            nearness_sigma = float(np.sqrt(covariance[1, 1]))
+            return SeenPupil(float(found[0]), float(square_sigma), float(found[1]), nearness_sigma, len(blurs))
+        blurs = kept
+    return None
+
+
+def _fitted(layout: Layout, blurs: Sequence[BorderBlur]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Squared diameter, 1 / focus and the lens's variance (3,); what is left in sigmas (n,); and the covariance."""
+    given = np.array([0.0, 1.0 / layout.camera.focus_mm, LENS_PX2[0]])
+    trust = np.array([0.0, 1.0 / NEARNESS_SIGMA, 1.0 / LENS_PX2[1]])
+    variance, sigma = np.array([(blur.variance_px2, blur.sigma_px2) for blur in blurs]).T
+    p = np.array([max(layout.camera.aperture_mm, 0.5) ** 2, *given[1:]])
+    step = 1e-6
+    for _ in range(STEPS):
+        here, nearer = (np.array([blur.px_per_mm(p[1] + more) ** 2 / 16.0 for blur in blurs]) for more in (0.0, step))
+        slopes = np.column_stack([here, p[0] * (nearer - here) / step, np.ones(len(blurs))]) / sigma[:, None]
+        off = (variance - p[0] * here - p[2]) / sigma
+        information = slopes.T @ slopes + np.diag(trust**2)
+        move = np.linalg.solve(information, slopes.T @ off + trust**2 * (given - p))
+        p = p + move
+        p[1] = np.clip(p[1], 1e-6, 0.1)  # beyond a kilometre, or within a centimetre
+        if (np.abs(move) < 1e-6 * np.array([1.0, 1e-3, 1.0])).all():
+            break
+    return p, off, np.linalg.inv(information)
