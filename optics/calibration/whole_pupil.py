@@ -99,10 +99,9 @@ def _with_pupil(camera: Camera, seen: SeenPupil) -> Camera:
 
 
 def _unseen(camera: Camera) -> str:
-    return (
-        "the frames do not show the blur of the mirrors' edges, as where the board seldom reaches them: the pupil is "
-        f"that of the layout, {camera.aperture_mm:g} mm in focus at {camera.focus_mm:g} mm"
-    )
+    given = f"{camera.aperture_mm:g} mm wide and in focus at {camera.focus_mm:g} mm"
+    kept = given if camera.aperture_mm > 0.0 else "a pinhole"
+    return f"the frames do not show the blur of enough mirrors' edges to tell the pupil: {kept}, as in the layout"
 
 
 def _told(seen: SeenPupil, camera: Camera) -> str:

@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.pupil import disc_part, served_by
 from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.transforms import inverse
 
 REACH_PX = 48.0
 """To either side of a border: more than half the width of its blur."""
@@ -175,7 +176,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
     found = [(_Rays.of(layout, border), _Sums.of(border)) for border in borders(layout)]
     for frame in frames:
         grey = frame.grey
-        board_from_rig = np.linalg.inv(frame.rig_from_board)
+        board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in found:
             own, other = (_shown(target, *way, board_from_rig) for way in (rays.own, rays.other))
             sums.add(sample(grey, sums.border.pixels), own, np.where(rays.alone, 0.0, other))

@@ -134,8 +134,15 @@ class _Profile:
         good = faces & np.isfinite(seen.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
         along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
         across = np.broadcast_to(border.out_px / border.out_px[-1], shape)
-        columns = (each[good] for each in (seen.light, seen.sigma, nearest, slope, along, across))
-        return cls(*columns, float(slope[shape[0] // 2, shape[1] // 2]))
+        return cls(
+            light=seen.light[good],
+            sigma=seen.sigma[good],
+            inside_mm=nearest[good],
+            mm_per_px=slope[good],
+            along=along[good],
+            across=across[good],
+            middle=float(slope[shape[0] // 2, shape[1] // 2]),
+        )
 
     @property
     def gain(self) -> float:
