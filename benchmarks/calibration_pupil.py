@@ -1,10 +1,10 @@
-"""Calibration with a lens that is no pinhole, from rendered sets: `python -m benchmarks.calibration_pupil SET [SET ...]`.
+"""Calibration with a lens that is no pinhole: `python -m benchmarks.calibration_pupil SET [SET ...]`.
 
 Sets come from `mirrorcam render LAYOUT --sensor c920 --seed N`, of either renderer. Each is calibrated from its frames,
 nominal layout and board alone before its truth is read. Prints
 
-- corners found minus true ones, along the normal of the nearest edge of the sub-image, by their distance from it: all
-  that were found, and those that the calibration uses;
+- corners found minus true ones, along the normal of the nearest edge of the sub-image, inwards, by their distance from
+  it: of the corners that the calibration uses;
 - errors of normals, of frames left out, and of all parameters of camera and mirrors in terms of their covariance (NEES
   per parameter: 1 where it is right);
 - the diameter of the pupil and the distance in focus, and how many standard deviations they are off. For several sets,
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ class Corners:
 
     def told(self) -> None:
         """Print the errors by distance."""
-        for low, high in zip(BINS_PX, BINS_PX[1:], strict=False):
+        for low, high in pairwise(BINS_PX):
             off = self.off_px[(self.distance_px >= low) & (self.distance_px < high) & (np.abs(self.off_px) < FAR_PX)]
             if len(off):
                 spread = float(off.std()) / np.sqrt(len(off))

@@ -79,8 +79,8 @@ def _amount(name: str, value: float, unit: str) -> str:
 
 
 def camera_table(calibration: Calibration) -> Table:
-    """The intrinsics of the camera with their sigmas."""
-    return Table(("Number", "Value", SIGMA), _camera_rows(calibration), FIGURES)
+    """The intrinsics of the camera and its pupil with their sigmas."""
+    return Table(("Number", "Value", SIGMA), [*_camera_rows(calibration), *_pupil_rows(calibration)], FIGURES)
 
 
 def _camera_rows(calibration: Calibration) -> list[list[str]]:
@@ -94,6 +94,19 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
         sigma = sigma_text(sigmas[name]) if name in sigmas else "held"
         rows.append([f"{name.removesuffix('_px')} {unit}".strip(), f"{value:.3f}" if unit else f"{value:.6f}", sigma])
     return rows
+
+
+def _pupil_rows(calibration: Calibration) -> list[list[str]]:
+    """Diameter of the pupil and one over the distance in focus; held where the frames do not show them."""
+    camera, metrics = calibration.layout.camera, calibration.metrics
+    figures = (
+        ("pupil mm", f"{camera.aperture_mm:.3f}", "aperture_sigma_mm"),
+        ("1 / focus 1/m", f"{1e3 / camera.focus_mm:.3f}", "focus_sigma_per_m"),
+    )
+    return [
+        [name, value, sigma_text(metrics[sigma].value) if sigma in metrics else "held"]
+        for name, value, sigma in figures
+    ]
 
 
 def model_table(diagnostics: Diagnostics) -> Table:
