@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.calibrated_layout import moved_to
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
@@ -334,15 +333,3 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(
     alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
     with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
         calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)
-
-
-def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(small_set: Set) -> None:
-    nominal, target = small_set.nominal.mirrors[0], small_set.truth.mirrors[0].virtual_centre_in_rig_mm
-    moved = moved_to(nominal, target)
-    np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, target, atol=1e-9)
-
-    def sides(outline: FloatArray) -> FloatArray:
-        return np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1)
-
-    np.testing.assert_allclose(sides(moved.outline_in_rig_mm), sides(nominal.outline_in_rig_mm), atol=1e-9)
-    assert np.abs(moved.outline_in_rig_mm - nominal.outline_in_rig_mm).max() < 2.0
