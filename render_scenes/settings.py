@@ -10,22 +10,48 @@ from mirrorcam.optics.base.bounds import APERTURE_MM, DEPTH_MM, LENGTH_MM, SAMPL
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.pupil import Pupil
 
+ToneCurve = Literal["linear", "srgb"]
+PUPIL_WALK_MM = Bounds(-10.0, 10.0)
+
 
 class SensorModel(Value):
-    """Model of lens and sensor with a linear response of 8 bits: radiance 1 / `exposure` is grey level 255."""
+    """Model of lens, sensor and processing, of 8 bits: radiance 1 / `exposure` is grey level 255.
+
+    All but `exposure` are zero or off in an ideal camera. Where the lens or the sensor tells colours apart, pictures of
+    grey light are in colour, too.
+    """
 
     lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur where it is in focus")
     focus_mm: float = DEPTH_MM.field(500.0, "distance along the axis, through the mirrors, that is in focus")
     aperture_mm: float = APERTURE_MM.field(0.0, "diameter of the pupil; 0: a pinhole, in focus everywhere")
+    pupil_walk_mm: float = PUPIL_WALK_MM.field(
+        0.0, "shift of the pupil towards the scene for light at 45 degrees to the axis; it grows as the tangent squared"
+    )
+    lateral_chromatic_percent: float = Bounds(-5.0, 5.0).field(
+        0.0, "how much larger red pictures are than green ones, and blue ones smaller"
+    )
+    axial_chromatic_px: float = Bounds(0.0, 100.0).field(
+        0.0, "sigma of the blur of red and blue beside that of the lens, where green is in focus"
+    )
     vignetting: float = Bounds(0.0, 100.0).field(
         0.0,
         "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
+    )
+    veiling_glare: float = Bounds(0.0, 1.0).field(0.0, "light spread evenly over the picture, of its mean")
+    prnu_percent: float = Bounds(0.0, 100.0).field(
+        0.0, "sigma of the pixels' sensitivity, a pattern that all pictures share"
     )
     exposure: float = Bounds(1e-6, 1e6).field(1.0, "grey level 255 per radiance")
     full_well_electrons: float = Bounds(0.0, 1e9).field(
         0.0, "electrons at grey level 255, which set the shot noise; 0: no shot noise"
     )
     read_noise_grey: float = Bounds(0.0, 255.0).field(1.0, "sigma of the other noise, in grey levels")
+    bayer: bool = Field(default=False, description="one colour a pixel (RGGB), demosaiced along edges")
+    denoising_grey: float = Bounds(0.0, 255.0).field(
+        0.0, "sigma, in grey levels, of the differences that a bilateral filter takes for noise"
+    )
+    tone_curve: ToneCurve = Field(default="linear", description="response of the picture to light: linear or srgb")
+    sharpening: float = Bounds(0.0, 10.0).field(0.0, "amount of unsharp masking")
     jpeg_quality: int | None = Bounds(1, 100).field(None, "quality of JPEG files, without it PNG")
     h264_crf: int | None = Bounds(0, 51).field(None, "constant rate factor of x264 for PNG files or the video")
     readout_ms: float = Bounds(0.0, 10_000.0).field(
@@ -41,36 +67,53 @@ class SensorModel(Value):
     @property
     def pupil(self) -> Pupil:
         """Pupil of the lens."""
-        return Pupil(self.aperture_mm, self.focus_mm)
+        return Pupil(self.aperture_mm, self.focus_mm, self.pupil_walk_mm)
 
 
 RendererName = Literal["mitsuba", "fast"]
-SensorName = Literal["ideal", "c920", "poor"]
+SensorName = Literal["ideal", "c920", "poor", "webcam"]
 VideoName = Literal["mp4", "avi"]
+
+_C920 = SensorModel(
+    aperture_mm=1.8,
+    vignetting=2.0,
+    veiling_glare=0.01,
+    prnu_percent=0.5,
+    full_well_electrons=8000.0,
+    read_noise_grey=0.8,
+    jpeg_quality=95,
+    readout_ms=30.0,
+)
 
 SENSORS: dict[SensorName, SensorModel] = {
     # No defect but 8-bit quantisation. Sharp corners alias, so that the lens blur is kept.
     "ideal": SensorModel(read_noise_grey=0.0),
     # A webcam in good light: f/2 of 3.67 mm, a small chip, compressed as it comes over USB.
-    "c920": SensorModel(
-        aperture_mm=1.8,
-        vignetting=2.0,
-        full_well_electrons=8000.0,
-        read_noise_grey=0.8,
-        jpeg_quality=95,
-        readout_ms=30.0,
-    ),
+    "c920": _C920,
     # A cheap webcam in dim light.
     "poor": SensorModel(
         lens_blur_px=1.3,
         aperture_mm=2.2,
         focus_mm=900.0,
         vignetting=4.0,
+        veiling_glare=0.03,
+        prnu_percent=1.0,
         exposure=0.45,
         full_well_electrons=2000.0,
         read_noise_grey=3.0,
         jpeg_quality=70,
         readout_ms=33.0,
+    ),
+    # The same as c920, with all that a webcam does to colours and edges before its pictures leave it.
+    "webcam": _C920.replaced(
+        pupil_walk_mm=0.1,
+        lateral_chromatic_percent=0.04,
+        axial_chromatic_px=0.5,
+        bayer=True,
+        denoising_grey=3.0,
+        tone_curve="srgb",
+        sharpening=0.5,
+        jpeg_quality=85,
     ),
 }
 

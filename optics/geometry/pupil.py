@@ -28,14 +28,24 @@ FOCUS_MM = 500.0
 
 @dataclass(frozen=True)
 class Pupil:
-    """Pupil of a diameter, 0 of a pinhole, and the distance along the axis that is in focus."""
+    """Pupil of a diameter, 0 of a pinhole, and the distance along the axis that is in focus.
+
+    In a real lens it walks: for chief rays (x, y, 1) it lies at `walk_mm` (x^2 + y^2) towards the scene. The lens model
+    holds at the distance in focus.
+    """
 
     aperture_mm: float = 0.0
     focus_mm: float = FOCUS_MM
+    walk_mm: float = 0.0
 
     @property
     def radius_mm(self) -> float:
         return self.aperture_mm / 2.0
+
+    def middle_mm(self, normalized: FloatArray) -> FloatArray:
+        """Where (..., 2) rays from the middle of the pupil to points in focus on chief rays (..., 2) cross z = 0."""
+        along = self.walk_mm * np.square(normalized).sum(axis=-1, keepdims=True)
+        return np.asarray(-normalized * along / (1.0 - along / self.focus_mm))
 
 
 PINHOLE = Pupil()

@@ -22,7 +22,15 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import inner_tangent, surface_reflectance
-from mirrorcam.optics.geometry.pupil import DiscPart, Pupil, disc_part, incidence_tangent, joined, served_through
+from mirrorcam.optics.geometry.pupil import (
+    DiscPart,
+    HalfPlanes,
+    Pupil,
+    disc_part,
+    incidence_tangent,
+    joined,
+    served_through,
+)
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
@@ -62,7 +70,7 @@ class PixelFootprints:
         Transmittance of mirror and plate, times the share of the pupil that the mirror serves, or of a pinhole the
         fraction of the subpixel.
     pupil_x, pupil_y
-        Centroid of that part of the pupil, mm.
+        Where the ray from the centroid of that part of the pupil crosses z = 0, mm.
     spread
         Standard deviation of its points about the centroid over that of the whole pupil.
     steps
@@ -206,8 +214,9 @@ class _SensorGrid:
         part: DiscPart,
         pupil: Pupil,
     ) -> PixelFootprints:
-        x, y = self.points(square).T
-        pupil_x, pupil_y = pupil.radius_mm * part.centroid.T
+        points = self.points(square)
+        x, y = points.T
+        pupil_x, pupil_y = (pupil.radius_mm * part.centroid + pupil.middle_mm(points)).T
 
         def single(values: FloatArray) -> NDArray[np.float32]:
             return np.ascontiguousarray(values, dtype=np.float32)
@@ -229,7 +238,7 @@ class _SensorGrid:
         """Subpixels that show a mirror after a number of passes through its plate."""
         rows, columns = (np.arange(0, length + BLOCK - 1, BLOCK).clip(max=length - 1) for length in self._shape)
         nodes = self.normalized[np.ix_(rows, columns)]
-        planes = served_through(mirror, nodes.reshape(-1, 2), pupil.focus_mm, passes)
+        planes = _served(mirror, nodes.reshape(-1, 2), pupil, passes)
         nearest = planes.distance.min(axis=1).reshape(nodes.shape[:2])
         near = nearest > -pupil.radius_mm
         if not near.any():
@@ -261,7 +270,7 @@ class _SensorGrid:
 
         Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples.
         """
-        planes = served_through(mirror, self.points(square), pupil.focus_mm, passes)
+        planes = _served(mirror, self.points(square), pupil, passes)
         if pupil.radius_mm > SHARP * step_mm:
             return disc_part(planes, pupil.radius_mm)
         cut = np.abs(planes.distance.min(axis=1)) < pupil.radius_mm + step_mm
@@ -270,7 +279,7 @@ class _SensorGrid:
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
-        every = (served_through(mirror, at, pupil.focus_mm, passes) for at in points)
+        every = (_served(mirror, at, pupil, passes) for at in points)
         part.share[cut] = np.mean([disc_part(planes, pupil.radius_mm).share for planes in every], axis=0)
         return part
 
@@ -291,6 +300,13 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
 def _front_distance_mm(mirror: Mirror) -> float:
     """Distance of the front of a mirror from the pupil."""
     return mirror.distance_mm - mirror.front_mm
+
+
+def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:
+    """Where light (n, 2) starts that the mirror serves: half-planes about the middle of the pupil as it has walked."""
+    planes = served_through(mirror, normalized, pupil.focus_mm, passes)
+    middle_mm = pupil.middle_mm(normalized)[:, None]
+    return HalfPlanes(planes.direction, planes.distance + (planes.direction * middle_mm).sum(axis=-1))
 
 
 def _reach_mm(nearest: FloatArray) -> float:

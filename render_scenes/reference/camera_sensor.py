@@ -58,9 +58,11 @@ def _plugin(variant: str) -> str:
             self.intrinsics = [mi.Float(float(number)) for number in str(props["intrinsics"]).split(",")]
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
             aperture_mm, focus_mm = (float(str(props[name])) for name in ("aperture_mm", "focus_mm"))
-            self.is_pinhole = aperture_mm == 0.0
+            walk_mm = float(str(props["walk_mm"]))
+            self.is_pinhole, self.is_still = aperture_mm == 0.0, walk_mm == 0.0
             self.radius_mm, self.nearness = mi.Float(aperture_mm / 2.0), mi.Float(1.0 / focus_mm)
-            dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness)
+            self.walk_mm = mi.Float(walk_mm)
+            dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness, self.walk_mm)
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
             """The ray from a point of the pupil, u and v in 0..1, through one of the sensor (Mitsuba's pixels)."""
@@ -70,6 +72,10 @@ def _plugin(variant: str) -> str:
             else:
                 on_disc = self.radius_mm * mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
                 start_x, start_y = on_disc.x, on_disc.y
+            if not self.is_still:
+                pupil_z = self.walk_mm * (chief_x * chief_x + chief_y * chief_y)
+                shift = pupil_z / (1.0 - pupil_z * self.nearness)
+                start_x, start_y = start_x - shift * chief_x, start_y - shift * chief_y
             along: Any = mi.Vector3f(chief_x - start_x * self.nearness, chief_y - start_y * self.nearness, 1.0)
             start = mi.Point3f(start_x, start_y, 0.0) + self.near_mm * along
             return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(along)))
@@ -141,6 +147,7 @@ def sensor(
             "near_mm": near_mm,
             "aperture_mm": lens.aperture_mm,
             "focus_mm": lens.focus_mm,
+            "walk_mm": lens.walk_mm,
             "film": film,
             "sampler": {"type": "independent"},
         }

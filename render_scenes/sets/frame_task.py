@@ -92,7 +92,13 @@ class _SetRenderer:
         self.settings = settings
         obstacles = BodyObstacles(bodies) if bodies else None
         self.rays = (
-            pixel_rays(built, mirrors=setup.mirrors, finishes=setup.finishes, obstacles=obstacles)
+            pixel_rays(
+                built,
+                mirrors=setup.mirrors,
+                finishes=setup.finishes,
+                obstacles=obstacles,
+                pupil=settings.sensor.pupil,
+            )
             if settings.maps
             else None
         )

@@ -77,7 +77,7 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     dataset = dataset.added(out, partial(_write_known, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
-    oracle = Oracle(built, dataset.target, finishes, obstacles)
+    oracle = Oracle(built, dataset.target, finishes, obstacles, pupil)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
     if settings.maps and pupil.aperture_mm > 0 and PUPIL_MAPS not in dataset.files:
         tracer = PupilTracer(built, pupil, finishes, obstacles)

@@ -1,5 +1,6 @@
-"""Model of lens and sensor: from radiance to the 8-bit picture of a webcam, with blur, vignetting and noise.
+"""Model of lens and sensor: from radiance to the 8-bit picture of a webcam.
 
+Blur, colours, vignetting, veiling glare and noise, then what the webcam does to the raw picture.
 Pupil and focus are the renderers': they decide which light comes to a pixel.
 """
 
@@ -12,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.sets.chromatic_lens import light_of_pixels
+from mirrorcam.render_scenes.sets.image_processing import mosaic, processed
 from mirrorcam.render_scenes.settings import SensorModel
 
 
@@ -24,9 +27,6 @@ def photograph(
 ) -> NDArray[np.uint8]:
     """Expose a picture.
 
-    The lens blurs before the pixels integrate. In the other order, detail that pixels cannot resolve would already be
-    aliased, and corners of boards that lie square to the pixels would err by 0.01 px.
-
     Parameters
     ----------
     radiance
@@ -34,7 +34,7 @@ def photograph(
     subpixels
         Squares along each side of a pixel.
     camera
-        The camera, for vignetting.
+        The camera, for vignetting and chromatic aberration.
     model
         Lens and sensor.
     random
@@ -43,13 +43,17 @@ def photograph(
     Returns
     -------
     NDArray[np.uint8]
-        Picture (h, w) or (h, w, 3).
+        Picture (h, w) of grey light where nothing tells colours apart, otherwise (h, w, 3).
     """
-    grey = _pixels(radiance, subpixels, model.lens_blur_px)
-    grey *= np.float32(255.0 * model.exposure)
+    light = light_of_pixels(radiance, subpixels, camera, model)
+    light *= np.float32(255.0 * model.exposure)
     if model.vignetting > 0:
-        lost = _vignette(camera, model.vignetting)
-        grey *= lost[..., None] if grey.ndim == 3 else lost
+        light *= _per_pixel(_vignette(camera, model.vignetting), light)
+    if model.veiling_glare > 0:
+        light += np.float32(model.veiling_glare) * light.mean(axis=(0, 1))
+    grey = mosaic(light) if model.bayer else light
+    if model.prnu_percent > 0:
+        grey *= _per_pixel(_sensitivity(camera.width_px, camera.height_px, model.prnu_percent), grey)
     if model.full_well_electrons > 0 or model.read_noise_grey > 0:
         noise = random.standard_normal(grey.shape, dtype=np.float32)
         if model.full_well_electrons > 0:
@@ -59,20 +63,18 @@ def photograph(
         else:
             noise *= np.float32(model.read_noise_grey)
         grey += noise
-    return np.asarray(cv2.convertScaleAbs(np.clip(np.rint(grey), 0, 255)))
+    return np.asarray(cv2.convertScaleAbs(np.clip(np.rint(processed(grey, model)), 0, 255)))
 
 
-def _pixels(radiance: NDArray[np.float32], subpixels: int, blur_px: float) -> NDArray[np.float32]:
-    if blur_px > 0:
-        radiance = np.asarray(
-            cv2.GaussianBlur(radiance, (0, 0), blur_px * subpixels, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
-        )
-    if subpixels == 1:
-        return radiance.copy()
-    height, width = radiance.shape[:2]
-    # Whole pixels, so that "area" is their mean.
-    size = (width // subpixels, height // subpixels)
-    return np.asarray(cv2.resize(radiance, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+def _per_pixel(factor: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    return factor[..., None] if grey.ndim == 3 else factor
+
+
+@lru_cache(maxsize=2)
+def _sensitivity(width_px: int, height_px: int, percent: float) -> NDArray[np.float32]:
+    """Sensitivity (h, w) of the pixels of one and the same sensor."""
+    pattern = np.random.default_rng(0).standard_normal((height_px, width_px), dtype=np.float32)
+    return np.asarray(1.0 + np.float32(percent / 100.0) * pattern)
 
 
 @lru_cache(maxsize=2)

@@ -59,7 +59,7 @@ def write_h264(
 
 
 def as_key_frame(picture: NDArray[np.uint8], crf: int) -> NDArray[np.uint8]:
-    """Compress and decompress a grey picture (h, w) with even sides as a key frame of H.264."""
+    """Compress and decompress a picture with even sides, grey (h, w) or RGB (h, w, 3), as a key frame of H.264."""
     encoder, decoder = (_av().CodecContext.create(*codec) for codec in (("libx264", "w"), ("h264", "r")))
     encoder.options = _X264 | {"crf": str(crf)}
     encoder.framerate = Fraction(30)
@@ -68,6 +68,9 @@ def as_key_frame(picture: NDArray[np.uint8], crf: int) -> NDArray[np.uint8]:
     decoder.thread_count = 1
     packets = [*encoder.encode(_frame(picture, 0, Fraction(30))), *encoder.encode(None)]
     (frame,) = [frame for packet in (*packets, None) for frame in decoder.decode(packet)]
+    if picture.ndim == 3:
+        colours = frame.reformat(format="rgb24", src_color_range=_FULL_RANGE)
+        return np.asarray(colours.to_ndarray(), dtype=np.uint8)
     luma = frame.planes[0]
     rows = np.frombuffer(luma, np.uint8).reshape(luma.height, luma.line_size)
     return np.array(rows[:, : luma.width])

@@ -245,7 +245,7 @@ def _frame(scene: TabletopScene, request: TabletopRequest) -> tuple[bytes, bytes
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     spp = max(request.spp // _SUBPIXELS**2, 1)
     radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
-    rays = pixel_rays(layout, mirrors=True)
+    rays = pixel_rays(layout, mirrors=True, pupil=request.sensor.pupil)
     hits = scene.hits(rays.start, rays.direction)
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)

@@ -15,6 +15,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards.motion import poses_at
@@ -90,6 +91,9 @@ class Oracle:
         Surface finishes of the mirrors; without them the mirrors are flat.
     obstacles
         Bodies that stand around the mirrors, if any.
+    pupil
+        Pupil of the lens, from whose middle corners are seen. Where it walks, it moves corners, not the borders of what
+        is visible.
     """
 
     def __init__(
@@ -98,8 +102,9 @@ class Oracle:
         target: Target,
         finishes: Sequence[MirrorFinish] = (),
         obstacles: Obstacles | None = None,
+        pupil: Pupil = PINHOLE,
     ) -> None:
-        self.layout, self.target, self._obstacles = layout, target, obstacles
+        self.layout, self.target, self._obstacles, self._pupil = layout, target, obstacles, pupil
         self._finishes = finishes or (None,) * len(layout.mirrors)
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
@@ -152,7 +157,7 @@ class Oracle:
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3) in rig via a mirror; NaN without an image."""
-        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
+        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index], self._pupil)
 
     def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
         """Visibility, apart from the side of the board, of points (n, 3) in rig with images at pixels (n, 2)."""
@@ -179,7 +184,7 @@ class Oracle:
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Pixels (corners, 2) of the board's corners in the camera without mirrors, and their visibility (corners,)."""
         points = transform(rig_from_board, self.target.corners_in_board_mm)
-        px = self.layout.camera.project(points)
+        px = image_px(self.layout.camera, None, points, pupil=self._pupil)
         return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
 
     def all_by_mirrors(self, moments: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:

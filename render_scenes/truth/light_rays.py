@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
@@ -21,6 +22,7 @@ Reflected = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 SURFACE_STEPS = 8  # of Newton's method to a surface with slopes below a degree: each step squares the error
 IMAGE_STEPS = 8
 STEP_PX = 1e-3
+FLAT = MirrorFinish(reflectance=(1.0, 1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -103,24 +105,37 @@ def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((np.min(sides, axis=0) >= 0.0) | (np.max(sides, axis=0) <= 0.0))
 
 
-def image_px(
-    camera: Camera, mirror: Mirror, points_in_rig: FloatArray, finish: MirrorFinish | None = None
-) -> FloatArray:
-    """Project points (n, 3) in rig, mm, via a mirror to pixels (n, 2); NaN without an image.
+def chief_rays(camera: Camera, pupil: Pupil, px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles (..., 3) of the pupil, in rig, mm, from which the rays of pixels (..., 2) start, and unit vectors."""
+    rays = camera.unproject(px)
+    start = np.zeros_like(rays)
+    start[..., 2] = pupil.walk_mm * np.square(rays[..., :2]).sum(axis=-1)
+    rays = pupil.focus_mm * rays - start
+    return start, np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
-    Newton's method on the pixel whose traced ray passes through the point, started at the image by the plane.
+
+def image_px(
+    camera: Camera,
+    mirror: Mirror | None,
+    points_in_rig: FloatArray,
+    finish: MirrorFinish | None = None,
+    pupil: Pupil = PINHOLE,
+) -> FloatArray:
+    """Project points (n, 3) in rig, mm, via a mirror, or directly, to pixels (n, 2); NaN without an image.
+
+    Newton's method on the pixel whose traced ray passes through the point, started at the image by the plane from the
+    middle of the pupil on the axis. With a pupil that walks, it is the ray from its middle.
     """
-    px = camera.project(mirror.image_of(points_in_rig))
-    if finish is None or finish.flat:
+    px = camera.project(points_in_rig if mirror is None else mirror.image_of(points_in_rig))
+    if (finish is None or finish.flat) and pupil.walk_mm == 0.0:
         return px
-    frame = mirror.rig_from_plane
+    frame = np.eye(4) if mirror is None else mirror.rig_from_plane
     points = (points_in_rig - frame[:3, 3]) @ frame[:3, :3]
 
     def missed(at: FloatArray) -> FloatArray:
-        """Offsets (..., 2), mm, of the rays of pixels from the points, parallel to the mirror's plane."""
-        rays = camera.unproject(at)
-        unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-        _, out = _followed(mirror, finish, unit, np.zeros(3))
+        """Offsets (..., 2), mm, of the rays of pixels from the points, across the axis or parallel to the mirror."""
+        start, unit = chief_rays(camera, pupil, at)
+        out = _Ray(start, unit, np.zeros(0)) if mirror is None else _followed(mirror, finish or FLAT, unit, start)[1]
         along = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
         return (out.start + along[..., None] * out.direction - points)[..., :2]
 

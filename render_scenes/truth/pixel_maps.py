@@ -15,10 +15,11 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import MARGIN_SQUARES
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import chief_rays, reflected
 from mirrorcam.render_scenes.truth.obstacles import Obstacles
 
 NO_MIRROR = -1
@@ -56,6 +57,7 @@ def pixel_rays(
     step: int = 1,
     finishes: Sequence[MirrorFinish] = (),
     obstacles: Obstacles | None = None,
+    pupil: Pupil = PINHOLE,
 ) -> PixelRays:
     """Trace the rays of a layout's pixels.
 
@@ -71,17 +73,20 @@ def pixel_rays(
         Surface finishes of the mirrors; without them the mirrors are flat.
     obstacles
         Bodies that stand around the mirrors, if any.
+    pupil
+        Pupil of the lens, from whose middle the rays start.
     """
-    rays = _unit_rays(layout.camera, step)
+    origin, rays = _unit_rays(layout.camera, pupil, step)
     shape = rays.shape[:2]
     if not mirrors:
         nothing, endless = np.zeros(shape), np.full(shape, np.inf)
-        return PixelRays(nothing + NO_MIRROR, np.zeros_like(rays), rays, nothing, endless)
+        return PixelRays(nothing + NO_MIRROR, origin, rays, nothing, endless)
     index, depth = np.full(shape, float(NO_MIRROR)), np.full(shape, np.inf)
     start, direction, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
     for number, mirror in enumerate(layout.mirrors):
         window = _window(layout, number, step)
-        entry, leaves, along, travelled = reflected(mirror, rays[window], finishes[number] if finishes else None)
+        finish = finishes[number] if finishes else None
+        entry, leaves, along, travelled = reflected(mirror, rays[window], finish, origin[window])
         nearer = np.isfinite(entry) & (entry < depth[window])
         for target, values in (
             (depth, entry),
@@ -100,14 +105,15 @@ def pixel_rays(
     return PixelRays(index, start, direction, before, obstacles.free_mm(start, direction))
 
 
-def _unit_rays(camera: Camera, step: int) -> FloatArray:
-    """Unit rays (h, w, 3) of pixel centres; NaN beyond the domain of the lens model."""
+def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, FloatArray]:
+    """Starts (h, w, 3) and unit vectors (h, w, 3) of the rays of pixel centres; NaN beyond the lens model's domain."""
     x, y = np.arange(0.0, camera.width_px, step), np.arange(0.0, camera.height_px, step)
-    rays = np.empty((len(y), len(x), 3))
+    start, rays = np.empty((len(y), len(x), 3)), np.empty((len(y), len(x), 3))
     # A band of rows at a time: the solver needs many times the memory of its result.
     for row in range(0, len(y), 64):
-        rays[row : row + 64] = camera.unproject(np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1))
-    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        at = np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1)
+        start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pupil, at)
+    return start, rays
 
 
 def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:

@@ -57,18 +57,20 @@ class PupilTracer:
         that they may meet.
         """
         origin = self.pupil.radius_mm * np.array([*place, 0.0])
-        rays = chief_rays - origin / self.pupil.focus_mm
+        along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
+        origin = origin + along_mm * np.array([0.0, 0.0, 1.0])
+        rays = self.pupil.focus_mm * chief_rays - origin
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         index, depth = np.full(len(rays), NO_MIRROR), np.full(len(rays), np.inf)
         for number, mirror in enumerate(self.layout.mirrors):
             asked = np.flatnonzero(candidates[number])
             finish = self.finishes[number] if self.finishes else None
-            entry, _, _, path = reflected(mirror, rays[asked], finish, origin)
+            entry, _, _, path = reflected(mirror, rays[asked], finish, origin[asked])
             nearer = entry < depth[asked]
             depth[asked[nearer]] = entry[nearer]
             index[asked[nearer]] = np.where(np.isfinite(path[nearer]), number, NO_MIRROR)
         if self.obstacles is not None:
-            stopped = self.obstacles.free_mm(np.broadcast_to(origin, rays.shape), rays) < depth
+            stopped = self.obstacles.free_mm(origin, rays) < depth
             index[stopped] = NO_MIRROR
         return index
 
@@ -102,7 +104,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     """Maps (h, w) of the two mirrors that serve most of the pupil in each pixel, by the names of `CHANNELS`.
 
     For each of the two its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid x, y of
-    its part of the pupil, in rig, mm (NaN without one).
+    its part of the pupil, mm, from the pupil's middle (NaN without one).
     """
     camera = tracer.layout.camera
     rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)

@@ -14,6 +14,7 @@ from scipy.special import erf
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.truth.corners import Oracle
@@ -82,9 +83,10 @@ def errors_by_mirror(
     rig_from_board: FloatArray,
     *,
     misfit_allowed: float = 0.02,
+    pupil: Pupil = PINHOLE,
 ) -> dict[int, FloatArray]:
     """Located minus projected corners (n, 2) in each mirror's window, px."""
-    oracle = Oracle(layout, TARGET)
+    oracle = Oracle(layout, TARGET, pupil=pupil)
     px, visible = oracle.by_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):

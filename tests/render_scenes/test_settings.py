@@ -19,6 +19,7 @@ def test_pictures_are_jpeg_where_the_sensor_compresses_them_so() -> None:
         "ideal": ".png",
         "c920": ".jpg",
         "poor": ".jpg",
+        "webcam": ".jpg",
     }
     assert RenderSettings(sensor=SensorModel(h264_crf=20)).suffix == ".png"
 
@@ -26,6 +27,26 @@ def test_pictures_are_jpeg_where_the_sensor_compresses_them_so() -> None:
 def test_a_picture_is_compressed_once() -> None:
     with pytest.raises(ValidationError, match="jpeg_quality and h264_crf: expected one of the two"):
         SensorModel(jpeg_quality=90, h264_crf=20)
+
+
+def test_a_webcam_is_a_c920_that_processes_its_pictures() -> None:
+    webcam, c920 = SENSORS["webcam"].model_dump(), SENSORS["c920"].model_dump()
+    assert {name for name, value in webcam.items() if value != c920[name]} == {
+        "pupil_walk_mm",
+        "lateral_chromatic_percent",
+        "axial_chromatic_px",
+        "bayer",
+        "denoising_grey",
+        "tone_curve",
+        "sharpening",
+        "jpeg_quality",
+    }
+
+
+@pytest.mark.parametrize("name", ["veiling_glare", "prnu_percent", "sharpening", "denoising_grey"])
+def test_a_flaw_of_a_sensor_is_not_negative(name: str) -> None:
+    with pytest.raises(ValidationError, match=name):
+        SensorModel.model_validate({name: -0.1})
 
 
 def test_a_tint_is_not_negative() -> None:

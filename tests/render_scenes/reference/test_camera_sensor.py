@@ -80,3 +80,25 @@ def test_the_rays_of_a_pixel_start_all_over_the_pupil_and_meet_in_focus() -> Non
     np.testing.assert_allclose(
         met, np.broadcast_to(450.0 * camera.unproject(np.array([300.0, 801.0])), met.shape), atol=2e-3
     )
+
+
+def test_rays_of_a_pupil_that_walks_start_where_it_is_and_meet_in_focus() -> None:
+    use_variant()
+    import mitsuba as mi
+
+    camera, pupil = Camera.c920().replaced(distortion=LENSES["all"]), Pupil(1.8, 400.0, 0.5)
+    px = np.array([[960.0, 540.0], [100.0, 200.0], [1800.0, 1000.0]])
+    relative = mi.Point2f(((px + 0.5) / [1920, 1080]).T.astype(np.float32))
+    x, y = camera.normalized_from_pixels(px).T
+    in_focus = 400.0 * np.column_stack([x, y, np.ones(3)])
+    starts = []
+    for u, v in ((0.5, 0.5), (0.1, 0.7), (0.9, 0.3)):
+        ray, _ = sensor(camera, pupil=pupil).sample_ray(0.0, 0.5, relative, mi.Point2f(u, v))
+        start, along = (np.array(values, dtype=np.float64).T for values in (ray.o, ray.d))
+        length = (400.0 - start[:, 2]) / along[:, 2]
+        np.testing.assert_allclose(start + length[:, None] * along, in_focus, atol=2e-4)
+        starts.append(start + 0.5 * (x**2 + y**2)[:, None] / along[:, 2:] * along)
+    # In the plane of the pupil as it lies for each pixel, its middle is on the axis.
+    np.testing.assert_allclose(starts[0][:, :2], 0.0, atol=1e-5)
+    assert (np.linalg.norm(starts[1][:, :2], axis=1) <= 0.9).all()
+    assert (np.linalg.norm(starts[1][:, :2], axis=1) > 0.3).all()

@@ -99,10 +99,42 @@ def test_colours_pass_through_the_same_lens_with_noise_of_their_own() -> None:
     assert abs(np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1]) < 0.1
 
 
+def test_glare_spreads_a_part_of_the_light_evenly() -> None:
+    light = np.zeros((40, 50))
+    light[:, 30:] = 0.5
+    picture = shoot(light, 1, NO_NOISE.replaced(veiling_glare=0.1))
+    assert np.unique(picture[:, :30]).tolist() == [round(255.0 * 0.1 * 0.2)]
+    assert np.unique(picture[:, 30:]).tolist() == [round(255.0 * (0.5 + 0.1 * 0.2))]
+
+
+def test_pixels_differ_in_sensitivity_by_the_same_pattern_in_all_pictures() -> None:
+    model = NO_NOISE.replaced(prnu_percent=4.0)
+    first, second = (shoot(np.full((300, 300), level), 1, model, seed=seed) for level, seed in ((0.8, 0), (0.4, 1)))
+    assert first.astype(float).std() == pytest.approx(0.04 * 204.0, rel=0.02)
+    assert second.astype(float).std() == pytest.approx(0.04 * 102.0, rel=0.03)
+    np.testing.assert_allclose(second, first / 2.0, atol=0.8)
+
+
+def test_a_mosaic_makes_grey_light_a_picture_in_colour_without_any() -> None:
+    picture = shoot(np.full((20, 30), 0.5), 1, NO_NOISE.replaced(bayer=True))
+    assert picture.shape == (20, 30, 3)
+    assert np.unique(picture).tolist() == [128]
+
+
+def test_lateral_chromatic_aberration_colours_edges() -> None:
+    light = np.zeros((60, 80))
+    light[:, 70:] = 0.5
+    model = SensorModel(lens_blur_px=0.8, read_noise_grey=0.0, lateral_chromatic_percent=1.0)
+    picture = shoot(light, 1, model).astype(float)
+    edges = (0.5 * 255.0 - picture[30]).sum(axis=0) / (0.5 * 255.0)
+    # 30 px from the principal point: red moves outwards by 0.3 px, blue inwards.
+    np.testing.assert_allclose(edges - edges[1], [0.3, 0.0, -0.3], atol=0.04)
+
+
 def test_presets_go_from_no_flaw_to_many() -> None:
     ideal, c920, poor = (SENSORS[name] for name in ("ideal", "c920", "poor"))
     assert ideal == SensorModel(read_noise_grey=0.0)
-    for name in ("lens_blur_px", "aperture_mm", "vignetting", "read_noise_grey", "readout_ms"):
+    for name in ("lens_blur_px", "aperture_mm", "vignetting", "veiling_glare", "prnu_percent", "readout_ms"):
         assert getattr(ideal, name) <= getattr(c920, name) < getattr(poor, name), name
     assert c920.full_well_electrons > poor.full_well_electrons
     assert c920.jpeg_quality is not None

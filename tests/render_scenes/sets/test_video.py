@@ -156,3 +156,11 @@ def test_a_picture_that_cannot_be_read_leaves_no_video(pictures: dict[str, list[
     with pytest.raises(InputError, match="no such file"):
         write_mjpeg(tmp_path / "video.avi", [*pictures["jpg"], tmp_path / "9.jpg"], 25.0, lambda count: None)
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_key_frame_of_colours_keeps_them() -> None:
+    x, y = np.meshgrid(np.arange(160), np.arange(96))
+    image = np.stack([60 + x, 200 - y, 40 + x // 2 + y], axis=-1).astype(np.uint8)
+    found = as_key_frame(image, 10).astype(float)
+    assert found.shape == image.shape
+    assert np.abs(found - image).mean() < 2.0

@@ -8,8 +8,9 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
+from mirrorcam.render_scenes.truth.light_rays import chief_rays, image_px, reflected
 
 CENTRE = np.array([4.0, -78.0, 82.0])
 BENT = MirrorFinish(reflectance=(0.9, 0.9, 0.9), sag_mm=0.02, ripple_mm=2e-4)
@@ -70,3 +71,44 @@ def test_points_along_a_traced_ray_are_imaged_where_it_came_from(kind: dict[str,
     rays = camera.unproject(px)
     _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), BENT)
     np.testing.assert_allclose(image_px(camera, mirror, start + 350.0 * direction, BENT), px, atol=1e-6)
+
+
+WALKING = Pupil(focus_mm=500.0, walk_mm=0.6)
+LENS = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.0, 0.0])
+PLACES_PX = np.array([[960.0, 540.0], [200.0, 900.0], [1850.0, 60.0]])
+
+
+def test_chief_rays_start_on_the_axis_and_meet_the_point_in_focus() -> None:
+    start, unit = chief_rays(LENS, WALKING, PLACES_PX)
+    x, y = LENS.normalized_from_pixels(PLACES_PX).T
+    np.testing.assert_allclose(start, np.column_stack([0.0 * x, 0.0 * y, 0.6 * (x**2 + y**2)]), atol=1e-12)
+    along = (500.0 - start[:, 2]) / unit[:, 2]
+    np.testing.assert_allclose(start + along[:, None] * unit, 500.0 * np.column_stack([x, y, 1.0 + 0.0 * x]), atol=1e-9)
+    # The thin lens of `Pupil` lies in z = 0: there it is the same ray.
+    at_zero = start - (start[:, 2] / unit[:, 2])[:, None] * unit
+    np.testing.assert_allclose(at_zero[:, :2], WALKING.middle_mm(np.column_stack([x, y])), atol=1e-12)
+
+
+def test_points_on_the_ray_of_a_walking_pupil_have_their_image_in_its_pixel() -> None:
+    start, unit = chief_rays(LENS, WALKING, PLACES_PX)
+    for length in (90.0, 400.0, 2000.0):
+        np.testing.assert_allclose(image_px(LENS, None, start + length * unit, pupil=WALKING), PLACES_PX, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [{}, {"surface": "second", "thickness_mm": 2.0, "refractive_index": 1.5}])
+def test_a_mirror_reflects_the_rays_of_a_walking_pupil(kind: dict[str, object]) -> None:
+    mirror = square_mirror(**kind)
+    px = LENS.project(unit_rays().reshape(-1, 3))
+    origin, unit = chief_rays(LENS, WALKING, px)
+    _, start, direction, _ = reflected(mirror, unit, origin=origin)
+    found = image_px(LENS, mirror, start + 350.0 * direction, pupil=WALKING)
+    np.testing.assert_allclose(found, px, atol=1e-6)
+
+
+def test_a_pupil_that_walks_far_moves_images_by_the_parallax() -> None:
+    """Seen from 0.5 mm nearer, a point at 100 mm is 0.5 % farther from the axis; at the distance in focus, not."""
+    pupil = Pupil(focus_mm=500.0, walk_mm=2.0)
+    camera = Camera.c920()
+    for depth, moved in ((500.0, 0.0), (100.0, 0.5 * (1 / 100.0 - 1 / 500.0))):
+        px = image_px(camera, None, np.array([[0.5 * depth, 0.0, depth]]), pupil=pupil)
+        assert px[0, 0] - camera.cx_px == pytest.approx(0.5 * camera.fx_px * (1.0 + moved), rel=1e-4)

@@ -6,6 +6,7 @@ import numpy as np
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil, disc_part, served_by
+from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, pixel_rays
 from mirrorcam.render_scenes.truth.pupil_maps import SAMPLES, PupilTracer, pupil_maps
 from tests.render_scenes.truth.test_pixel_maps import Curtain
@@ -56,3 +57,19 @@ def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
     whole = free["first.share"] == 1.0
     np.testing.assert_allclose(half["first.share"][whole], 0.5, atol=0.02)
     assert (half["first.x"][whole] < 0.0).all()
+
+
+def test_a_pupil_that_walks_is_cut_where_it_is(small_layout: Layout) -> None:
+    """Shares of the fast renderer's footprints against rays from the pupil 1 mm away at 45 degrees."""
+    walking = Pupil(aperture_mm=1.8, focus_mm=500.0, walk_mm=3.0)
+    camera, mirrors = small_layout.camera, small_layout.mirrors
+    found = np.zeros(camera.width_px * camera.height_px)
+    for layer in pixel_footprints(camera, mirrors, 1, np.ones(len(mirrors)), walking):
+        for footprints in layer:
+            np.add.at(found, footprints.square, footprints.weight)
+    shares = {}
+    for pupil in (walking, PUPIL):
+        maps = pupil_maps(PupilTracer(small_layout, pupil))
+        shares[pupil] = (maps["first.share"] + maps["second.share"]).ravel()
+    assert np.abs(found - shares[walking]).mean() < 0.25 * np.abs(found - shares[PUPIL]).mean()
+    assert np.sqrt(np.mean((found - shares[walking]) ** 2)) < 0.02
