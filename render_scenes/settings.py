@@ -27,6 +27,9 @@ class SensorModel(Value):
     pupil_walk_mm: float = PUPIL_WALK_MM.field(
         0.0, "shift of the pupil towards the scene for light at 45 degrees to the axis; it grows as the tangent squared"
     )
+    lens_waves_px: float = Bounds(0.0, 10.0).field(
+        0.0, "RMS along an axis by which the lens is off its model, in waves of half the sensor's width"
+    )
     lateral_chromatic_percent: float = Bounds(-5.0, 5.0).field(
         0.0, "how much larger red pictures are than green ones, and blue ones smaller"
     )
@@ -77,8 +80,6 @@ VideoName = Literal["mp4", "avi"]
 _C920 = SensorModel(
     aperture_mm=1.8,
     vignetting=2.0,
-    veiling_glare=0.01,
-    prnu_percent=0.5,
     full_well_electrons=8000.0,
     read_noise_grey=0.8,
     jpeg_quality=95,
@@ -107,8 +108,11 @@ SENSORS: dict[SensorName, SensorModel] = {
     # The same as c920, with all that a webcam does to colours and edges before its pictures leave it.
     "webcam": _C920.replaced(
         pupil_walk_mm=0.1,
+        lens_waves_px=0.05,
         lateral_chromatic_percent=0.04,
         axial_chromatic_px=0.5,
+        veiling_glare=0.01,
+        prnu_percent=0.5,
         bayer=True,
         denoising_grey=3.0,
         tone_curve="srgb",

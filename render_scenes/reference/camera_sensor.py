@@ -6,11 +6,13 @@ Mitsuba's world is the rig frame in mm, with the camera at the origin: single pr
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.pupil import Pupil
+from mirrorcam.render_scenes.wavy_camera import PERIODS, WavyCamera
 
 NEWTON_STEPS = 4  # residual below 1e-4 px at the corners of a C920 with k1 = .08, k2 = -.18
 
@@ -59,13 +61,21 @@ def _plugin(variant: str) -> str:
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
             aperture_mm, focus_mm = (float(str(props[name])) for name in ("aperture_mm", "focus_mm"))
             walk_mm = float(str(props["walk_mm"]))
+            self.waves_px, self.per_px = (mi.Float(float(str(props[name]))) for name in ("waves_px", "waves_per_px"))
             self.is_pinhole, self.is_still = aperture_mm == 0.0, walk_mm == 0.0
+            self.is_wavy = float(str(props["waves_px"])) > 0.0
             self.radius_mm, self.nearness = mi.Float(aperture_mm / 2.0), mi.Float(1.0 / focus_mm)
             self.walk_mm = mi.Float(walk_mm)
             dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness, self.walk_mm)
+            dr.make_opaque(self.waves_px, self.per_px)
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
             """The ray from a point of the pupil, u and v in 0..1, through one of the sensor (Mitsuba's pixels)."""
+            if self.is_wavy:
+                sine_x, cosine_x = dr.sincos(self.per_px * (x - 0.5))
+                sine_y, cosine_y = dr.sincos(self.per_px * (y - 0.5))
+                x = x - self.waves_px * sine_x * cosine_y
+                y = y - self.waves_px * cosine_x * sine_y
             chief_x, chief_y = normalized_from_mitsuba(x, y, self.intrinsics)
             if self.is_pinhole:
                 start_x = start_y = mi.Float(0.0)
@@ -148,6 +158,8 @@ def sensor(
             "aperture_mm": lens.aperture_mm,
             "focus_mm": lens.focus_mm,
             "walk_mm": lens.walk_mm,
+            "waves_px": 2.0 * camera.waves_px if isinstance(camera, WavyCamera) else 0.0,
+            "waves_per_px": 2.0 * math.pi * PERIODS / camera.width_px,
             "film": film,
             "sampler": {"type": "independent"},
         }

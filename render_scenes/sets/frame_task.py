@@ -33,6 +33,7 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
     pixel_rays,
 )
 from mirrorcam.render_scenes.variant import use_variant
+from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 # Rows that the reference renders at one time of a rolling shutter: 0.2 ms of a webcam's readout.
 STRIP_PX = 8
@@ -71,7 +72,8 @@ class _SetRenderer:
     """Renderer of a setup, and the traced rays of its pixels."""
 
     def __init__(self, setup: CaptureSetup) -> None:
-        built, settings = setup.built, setup.settings
+        settings = setup.settings
+        built = setup.built.replaced(camera=as_it_is(setup.built.camera, settings.sensor))
         mirrors = built.mirrors if setup.mirrors else ()
         bodies = () if setup.parts is None else bodies_around(setup.parts)
         self.scene: FastScene | BoardScene

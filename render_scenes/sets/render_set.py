@@ -30,6 +30,7 @@ from mirrorcam.render_scenes.sets.set_video import check_video, write_video
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer
 from mirrorcam.render_scenes.variant import use_variant
+from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
@@ -77,10 +78,11 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     dataset = dataset.added(out, partial(_write_known, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
-    oracle = Oracle(built, dataset.target, finishes, obstacles, pupil)
+    taken_by = built.replaced(camera=as_it_is(built.camera, settings.sensor))
+    oracle = Oracle(taken_by, dataset.target, finishes, obstacles, pupil)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
     if settings.maps and pupil.aperture_mm > 0 and PUPIL_MAPS not in dataset.files:
-        tracer = PupilTracer(built, pupil, finishes, obstacles)
+        tracer = PupilTracer(taken_by, pupil, finishes, obstacles)
         dataset = dataset.added(out, lambda folder: write_pupil_maps(folder, tracer))
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)

@@ -37,6 +37,7 @@ from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tableto
 from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
+from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 MANIFEST = "scene.json"
 KNOWN = ("layout.json", "truth/layout.json", "truth/things.json")
@@ -164,9 +165,10 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     manifest = manifest.added(out, write_known)
     total = 1 + len(truth)
     progress(0, total)
-    scene = TabletopScene(built, tabletop, request.mirror_reflectance, variant)
+    taken_by = built.replaced(camera=as_it_is(built.camera, request.sensor))
+    scene = TabletopScene(taken_by, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
-        picture, maps = _frame(scene, request)
+        picture, maps = _frame(scene, built, request)
         manifest = manifest.added(out, partial(write_files, files={MAPS: maps, manifest.frame_name: picture}))
     progress(1, total)
     classes = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
@@ -239,13 +241,12 @@ def _views(built: Layout, reference_depth_mm: float) -> Views:
     return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
 
 
-def _frame(scene: TabletopScene, request: TabletopRequest) -> tuple[bytes, bytes]:
+def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tuple[bytes, bytes]:
     """Files of the picture and of the ground-truth maps of its pixels."""
-    layout = scene.layout
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     spp = max(request.spp // _SUBPIXELS**2, 1)
     radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
-    rays = pixel_rays(layout, mirrors=True, pupil=request.sensor.pupil)
+    rays = pixel_rays(scene.layout, mirrors=True, pupil=request.sensor.pupil)
     hits = scene.hits(rays.start, rays.direction)
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)

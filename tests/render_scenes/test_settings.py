@@ -33,8 +33,11 @@ def test_a_webcam_is_a_c920_that_processes_its_pictures() -> None:
     webcam, c920 = SENSORS["webcam"].model_dump(), SENSORS["c920"].model_dump()
     assert {name for name, value in webcam.items() if value != c920[name]} == {
         "pupil_walk_mm",
+        "lens_waves_px",
         "lateral_chromatic_percent",
         "axial_chromatic_px",
+        "veiling_glare",
+        "prnu_percent",
         "bayer",
         "denoising_grey",
         "tone_curve",

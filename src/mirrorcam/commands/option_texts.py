@@ -17,7 +17,7 @@ FORCE = Field(default=False, description=FORCE_TEXT)
 SensorOption = Annotated[
     str,
     tyro.conf.arg(metavar="NAME|PATH"),
-    Field(description="lens and sensor model: ideal, c920, poor, or a .toml file"),
+    Field(description="lens and sensor model: ideal, c920, poor, webcam, or a .toml file"),
 ]
 TolerancesOption = Annotated[
     str,

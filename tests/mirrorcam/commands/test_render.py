@@ -187,7 +187,7 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ("--sensor c910", "--sensor 'c910': expected ideal, c920, poor or a .toml file"),
+        ("--sensor c910", "--sensor 'c910': expected ideal, c920, poor, webcam or a .toml file"),
         ("--sensor none.toml", "none.toml: no such file"),
         ("--sensor both.toml", "both.toml: jpeg_quality and h264_crf: expected one of the two"),
         ("--as-built tilt=0.3", "--as-built tilt: no such tolerance, expected tilt_deg, offset_mm"),

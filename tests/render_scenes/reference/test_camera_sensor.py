@@ -9,7 +9,9 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
+from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.variant import use_variant
+from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 LENSES = {
     "pinhole": (0.0, 0.0, 0.0, 0.0, 0.0),
@@ -102,3 +104,11 @@ def test_rays_of_a_pupil_that_walks_start_where_it_is_and_meet_in_focus() -> Non
     np.testing.assert_allclose(starts[0][:, :2], 0.0, atol=1e-5)
     assert (np.linalg.norm(starts[1][:, :2], axis=1) <= 0.9).all()
     assert (np.linalg.norm(starts[1][:, :2], axis=1) > 0.3).all()
+
+
+def test_rays_of_a_lens_off_its_model_are_off_it_by_the_same_waves() -> None:
+    use_variant()
+    camera = as_it_is(Camera.c920().replaced(distortion=LENSES["all"]), SENSORS["ideal"].replaced(lens_waves_px=0.5))
+    grid = np.stack(np.meshgrid(np.linspace(0.0, 1919.0, 33), np.linspace(0.0, 1079.0, 19)), axis=-1).reshape(-1, 2)
+    found = directions(camera, grid, (0, 0, 1920, 1080))
+    np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from mirrorcam.optics.base.values import FloatArray
@@ -20,7 +21,7 @@ def spot(x: float, y: float, sigma: float = SOFT_PX) -> FloatArray:
     return np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2.0 * sigma**2))
 
 
-def middle_of(plane: FloatArray) -> FloatArray:
+def middle_of(plane: NDArray[np.float32]) -> FloatArray:
     v, u = np.mgrid[:160, :240]
     weight = plane.astype(np.float64) / plane.sum(dtype=np.float64)
     return np.array([(weight * u).sum(), (weight * v).sum()])
