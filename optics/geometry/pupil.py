@@ -23,6 +23,9 @@ CHORDS = 32
 """Number of chords over which a part of the disc is integrated."""
 
 BORDER_STEPS = 4
+FARTHEST_PARTS = 10.0
+"""Ways from an edge to the middle of its outline, within which a border is that leaves anything."""
+
 FOCUS_MM = 500.0
 
 
@@ -271,6 +274,8 @@ def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
             )
             slope = (beside.distance[:, k] - at.distance[:, k]) / 1e-6
             parts += (pupil.radius_mm - at.distance[:, k]) / slope
+            if not (np.abs(parts) < FARTHEST_PARTS).all():
+                return np.zeros((0, 2))
         inwards = middle - ends
         first, second = ends + parts[:, None] * inwards
         kept = _clipped(kept, first, second, inwards[0])

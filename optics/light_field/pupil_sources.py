@@ -85,12 +85,17 @@ def _partial(
 
 
 def _mm_of_a_px(mirror: Mirror, camera: Camera, normalized: FloatArray) -> FloatArray:
-    """How far (n, m) a px across the image of an edge moves the border of its half-plane in the pupil."""
+    """How far (n, m) a px across the image of an edge moves the border of its half-plane in the pupil.
+
+    0 where the ray leads away from the mirror.
+    """
     here, right, down = (
         served_through(mirror, normalized + step, camera.focus_mm).distance
         for step in ((0.0, 0.0), (1.0 / camera.fx_px, 0.0), (0.0, 1.0 / camera.fy_px))
     )
-    return np.hypot(right - here, down - here)
+    ahead = np.isfinite(here) & np.isfinite(right) & np.isfinite(down)
+    across, along = (np.subtract(there, here, out=np.zeros_like(here), where=ahead) for there in (right, down))
+    return np.hypot(across, along)
 
 
 def _near(mirror: Mirror, pupil: Pupil, normalized: FloatArray) -> NDArray[np.bool_]:

@@ -108,6 +108,15 @@ def test_a_tiny_pupil_is_a_pinhole(parabola_layout: Layout) -> None:
     assert (tiny.weights != pinhole.weights).mean() < 1e-3
 
 
+@pytest.mark.parametrize("aperture_mm", [1e-6, 1.8, 1000.0])
+@pytest.mark.parametrize("focus_mm", [1e-3, 80.0, 1e6])
+def test_any_pupil_that_may_be_stated_is_decoded(parabola_layout: Layout, aperture_mm: float, focus_mm: float) -> None:
+    camera = parabola_layout.camera.replaced(aperture_mm=aperture_mm, focus_mm=focus_mm)
+    weights = Decoder(parabola_layout.replaced(camera=camera), width_px=60).weights
+    assert ((weights >= 0.0) & (weights <= 1.0)).all()
+    assert weights.any() or aperture_mm > 1.0
+
+
 def test_a_mirror_that_never_serves_enough_of_a_pupil_shows_nothing(parabola_layout: Layout) -> None:
     camera = parabola_layout.camera.replaced(aperture_mm=60.0)
     assert not Decoder(parabola_layout.replaced(camera=camera), width_px=60).weights.any()
