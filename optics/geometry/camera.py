@@ -92,7 +92,7 @@ class Camera(Value):
         return Pupil(self.aperture_mm, self.focus_mm)
 
     def with_pupil(self, pupil: Pupil) -> Self:
-        """The same camera with another pupil."""
+        """The same camera with the diameter and the focus of another pupil; how that walks is not the camera's."""
         return self.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
 
     @cached_property
