@@ -22,7 +22,7 @@ from mirrorcam.optics.design.program.design_problem import (
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import ELASTIC
-from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
@@ -46,6 +46,8 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
         "seen gap": f"sub-images cannot be {spec.seen_gap_mm:g} mm apart, they come {by_mm:.3g} mm too close",
         "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
+        "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera, of whose body they are to stay "
+        f"{spec.body_clearance_mm:g} mm clear",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
         "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
         f"it leaves some by {missed['overlap']:.0%} of a sub-image",
@@ -66,8 +68,8 @@ def _check_at_once(spec: DesignSpec) -> None:
     beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
     if beyond_mm >= 0:
         raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm})
-    # The optical axis meets its mirror at 90 degrees less half the fold.
-    cosine = float(np.sin(np.deg2rad(spec.fold_deg) / 2.0))
+    # The optical axis meets its mirror at 90 degrees less half the fold: its cosine is the sine of half the fold.
+    cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     before_mm = 0.0
     if spec.is_second_surface:
         before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
@@ -83,6 +85,7 @@ def _easier(spec: DesignSpec, part: float) -> DesignSpec:
     return spec.replaced(
         spacing_mm=part * spec.spacing_mm,
         seen_gap_mm=part * spec.seen_gap_mm,
+        body_clearance_mm=part * spec.body_clearance_mm,
         thickness_mm=max(part, 0.05) * spec.thickness_mm,
         min_edge_mm=part * spec.min_edge_mm,
         min_area_mm2=part * spec.min_area_mm2,
@@ -174,6 +177,19 @@ def _stricter(
     return pairs + tuple(sorted(found - set(pairs)))
 
 
+def _with_best_fold(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> tuple[DesignSpec, FloatArray | None]:
+    """The spec with the fold at the optimum, in whole degrees, and the values of all unknowns there.
+
+    Where no optimum with an unknown fold is found, that from which the search starts, and no values.
+    """
+    problem = _problem(spec, pairs)
+    outcome = _from_seeds(spec, problem, pairs)
+    if outcome is None:
+        return spec.replaced(fold_deg=FIRST_FOLD_DEG), None
+    found_deg = float(np.rad2deg(outcome.values[problem.fold[0]]).round())
+    return spec.replaced(fold_deg=found_deg), outcome.values
+
+
 def design(spec: DesignSpec) -> Layout:
     """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
@@ -190,7 +206,8 @@ def design(spec: DesignSpec) -> Layout:
     Returns
     -------
     Layout
-        Nominal layout with `metrics` (its figures) and `verdict` (its checks with their limits).
+        Nominal layout with `metrics` (its figures) and `verdict` (its checks with their limits); its spec states the
+        fold that was found.
 
     Raises
     ------
@@ -201,6 +218,8 @@ def design(spec: DesignSpec) -> Layout:
     _check_at_once(spec)
     pairs = neighbour_pairs(spec.arrangement)
     values: FloatArray | None = None
+    if spec.fold_deg == "auto":
+        spec, values = _with_best_fold(spec, pairs)
     while True:
         mirrors, values = _optimum(spec, pairs, values)
         stricter = _stricter(spec, mirrors, pairs)

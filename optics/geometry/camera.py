@@ -14,6 +14,7 @@ from mirrorcam.optics.base.bounds import (
     FOCAL_PX,
     LARGEST_DISTORTION,
     LARGEST_PICTURE_PX,
+    OFFSET_MM,
     PLACE_PX,
     Bounds,
 )
@@ -24,6 +25,8 @@ from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
 INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 
 SENSOR_PX = Bounds(1, 65_535)
+
+Corner = tuple[Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each]]
 
 
 class Camera(Value):
@@ -46,6 +49,8 @@ class Camera(Value):
         Diameter of the entrance pupil, 0 of a pinhole.
     focus_mm : float
         Distance in focus, along the axis from the pupil.
+    body_mm : tuple, optional
+        Box around the body: its least and its greatest corner, (x, y, z) each, with the pupil at the origin.
     """
 
     name: Name = "camera"
@@ -61,8 +66,12 @@ class Camera(Value):
     aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.least, le=APERTURE_MM.most, exclude_if=lambda mm: mm == 0.0)
     focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.least, le=DEPTH_MM.most, exclude_if=lambda mm: mm == FOCUS_MM)
 
+    body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
+
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.body_mm is not None and not all(low < high for low, high in zip(*self.body_mm, strict=True)):
+            raise ValueError(f"body_mm {self.body_mm}, expected the box's least corner, then its greatest")
         if self.width_px * self.height_px > LARGEST_PICTURE_PX:
             most = LARGEST_PICTURE_PX // 1_000_000
             raise ValueError(f"{self.width_px}x{self.height_px} px, expected {most} megapixels or fewer")
@@ -72,7 +81,7 @@ class Camera(Value):
     def c920(cls) -> Self:
         """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length.
 
-        Its lens is f/2 of 3.67 mm, in focus at half a metre.
+        Its lens is f/2 of 3.67 mm, in focus at half a metre. Its body is that of `cad/cameras/c920.toml`.
         """
         return cls(
             name="Logitech C920",
@@ -84,6 +93,7 @@ class Camera(Value):
             cy_px=539.5,
             aperture_mm=1.8,
             focus_mm=500.0,
+            body_mm=((-47.0, -14.5, -20.0), (47.0, 14.5, 4.0)),
         )
 
     @property

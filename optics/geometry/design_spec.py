@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from mirrorcam.optics.base.bounds import AREA_MM2, DEPTH_MM, GAP_MM, LENGTH_MM, REFRACTIVE_INDEX, Bounds
@@ -16,6 +17,15 @@ from mirrorcam.optics.geometry.camera import Camera
 MIRRORS = Bounds(1, 12)
 """Rows or columns of mirrors."""
 MOST_DEPTHS = 10
+FOLD_DEG = Bounds(60.0, 150.0)
+FIRST_FOLD_DEG = 110.0
+"""The fold from which the best one is searched."""
+
+
+def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
+    """Corners (8, 3) of the box between its least and its greatest corner (3,)."""
+    (a, b, c), (d, e, f) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    return np.array([[x, y, z] for x in (a, d) for y in (b, e) for z in (c, f)])
 
 
 class DesignSpec(Value):
@@ -33,7 +43,14 @@ class DesignSpec(Value):
         description="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
     )
     scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
-    fold_deg: float = Bounds(60.0, 150.0).field(90.0, "angle from the camera's axis to the views' axis")
+    fold_deg: Annotated[float, FOLD_DEG.each] | Literal["auto"] = Field(
+        default=90.0,
+        description="angle from the camera's axis to the views' axis: auto, which chooses the best whole degree, or "
+        f"{FOLD_DEG}",
+    )
+    body_clearance_mm: float = GAP_MM.field(
+        8.0, "space around the camera's body, for its clip, that mirrors and their light leave free"
+    )
     depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(
         default=(300.0, 500.0),
         min_length=1,
@@ -59,8 +76,11 @@ class DesignSpec(Value):
 
     @cached_property
     def view_from_rig(self) -> FloatArray:
-        """The rotation (3, 3) to view axes: the views look along (0, sin fold, cos fold) of the rig, x stays x."""
-        fold = np.deg2rad(self.fold_deg)
+        """The rotation (3, 3) to view axes: the views look along (0, sin fold, cos fold) of the rig, x stays x.
+
+        Where the fold is to be chosen, that of `FIRST_FOLD_DEG`.
+        """
+        fold = np.deg2rad(FIRST_FOLD_DEG if self.fold_deg == "auto" else self.fold_deg)
         cosine, sine = np.cos(fold).round(15) + 0.0, np.sin(fold)
         return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
@@ -76,6 +96,14 @@ class DesignSpec(Value):
         """All fields; rows and columns only where they are asked for."""
         written: dict[str, Any] = write(self)
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
+
+    @cached_property
+    def kept_free_in_rig_mm(self) -> FloatArray:
+        """Corners (8, 3) of the box around the camera and its clip; (0, 3) where the camera's body is unknown."""
+        if self.camera.body_mm is None:
+            return np.zeros((0, 3))
+        low, high = np.array(self.camera.body_mm) + np.array([[-1.0], [1.0]]) * self.body_clearance_mm
+        return box_corners(low, high)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -98,6 +98,21 @@ def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[F
     return np.tile(origins, (len(chief), 1)), rays.reshape(-1, 2)
 
 
+def traced_to(
+    mirror: Mirror, pupil: Pupil, depth_mm: float, view_axis: FloatArray, steps: int = SAMPLES
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The sampled light of a mirror that runs towards the scene, as points (n, 3) in mm.
+
+    They are those in the pupil, where the front is entered and left, and at a depth along the view axis (3,).
+    """
+    origins, rays = sampled_light(mirror, pupil, steps)
+    met, leaving, directions = traced(mirror, rays, origins)
+    heading = directions @ view_axis > 1e-9
+    origins, met, leaving, directions = origins[heading], met[heading], leaving[heading], directions[heading]
+    reach = (depth_mm - leaving @ view_axis) / (directions @ view_axis)
+    return origins, met, leaving, leaving + directions * reach[:, None]
+
+
 def apparent_offset_mm(mirror: Mirror) -> float:
     """Largest lateral offset of the light of a mirror from that of its apparent mirror, mm; the rays are parallel.
 
@@ -152,13 +167,9 @@ def blocked_light(
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     for index, mirror in enumerate(mirrors):
-        origins, rays = sampled_light(mirror, pupil, steps)
-        met, leaving, directions = traced(mirror, rays, origins)
-        heading = directions @ axis > 1e-9
-        origins, met, leaving, directions = origins[heading], met[heading], leaving[heading], directions[heading]
-        if not heading.any():
+        origins, met, leaving, at_depth = traced_to(mirror, pupil, depth_mm, axis, steps)
+        if len(met) == 0:
             continue
-        at_depth = leaving + directions * ((depth_mm - leaving @ axis) / (directions @ axis))[:, None]
         outline = mirror.outline_in_rig_mm
         legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
             ("in", origins, met, np.zeros(3)),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.optics.base.values import Metric
-from mirrorcam.optics.design.assess.chief_rays import blocked_light
-from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
+from mirrorcam.optics.design.assess.chief_rays import TOUCH_MM, blocked_light, length_inside_mm, traced_to
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm, smallest_seen_gap
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, hull_distance, smallest_gap_mm, smallest_seen_gap
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 LENGTH_TOLERANCE_MM = 1e-4
@@ -26,6 +26,8 @@ FINDINGS = {
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
     "common_area": ("overlap", "only {value:.3g} mm² are seen by all views at {depth}"),
     "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),
+    "light_on_body": ("body", "the camera's body with its clip stands in {value:.2%} of the light of a mirror"),
+    "smallest_body_gap_mm": ("body", "a mirror is {value:.4g} mm from the camera's body, {missing:.3g} mm too close"),
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too few"),
 }
@@ -105,7 +107,27 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2], pupil=layout.camera.pupil)
     stopped = max((found.fraction for found in blocked), default=0.0)
     verdict["blocked_light"] = Metric(value=stopped, unit="of the light", limit=0.0)
-    return verdict
+    return verdict | _clear_of_body(layout, spec)
+
+
+def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
+    """Rays that meet the box around the camera and its clip, and the least gap between mirrors and camera."""
+    box, body = spec.kept_free_in_rig_mm, spec.camera.body_mm
+    if body is None:
+        return {}
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    offsets = np.concatenate([box.max(axis=0), -box.min(axis=0)]) - LENGTH_TOLERANCE_MM
+    shares, gaps = [0.0], []
+    for mirror in layout.mirrors:
+        _, _, leaving, ends = traced_to(mirror, layout.camera.pupil, max(spec.depths_mm), layout.view_from_rig[2])
+        if len(leaving):
+            shares.append(float(np.mean(length_inside_mm(leaving, ends, faces, offsets) > TOUCH_MM)))
+        gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, box_corners(*body)))
+    least = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
+    return {
+        "light_on_body": Metric(value=max(shares), unit="of the light", limit=0.0),
+        "smallest_body_gap_mm": Metric(value=min(gaps), unit="mm", limit=least, lower_is_better=False),
+    }
 
 
 def require_passed(verdict: dict[str, Metric]) -> None:

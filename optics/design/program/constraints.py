@@ -16,9 +16,9 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program.mirror_variables import (
-    OPTICS,
     Kind,
     MirrorVariables,
+    Optics,
     edges_of,
     mirror_of,
     pixels,
@@ -48,7 +48,7 @@ REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
 
 
-def _given(kind: Kind, term: TermBuilder, optics: Expression) -> MirrorVariables:
+def _given(kind: Kind, term: TermBuilder, optics: Optics) -> MirrorVariables:
     centre = term.unknown(3)
     return mirror_of(kind, optics, centre, term.unknown(2 * kind.sides))
 
@@ -57,16 +57,15 @@ def _given(kind: Kind, term: TermBuilder, optics: Expression) -> MirrorVariables
 def mirror_term(kind: Kind) -> Term:
     """One mirror: it can be cut, the sensor sees it, and it folds the light towards the scene.
 
-    Unknowns: virtual centre, corners. Parameters: optics, intrinsics (9), sensor px (2), shortest edge, smallest
+    Unknowns: fold, virtual centre, corners. Parameters: optics, intrinsics (9), sensor px (2), shortest edge, smallest
     area, nearest depth, area of a tile, reduction of the objective for each tile's area of sub-image.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = term.parameter(OPTICS), term.parameter(9), term.parameter(2)
+    optics, intrinsics, size_px = Optics.given(term), term.parameter(9), term.parameter(2)
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = _given(kind, term, optics)
-    turned = view_from_rig(optics[:2])
     for corner in mirror.corners:
-        term.require(ca.dot(turned @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
+        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
     for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
         term.require(turn(before, after) / tile_area - LEAST_TURN)
     for a, b in edges_of(mirror.face):
@@ -118,16 +117,16 @@ def region_term() -> Term:
 def view_term(kind: Kind) -> Term:
     """A mirror shows a whole region; the share of the sensor's pixels that it spends on the region is rewarded.
 
-    Unknowns: virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at, so that
-    they have one size at any depth. Parameters: optics, intrinsics (9), sensor px (2), depth, aim (2), area of a
-    tile, weight of the sensor's share, least share.
+    Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at,
+    so that they have one size at any depth. Parameters: optics, intrinsics (9), sensor px (2), depth, area of a tile,
+    weight of the sensor's share, least share.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = term.parameter(OPTICS), term.parameter(9), term.parameter(2)
-    depth, aim, tile_area, weight, least = (term.parameter(size) for size in (1, 2, 1, 1, 1))
+    optics, intrinsics, size_px = Optics.given(term), term.parameter(9), term.parameter(2)
+    depth, tile_area, weight, least = (term.parameter() for _ in range(4))
     mirror = _given(kind, term, optics)
     corners = term.unknown(2 * REGION_CORNERS)
-    rig_from_view = view_from_rig(optics[:2]).T
+    rig_from_view, aim = optics.view_from_rig.T, optics.view_from_rig[:2, 2]
     seen = []
     for k in range(REGION_CORNERS):
         point = ca.vertcat(aim + corners[2 * k : 2 * k + 2] * (1.0 + depth), depth)
@@ -167,25 +166,18 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
 
 
 def _inside_for_whole_pupil(
-    mirror: MirrorVariables, optics: Expression, a: Expression, b: Expression, ray: Expression
+    mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, ray: Expression
 ) -> Expression:
     """At least 0 where all rays of the pupil that belong to a chief ray (3, z of the rig 1) pass an edge inside.
 
     The rays from the points p of the pupil pass it at constant + slope . p (see `optics.geometry.pupil.served_by`).
     """
-    radius, nearness = optics[4], optics[5]
     away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)
     along, beside, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
     constant = away * beside - along * reach
-    slope = (along - away * nearness) * inwards - (beside - nearness * reach) * mirror.normal
-    return constant - radius * _length_along_pupil(optics, slope)
-
-
-def _length_along_pupil(optics: Expression, vector: Expression) -> Expression:
-    """Length of a vector's (3) components in the plane of the pupil."""
-    across, down = (view_from_rig(optics[:2])[:, axis] for axis in range(2))
-    return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
+    slope = (along - away * optics.nearness) * inwards - (beside - optics.nearness * reach) * mirror.normal
+    return constant - optics.radius * optics.along_pupil(slope)
 
 
 def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> tuple[Expression, list[Expression]]:
@@ -219,10 +211,14 @@ def grid_term(arrangement: Arrangement) -> Term:
 
 @lru_cache
 def mean_term(count: int) -> Term:
-    """The mean of `count` virtual centres is the parameter (3)."""
+    """The mean of `count` virtual centres is that of a mirror which turns the optical axis to the views', at the scale.
+
+    Unknowns: fold, virtual centres.
+    """
     term = TermBuilder()
+    axis = view_from_rig(term.unknown(1))[:, 2]
     centres = [term.unknown(3) for _ in range(count)]
-    term.require(sum(centres[1:], start=centres[0]) / count - term.parameter(3))
+    term.require(sum(centres[1:], start=centres[0]) / count - axis + ca.DM([0.0, 0.0, 1.0]))
     return term.built(equality=True)
 
 
@@ -255,10 +251,10 @@ def seen_gap_term(sides: int) -> Term:
 def gap_term(kind: Kind) -> Term:
     """The solids of two mirrors lie on opposite sides of a plane, `gap` apart.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics, gap.
+    Unknowns: fold, both mirrors, plane (4). Parameters: optics, gap.
     """
     term = TermBuilder()
-    optics, gap = term.parameter(OPTICS), term.parameter()
+    optics, gap = Optics.given(term), term.parameter()
     first, second = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
     for point in first.solid:
@@ -272,13 +268,13 @@ def gap_term(kind: Kind) -> Term:
 def incoming_term(kind: Kind) -> Term:
     """No part of the second mirror reaches into the light from the pupil to the face of the first: their convex hull.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics.
+    Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = term.parameter(OPTICS)
+    optics = Optics.given(term)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
-    reach = ca.SX(0.0) if kind.pinhole else optics[4] * _length_along_pupil(optics, n)
+    reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(n)
     term.require(d - reach)
     for point in light.face:
         term.require(d - ca.dot(n, point))
@@ -293,16 +289,58 @@ def outgoing_term(kind: Kind) -> Term:
 
     The light of whole pupils, in focus beyond twice the distance of the mirrors, lies inside that beam.
 
-    Unknowns: both mirrors, plane (4). Parameters: optics.
+    Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = term.parameter(OPTICS)
+    optics = Optics.given(term)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
     n, d = _plane(term)
     for point in light.face:
         term.require(d - ca.dot(n, point))
         term.require(-ca.dot(n, point - light.centre))
-    offset = BEAM_OFFSET * optics[2] if kind.second_surface else 0.0
+    offset = BEAM_OFFSET * optics.thickness if kind.second_surface else 0.0
     for point in other.solid:
         term.require(ca.dot(n, point) - d - offset - MARGIN, "occlusion")
+    return term.built()
+
+
+BOX_CORNERS = 8
+
+
+def _box(term: TermBuilder, optics: Optics) -> list[Expression]:
+    """Corners (3) in view axes of a box given in rig."""
+    corners = term.parameter(3 * BOX_CORNERS)
+    return [optics.view_from_rig @ corners[3 * k : 3 * k + 3] for k in range(BOX_CORNERS)]
+
+
+@lru_cache
+def body_gap_term(kind: Kind) -> Term:
+    """The solid of a mirror and a box lie on opposite sides of a plane.
+
+    Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
+    """
+    term = TermBuilder()
+    optics = Optics.given(term)
+    mirror, (n, d) = _given(kind, term, optics), _plane(term)
+    for point in mirror.solid:
+        term.require(d - ca.dot(n, point))
+    for point in _box(term, optics):
+        term.require(ca.dot(n, point) - d - MARGIN, "body")
+    return term.built()
+
+
+@lru_cache
+def body_light_term(kind: Kind) -> Term:
+    """No part of a box reaches into the beam from a mirror's virtual centre through its face, to infinity.
+
+    Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
+    """
+    term = TermBuilder()
+    optics = Optics.given(term)
+    light, (n, d) = _given(kind, term, optics), _plane(term)
+    for point in light.face:
+        term.require(d - ca.dot(n, point))
+        term.require(-ca.dot(n, point - light.centre))
+    for point in _box(term, optics):
+        term.require(ca.dot(n, point) - d - MARGIN, "body")
     return term.built()

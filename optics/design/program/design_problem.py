@@ -16,7 +16,7 @@ from mirrorcam.optics.design.program.nonlinear_program import Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds, tile_places
 from mirrorcam.optics.design.program.terms import Indices
 from mirrorcam.optics.geometry.arrangement import Arrangement
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, FOLD_DEG, DesignSpec
 
 REFERENCE_GRID_ERROR = 0.25
 """A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
@@ -32,7 +32,15 @@ CENTRE_REACH = 0.6
 NEAR_TILES = 1e-6
 """Difference of the places of two tiles that is none."""
 
-SLACK_WEIGHTS = {"spacing": 1.0, "seen gap": 1.0, "occlusion": 3.0, "depth": 1.0, "overlap": 10.0, "size": 1.0}
+SLACK_WEIGHTS = {
+    "spacing": 1.0,
+    "seen gap": 1.0,
+    "occlusion": 3.0,
+    "body": 3.0,
+    "depth": 1.0,
+    "overlap": 10.0,
+    "size": 1.0,
+}
 """Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
 
 PairKind = Literal["seen", "gap", "in", "out"]
@@ -53,9 +61,10 @@ class PairConstraint:
 
 @dataclass(frozen=True)
 class Problem:
-    """The program of a spec and where in its unknowns the mirrors are: centres (n, 3), corners (n, sides, 2)."""
+    """The program of a spec; where in its unknowns the fold (1), centres (n, 3) and corners (n, sides, 2) are."""
 
     solver: Solver
+    fold: Indices
     centres: Indices
     corners: Indices
 
@@ -84,19 +93,20 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
 
 @dataclass(frozen=True)
 class _Common:
-    """Numbers that many terms take, in scales: `optics`, intrinsics (9) and sensor px (2) in `lens`."""
+    """What many terms take, in scales: place of the fold, `optics`, intrinsics (9) and sensor px (2) in `lens`."""
 
     kind: Kind
+    fold: Indices
     optics: list[float]
     lens: list[ArrayLike]
     tile_area: float
 
     @classmethod
-    def of(cls, spec: DesignSpec, seed: Seed) -> Self:
+    def of(cls, spec: DesignSpec, seed: Seed, fold: Indices) -> Self:
         return cls(
             kind=Kind.of(spec),
+            fold=fold,
             optics=[
-                *spec.view_from_rig[2, [2, 1]],
                 spec.thickness_mm / spec.scale_mm,
                 spec.refractive_index,
                 spec.camera.pupil.radius_mm / spec.scale_mm,
@@ -120,14 +130,18 @@ def problem_of(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...]) 
     pairs : constraints on pairs of mirrors. Their unknowns come last, so that a solution still fits when more are
         appended.
     """
-    program, common = Program(), _Common.of(spec, seed)
+    program = Program()
+    fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
+    common = _Common.of(spec, seed, fold)
     mirrors = _add_mirrors(program, spec, seed, common)
-    _add_grid(program, spec, [centre for centre, _ in mirrors])
+    _add_grid(program, spec, fold, [centre for centre, _ in mirrors])
     for depth_mm in spec.depths_mm:
         _add_region(program, spec, seed, common, mirrors, depth_mm / spec.scale_mm)
+    _add_body(program, spec, seed, common, mirrors)
     _add_pairs(program, spec, seed, common, mirrors, pairs)
     return Problem(
         solver=Solver(program, SLACK_WEIGHTS),
+        fold=fold,
         centres=np.array([centre for centre, _ in mirrors]),
         corners=np.array([corners for _, corners in mirrors]).reshape(len(mirrors), spec.sides, 2),
     )
@@ -146,16 +160,16 @@ def _add_mirrors(program: Program, spec: DesignSpec, seed: Seed, common: _Common
     nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(mirrors)
     for mirror in mirrors:
         given: list[ArrayLike] = [common.optics, *common.lens, cut, nearest, common.tile_area, reward]
-        program.add(constraints.mirror_term(common.kind), mirror, given)
+        program.add(constraints.mirror_term(common.kind), [common.fold, *mirror], given)
     return mirrors
 
 
-def _add_grid(program: Program, spec: DesignSpec, centres: list[Indices]) -> None:
+def _add_grid(program: Program, spec: DesignSpec, fold: Indices, centres: list[Indices]) -> None:
     """The arrangement of virtual centres, its place and its objective."""
     # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
     # fixes the size of the whole or its direction.
     inner = [centres[index] for index in spec.arrangement.inner]
-    program.add(constraints.mean_term(len(inner)), inner, [spec.view_from_rig[:, 2] - [0.0, 0.0, 1.0]])
+    program.add(constraints.mean_term(len(inner)), [fold, *inner])
     program.add(constraints.grid_term(spec.arrangement), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
 
 
@@ -167,11 +181,39 @@ def _add_region(
     middle = program.unknown([0.0, 0.0])
     region = program.unknown((constraints.region_directions() * half_size).ravel())
     program.add(constraints.region_term(), [middle, region], [half_size])
-    aim, weight = spec.view_from_rig[:2, 2], (1.0 - spec.tradeoff + TIE_BREAK) / len(spec.depths_mm)
+    weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(spec.depths_mm)
     least = LEAST_EFFICIENCY / len(mirrors)
     for mirror in mirrors:
-        given: list[ArrayLike] = [common.optics, *common.lens, depth, aim, common.tile_area, weight, least]
-        program.add(constraints.view_term(common.kind), [*mirror, region], given)
+        given: list[ArrayLike] = [common.optics, *common.lens, depth, common.tile_area, weight, least]
+        program.add(constraints.view_term(common.kind), [common.fold, *mirror, region], given)
+
+
+def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
+    """The fold to start with, the least and the greatest."""
+    if spec.fold_deg == "auto":
+        return FIRST_FOLD_DEG, FOLD_DEG.least, FOLD_DEG.most
+    return spec.fold_deg, spec.fold_deg, spec.fold_deg
+
+
+def _add_body(program: Program, spec: DesignSpec, seed: Seed, common: _Common, mirrors: list[MirrorUnknowns]) -> None:
+    """The box around the camera's body, out of the reach of mirrors and of their light, by an unknown plane each."""
+    box = (spec.kept_free_in_rig_mm / spec.scale_mm).ravel()
+    if box.size == 0:
+        return
+    for mirror, middle in zip(mirrors, seed.middles(spec.view_from_rig), strict=True):
+        sideways = -_unit(middle * [1.0, 1.0, 0.0])
+        for term, normal in (
+            (constraints.body_gap_term(common.kind), -_unit(middle)),
+            (constraints.body_light_term(common.kind), sideways),
+        ):
+            plane = program.unknown([*normal, normal @ middle / 2.0], *_plane_range(3))
+            program.add(term, [common.fold, *mirror, plane], [common.optics, box])
+
+
+def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest values of the normal (size) of a plane or line, and of its offset."""
+    reach = np.array([*np.ones(size), np.inf])
+    return -reach, reach
 
 
 def _add_pairs(
@@ -194,10 +236,9 @@ def _add_pairs(
     middles = seed.middles(spec.view_from_rig)
     for pair in pairs:
         plane = _first_plane(pair, seed, middles)
-        reach = np.array([*np.ones(plane.size - 1), np.inf])
-        unknown = program.unknown(plane, -reach, reach)
+        unknown = program.unknown(plane, *_plane_range(plane.size - 1))
         first, second = mirrors[pair.first], mirrors[pair.second]
-        parts = [first[1], second[1]] if pair.kind == "seen" else [*first, *second]
+        parts = [first[1], second[1]] if pair.kind == "seen" else [common.fold, *first, *second]
         program.add(terms[pair.kind], [*parts, unknown], given[pair.kind])
 
 

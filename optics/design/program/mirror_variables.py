@@ -8,11 +8,11 @@ from typing import Self
 
 import casadi as ca
 
-from mirrorcam.optics.design.program.terms import Expression
+from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
-OPTICS = 6
-"""Numbers of all mirrors: cosine and sine of the fold, thickness, refractive index, pupil's radius, 1 / focus."""
+GLASS_AND_PUPIL = 4
+"""Numbers of all mirrors: thickness, refractive index, pupil's radius, 1 / focus."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,28 @@ class Kind:
         """The form of a spec's mirrors."""
         camera = spec.camera
         return cls(spec.sides, bool(camera.distortion.any()), spec.is_second_surface, camera.aperture_mm == 0.0)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What all mirrors share: rotation to view axes, thickness and index of glass, radius of the pupil, 1 / focus."""
+
+    view_from_rig: Expression
+    thickness: Expression
+    index: Expression
+    radius: Expression
+    nearness: Expression
+
+    @classmethod
+    def given(cls, term: TermBuilder) -> Self:
+        """The optics of a term: its first unknown is the fold in radians, its first parameters `GLASS_AND_PUPIL`."""
+        fold, numbers = term.unknown(1), term.parameter(GLASS_AND_PUPIL)
+        return cls(view_from_rig(fold), *(numbers[k] for k in range(GLASS_AND_PUPIL)))
+
+    def along_pupil(self, vector: Expression) -> Expression:
+        """Length of a vector's (3) components in the plane of the pupil."""
+        across, down = (self.view_from_rig[:, axis] for axis in range(2))
+        return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
 
 
 @dataclass(frozen=True)
@@ -104,19 +126,20 @@ def pixels(intrinsics: Expression, normalized: Expression) -> Expression:
 
 
 def view_from_rig(fold: Expression) -> Expression:
-    """The rotation (3, 3) of a fold, given as its cosine and sine."""
-    return ca.blockcat([[1.0, 0.0, 0.0], [0.0, fold[0], -fold[1]], [0.0, fold[1], fold[0]]])
+    """The rotation (3, 3) of a fold in radians."""
+    cosine, sine = ca.cos(fold), ca.sin(fold)
+    return ca.blockcat([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def mirror_of(kind: Kind, optics: Expression, centre: Expression, corners: Expression) -> MirrorVariables:
-    """The mirror of a virtual centre (3) and corners (2 sides); `optics` as `OPTICS` says.
+def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expression) -> MirrorVariables:
+    """The mirror of a virtual centre (3) and corners (2 sides).
 
     The apparent plane of a second-surface mirror lies t (1 - tan' / tan) before the reflecting surface, and light
     meets the front at an offset of t tan', both by Snell's law at the chief ray (see `optics.geometry.plate`).
     """
-    turned, thickness, index = view_from_rig(optics[:2]), optics[2], optics[3]
+    thickness, index = optics.thickness, optics.index
     polygon = [corners[2 * k : 2 * k + 2] for k in range(kind.sides)]
-    rays = [turned @ ca.vertcat(corner, 1.0) for corner in polygon]
+    rays = [optics.view_from_rig @ ca.vertcat(corner, 1.0) for corner in polygon]
     squared = ca.sumsqr(centre)
     face = [ray * (0.5 * squared / ca.dot(ray, centre)) for ray in rays]
     normal = centre / ca.sqrt(squared)

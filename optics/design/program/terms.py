@@ -18,7 +18,7 @@ Expression = Any
 
 Indices = NDArray[np.int64]
 
-ELASTIC = ("spacing", "seen gap", "occlusion", "depth", "overlap", "size")
+ELASTIC = ("spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size")
 """Families of constraints that a search for feasibility may violate, each by one slack that it minimises."""
 
 

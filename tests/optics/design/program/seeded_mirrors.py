@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, mirror_of
+from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, mirror_of
 from mirrorcam.optics.design.program.seeds import mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import Expression
 from mirrorcam.optics.geometry.camera import Camera
@@ -45,9 +45,15 @@ def spec_of(kind: Kind, fold_deg: float = 90.0) -> DesignSpec:
 
 
 def optics_of(spec: DesignSpec) -> list[float]:
+    """The first parameters of a term: glass and pupil."""
     glass = [spec.thickness_mm / spec.scale_mm, spec.refractive_index]
     pupil = [spec.camera.aperture_mm / 2.0 / spec.scale_mm, spec.scale_mm / spec.camera.focus_mm]
-    return [*spec.view_from_rig[2, [2, 1]], *glass, *pupil]
+    return [*glass, *pupil]
+
+
+def fold_of(spec: DesignSpec) -> FloatArray:
+    """The first unknown of a term."""
+    return np.array([np.arctan2(spec.view_from_rig[2, 1], spec.view_from_rig[2, 2])])
 
 
 def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
@@ -63,7 +69,8 @@ def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
 def expressed(spec: DesignSpec, kind: Kind, index: int) -> tuple[MirrorVariables, Mirror]:
     """One mirror as the optimiser writes it, in numbers and scales, and the same one as the core's value."""
     centres, corners = seeded(spec)
-    mine = mirror_of(kind, ca.SX(optics_of(spec)), ca.SX(centres[index]), ca.SX(corners[index]))
+    optics = Optics(ca.SX(spec.view_from_rig), *(ca.SX(number) for number in optics_of(spec)))
+    mine = mirror_of(kind, optics, ca.SX(centres[index]), ca.SX(corners[index]))
     (theirs,) = mirrors_of(spec, centres[[index]] * spec.scale_mm, corners[[index]].reshape(1, -1, 2))
     return mine, theirs
 

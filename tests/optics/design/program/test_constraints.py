@@ -26,6 +26,7 @@ from mirrorcam.optics.geometry.pupil import whole_pupil_outline
 from tests.optics.design.program.seeded_mirrors import (
     KINDS,
     expressed,
+    fold_of,
     lens_of,
     number,
     optics_of,
@@ -95,7 +96,7 @@ def test_a_mirror_term_measures_edges_area_and_depth(kind: Kind) -> None:
     _, mirror = expressed(spec, kind, 1)
     rest = np.array([0.1, 0.02, 4.0, 0.09, 0.0])
     term = constraints.mirror_term(kind)
-    _, g = term_value(term, [centres[1], corners[1]], [np.array(optics_of(spec)), *lens_of(spec), rest])
+    _, g = term_value(term, [fold_of(spec), centres[1], corners[1]], [np.array(optics_of(spec)), *lens_of(spec), rest])
     size, depth = (g[term.family == ELASTIC.index(name)] for name in ("size", "depth"))
     apparent = mirror.apparent
     assert_allclose(size[:-1], (edges_mm(apparent) / 80.0) ** 2 - 0.01 - constraints.MARGIN, atol=1e-6)
@@ -120,14 +121,14 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     seen = camera.pixels_from_normalized(outline.swapaxes(0, 1).reshape(-1, 2))
     share = Polygon(seen).area / (camera.width_px * camera.height_px)
     term = constraints.view_term(kind)
-    numbers = [np.array(optics_of(spec)), *lens_of(spec), np.array([depth, *aim, 0.09, 2.0, 0.01])]
-    f, g = term_value(term, [centres[2], corners[2], tangents.ravel()], numbers)
+    numbers = [np.array(optics_of(spec)), *lens_of(spec), np.array([depth, 0.09, 2.0, 0.01])]
+    f, g = term_value(term, [fold_of(spec), centres[2], corners[2], tangents.ravel()], numbers)
     assert -f / 2.0 == pytest.approx(share, rel=1e-4)
     assert g[-1] == pytest.approx(share - 0.01, abs=1e-5)
     # The least of the others says by what area over a tile's the region's nearest corner lies within an edge.
     usable = Polygon(whole_pupil_outline(mirror, camera.pupil))
     assert (g[:-1] >= 0).all() == usable.contains(Polygon(normalized))
-    far = term_value(term, [centres[2], corners[2], 3.0 * tangents.ravel()], numbers)[1]
+    far = term_value(term, [fold_of(spec), centres[2], corners[2], 3.0 * tangents.ravel()], numbers)[1]
     assert far[:-1].min() < 0
 
 
@@ -164,6 +165,9 @@ def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
         assert (g[:2].min() >= -1e-12) == allowed
 
 
+NAMES = ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out", "body gap", "body light")
+
+
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
     """A term with unknowns and parameters at which nothing is special."""
     spec = spec_of(kind, 105.0)
@@ -171,12 +175,13 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
     centres, corners = seeded(spec)
     optics, lens = np.array(optics_of(spec)), lens_of(spec)
     plane = np.array([0.5, -0.7, 0.3, 0.6])
-    pair = [centres[0], corners[0], centres[3], corners[3], plane]
+    fold, box = fold_of(spec), spec.kept_free_in_rig_mm.ravel() / 80.0
+    pair = [fold, centres[0], corners[0], centres[3], corners[3], plane]
     region = (constraints.region_directions() * [0.11, 0.08] + rng.normal(0.0, 0.01, (8, 2))).ravel()
     uses: dict[str, tuple[Term, list[FloatArray], list[FloatArray]]] = {
         "mirror": (
             constraints.mirror_term(kind),
-            [centres[1], corners[1]],
+            [fold, centres[1], corners[1]],
             [optics, *lens, np.array([0.1, 0.02, 4.0, 0.09, 0.7])],
         ),
         "region": (
@@ -186,11 +191,11 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
         ),
         "view": (
             constraints.view_term(kind),
-            [centres[2], corners[2], region],
-            [optics, *lens, np.array([5.0, *spec.view_from_rig[:2, 2], 0.09, 0.8, 0.01])],
+            [fold, centres[2], corners[2], region],
+            [optics, *lens, np.array([5.0, 0.09, 0.8, 0.01])],
         ),
         "grid": (constraints.grid_term(Arrangement(2, 2)), [centres.ravel()], [np.array([3.0])]),
-        "mean": (constraints.mean_term(2), [centres[:2].ravel()], [np.array([0.0, -1.0, 0.4])]),
+        "mean": (constraints.mean_term(2), [fold, centres[:2].ravel()], []),
         "seen": (
             constraints.seen_gap_term(kind.sides),
             [corners[0], corners[3], np.array([0.5, -0.7, 0.3])],
@@ -199,9 +204,11 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
         "gap": (constraints.gap_term(kind), pair, [optics, np.array([0.02])]),
         "in": (constraints.incoming_term(kind), pair, [optics]),
         "out": (constraints.outgoing_term(kind), pair, [optics]),
+        "body gap": (constraints.body_gap_term(kind), [fold, centres[1], corners[1], plane], [optics, box]),
+        "body light": (constraints.body_light_term(kind), [fold, centres[1], corners[1], plane], [optics, box]),
     }
     term, unknowns, parameters = uses[name]
-    return term, np.concatenate(unknowns), np.concatenate(parameters)
+    return term, np.concatenate(unknowns), np.concatenate([np.zeros(0), *parameters])
 
 
 def sparse(shape: tuple[int, int], rows: Indices, cols: Indices, values: Expression) -> FloatArray:
@@ -216,7 +223,7 @@ def central(function: Callable[[FloatArray], FloatArray], at: FloatArray, step: 
     return np.array([(function(at + one) - function(at - one)) / (2.0 * step) for one in steps]).T
 
 
-@pytest.mark.parametrize("name", ["mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out"])
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> None:
     term, x, p = random_use(kind, name)
@@ -250,21 +257,18 @@ def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> N
     )
     # Differences that are all zero would agree with anything.
     assert np.abs(jacobian(x)).max() > 0.1
-    assert np.abs(upper).max() > 0.1 or name in ("mean", "region"), "only those two are linear"
+    assert np.abs(upper).max() > 0.1 or name == "region", "only that one is linear"
 
 
 def test_a_mean_is_an_equality_and_the_rest_are_limits() -> None:
     kind = KINDS[0]
-    for name in ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out"):
+    for name in NAMES:
         assert random_use(kind, name)[0].equality == (name == "mean")
 
 
 def test_each_elastic_family_has_its_terms() -> None:
     kind = Kind(4, False, True)
-    families = {
-        name: {ELASTIC[k] for k in random_use(kind, name)[0].family if k >= 0}
-        for name in ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out")
-    }
+    families = {name: {ELASTIC[k] for k in random_use(kind, name)[0].family if k >= 0} for name in NAMES}
     assert families == {
         "mirror": {"size", "depth", "occlusion"},
         "region": set(),
@@ -275,6 +279,8 @@ def test_each_elastic_family_has_its_terms() -> None:
         "gap": {"spacing"},
         "in": {"occlusion"},
         "out": {"occlusion"},
+        "body gap": {"body"},
+        "body light": {"body"},
     }
 
 

@@ -32,6 +32,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import hull_distance
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from tests.optics.design.program.seeded_mirrors import fold_of
 
 BENT = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.001, 0.0])
 SPECS = [
@@ -266,7 +267,7 @@ SCALE_MM = 80.0
 def missed_by(
     mirrors: tuple[Mirror, Mirror], term: Term, family: str, parameters: list[float], pupil: Pupil = PINHOLE
 ) -> float:
-    """The violation of a term by two fixed mirrors of fold 90, in scales; 0 where a plane satisfies it."""
+    """The violation of a term by two fixed mirrors of the default fold, in scales; 0 where a plane satisfies it."""
     spec = DesignSpec()
     program = Program()
     places = []
@@ -277,9 +278,10 @@ def missed_by(
     middles = [mirror.outline_in_rig_mm.mean(axis=0) @ spec.view_from_rig.T for mirror in mirrors]
     way = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
     start = [*way, way @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
-    optics = [0.0, 1.0, mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
+    optics = [mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
     optics += [pupil.radius_mm / SCALE_MM, SCALE_MM / pupil.focus_mm]
-    program.add(term, [*places, program.unknown(start, -5.0, 5.0)], [optics, parameters])
+    fold = program.unknown(*[fold_of(spec)] * 3)
+    program.add(term, [fold, *places, program.unknown(start, -5.0, 5.0)], [optics, parameters])
     outcome, missed = Solver(program, SLACK_WEIGHTS).find_feasible()
     assert outcome.solved
     return missed[family]
