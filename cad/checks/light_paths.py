@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.optics.base.values import FloatArray, Metric
-from mirrorcam.optics.design.assess.chief_rays import traced
+from mirrorcam.optics.design.assess.chief_rays import sampled_light, traced
 from mirrorcam.optics.geometry.layout import SLIVER, Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
@@ -29,10 +29,8 @@ RAY_STEP_MM = 1.0
 RAYS_OF_MIRROR = 200
 # Clearances larger than this are not measured.
 NEAR_MM = 10.0
-# The entrance pupil of a webcam: 3.7 mm of focal length at f/2. Light through its rim is tried from this many points.
-PUPIL_RADIUS_MM = 0.9
-PUPIL_POINTS = 4
-PUPIL_STEP_MM = 2.0
+# Pixels along an edge of a sub-image whose light through the rim of the pupil is cast.
+RIM_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -63,14 +61,11 @@ def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) as in `light_of`, but through the rim of the pupil, for the apparent mirror."""
+    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, of pixels whose whole pupil is served."""
     mirror = layout.mirrors[index]
-    flat, inner = _grid(mirror, PUPIL_STEP_MM)
-    turns = np.arange(PUPIL_POINTS) * 2.0 * np.pi / PUPIL_POINTS
-    rim = PUPIL_RADIUS_MM * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(PUPIL_POINTS)])
-    points = np.repeat(_on_apparent(mirror, flat[:inner]), PUPIL_POINTS, axis=0)
-    starts = np.tile(rim, (inner, 1))
-    return _segments(layout, hardware, points, starts, points, (points - starts) @ mirror.reflection)
+    starts, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
+    met, leaving, directions = traced(mirror, rays, starts)
+    return _segments(layout, hardware, met, starts, leaving, directions)
 
 
 def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
@@ -144,7 +139,9 @@ def check_light(
         "device.rays_cast": Metric(value=cast, unit="", limit=least, lower_is_better=False),
         "device.rays_blocked": Metric(value=blocked, unit="", limit=0),
         "device.mirrors_without_light": Metric(value=sum(light.inner == 0 for light in lights), unit="", limit=0),
-        "device.rim_light_stopped": Metric(value=_rim_light_stopped(layout, together, hardware), unit=""),
+        "device.rim_light_stopped": Metric(
+            value=_rim_light_stopped(layout, together, hardware), unit="of the light", limit=0.0
+        ),
         "device.shade_of_sheets": Metric(value=shade_of_mirrors(lights, mirrors), unit="of the light", limit=SLIVER),
         **_light_gaps(lights, parts, hardware),
     }
@@ -162,9 +159,9 @@ def _cast(
 
 
 def _rim_light_stopped(layout: Layout, parts: manifold3d.Manifold, hardware: Hardware) -> float:
-    """Rays of the worst mirror through the rim of the pupil that the parts block, per ray of one leg."""
+    """Share of the rays of the worst mirror, of whole pupils, that the parts block."""
     rims = [light_of_rim(layout, index, hardware) for index in range(len(layout.mirrors))]
-    return max((hits(parts, rim.reshape(-1, 2, 3)) / max(rim.shape[1], 1) for rim in rims), default=0.0)
+    return max((hits(parts, rim.reshape(-1, 2, 3)) / max(2 * rim.shape[1], 1) for rim in rims), default=0.0)
 
 
 def _light_gaps(

@@ -17,6 +17,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.transforms import transform
 
 # Light is drawn from just in front of the reflecting plane, so that its end never lies in the plane of a seat.
@@ -130,10 +131,32 @@ def light_starts_mm(mirror: Mirror) -> float:
     return mirror.front_mm if mirror.is_second_surface else LIGHT_STARTS_MM
 
 
-def camera_cone(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """Light between the mirror and the pupil, grown by the light fit: a pyramid with its tip in the pupil."""
-    base = outline_at(mirror, 0.0, hardware.fit.light_mm)
-    return Frustum(base * (1.0 - light_starts_mm(mirror) / mirror.distance_mm), np.zeros((1, 3)))
+def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
+    """Light between the mirror and the whole pupil, grown by the light fit; of a pinhole, a pyramid."""
+    outline = outline_at(mirror, 0.0, hardware.fit.light_mm)
+    around = _around_pupil(mirror, pupil, outline)
+    share = light_starts_mm(mirror) / mirror.distance_mm
+    below = around if len(around) == len(outline) else np.zeros_like(outline)
+    return Frustum(outline + (below - outline) * share, around)
+
+
+def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:
+    """Polygon (n, 3) parallel to an outline (n, 3) of a mirror, edge by edge, about the pupil; (1, 3) of a pinhole.
+
+    It is drawn about a circle so large that planes through both touch or miss the ball of the pupil's radius.
+    """
+    if pupil.radius_mm == 0.0:
+        return np.zeros((1, 3))
+    flat = outline @ mirror.rig_from_plane[:3, :2]
+    along = np.roll(flat, -1, axis=0) - flat
+    outwards = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    beside = (outwards * flat).sum(axis=1)
+    tilt = np.arctan2(mirror.distance_mm, beside) - np.arccos(pupil.radius_mm / np.hypot(mirror.distance_mm, beside))
+    radius = float((pupil.radius_mm / np.cos(tilt)).max())
+    # Neighbouring edges with normals a and b, both at the radius from the middle, meet at r (a + b) / (1 + a.b).
+    before = np.roll(outwards, 1, axis=0)
+    corners = radius * (before + outwards) / (1.0 + (before * outwards).sum(axis=1))[:, None]
+    return np.asarray(corners @ mirror.rig_from_plane[:3, :2].T)
 
 
 def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
@@ -161,6 +184,10 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
     """Volumes that no part may enter, per mirror: its pocket, its camera cone and its reflected beam, in rig, mm."""
     return [
-        [pocket(mirror, hardware), camera_cone(mirror, hardware), reflected_beam(layout, index, hardware)]
+        [
+            pocket(mirror, hardware),
+            camera_cone(mirror, layout.camera.pupil, hardware),
+            reflected_beam(layout, index, hardware),
+        ]
         for index, mirror in enumerate(layout.mirrors)
     ]

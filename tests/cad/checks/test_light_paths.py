@@ -10,7 +10,6 @@ from manifold3d import Manifold
 
 from mirrorcam.cad.checks.light_paths import (
     NEAR_MM,
-    PUPIL_RADIUS_MM,
     RAYS_OF_MIRROR,
     SURFACE_MM,
     check_light,
@@ -88,8 +87,11 @@ def test_light_of_second_surface_mirrors_enters_and_leaves_through_the_front(
 
 def test_light_through_the_rim_of_the_pupil_starts_there_and_is_reflected(default_layout: Layout) -> None:
     mirror = default_layout.mirrors[4]
+    radius_mm = default_layout.camera.pupil.radius_mm
     to_pupil, to_scene = light_of_rim(default_layout, 4, HARDWARE)
-    np.testing.assert_allclose(np.linalg.norm(to_pupil[:, 1], axis=1), PUPIL_RADIUS_MM)
+    from_middle = np.linalg.norm(to_pupil[:, 1], axis=1).reshape(-1, 9)
+    np.testing.assert_allclose(from_middle[:, 0], 0.0)
+    np.testing.assert_allclose(from_middle[:, 1:], radius_mm)
     np.testing.assert_allclose(to_pupil[:, 1, 2], 0.0)
     np.testing.assert_allclose(directions_of(to_scene), -directions_of(to_pupil) @ mirror.reflection, atol=1e-9)
 

@@ -69,7 +69,7 @@ def check(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
     assert body.volume() == pytest.approx(part.volume, rel=1e-4)
     dark = HARDWARE.replaced(fit=HARDWARE.fit.replaced(light_mm=0.1))
     for index, mirror in enumerate(layout.mirrors):
-        for light in (camera_cone(mirror, dark), reflected_beam(layout, index, dark)):
+        for light in (camera_cone(mirror, layout.camera.pupil, dark), reflected_beam(layout, index, dark)):
             assert (body ^ Manifold.hull_points(np.vstack([light.base, light.top]))).volume() < 1e-3
         area = seat_area_mm2(part, mirror)
         outline = Polygon(mirror.outline_in_plane_mm).area

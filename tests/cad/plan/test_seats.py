@@ -93,15 +93,15 @@ def test_light_between_pupil_mirror_and_scene_lies_in_the_cones(default_layout: 
         outgoing = points @ mirror.reflection.T
         scene = points + outgoing * ((depth - points[:, 1]) / outgoing[:, 1])[:, None]
         for share in (0.01, 0.5, 0.97):
-            assert camera_cone(mirror, HARDWARE).contains(points * share).all()
+            assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(points * share).all()
             assert reflected_beam(layout, index, HARDWARE).contains(points + share * (scene - points)).all()
         # Light of a second-surface mirror is inside the sheet up to its front, and beside it from there on.
         beside = points * (
             1.0 - (light_starts_mm(mirror) + np.array([-0.04, 0.04])[:, None, None]) / mirror.distance_mm
         )
         assert light_starts_mm(mirror) == (0.05 if surface == "first" else mirror.thickness_mm)
-        assert not camera_cone(mirror, HARDWARE).contains(beside[0]).any()
-        assert camera_cone(mirror, HARDWARE).contains(beside[1]).all()
+        assert not camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(beside[0]).any()
+        assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(beside[1]).all()
         assert not reflected_beam(layout, index, HARDWARE).contains(points * 0.5).any()
 
 
