@@ -3,7 +3,8 @@
 3x3, C920, scale 80 mm, spacing 1 mm, at depths 300 and 500 mm and at 400 mm alone: what `design` answers over the
 tradeoffs, at folds of 90, 105 and 120 degrees, with mirrors of 4, 5 and 6 corners and with the two depths weighed
 unequally, and the best of more starts at 90 degrees. Each front is compared, at equal grid error, with the points of a
-plain prototype. Figures are those of `optics.design.metrics`, by polygon clipping; every design passed its verdict.
+plain prototype; the camera is a pinhole. Figures are those of `optics.design.metrics`, by polygon clipping; every design
+passed its verdict.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from mirrorcam.optics.design.optimise import MEETINGS, design
 from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import pixel_efficiency
@@ -45,6 +47,9 @@ PROTOTYPE = {
 
 WEIGHED = {"2 : 3": (295.0, 305.0, 490.0, 500.0, 510.0), "1 : 3": (300.0, 480.0, 500.0, 520.0)}
 """Depths that make a design for 300 and 500 mm weigh the two unequally: what is listed more often weighs more."""
+
+PINHOLE_CAMERA = Camera.c920().replaced(aperture_mm=0.0)
+"""The prototype knew no other."""
 
 ASKED = 1.1
 """How many times the prototype's efficiency is asked for, at equal grid error."""
@@ -148,7 +153,7 @@ Fronts = dict[tuple[float, ...], dict[str, list[Point]]]
 def fronts(workers: int) -> Fronts:
     """All fronts by depths and name, made in `workers` processes."""
     asked = {
-        (depths, name): DesignSpec(depths_mm=depths, spacing_mm=1.0, fold_deg=fold, sides=sides)
+        (depths, name): DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0, fold_deg=fold, sides=sides)
         for depths in PROTOTYPE
         for name, fold, sides in (
             *((f"fold {fold} deg, {4} corners", float(fold), 4) for fold in (90, 105, 120)),
@@ -161,13 +166,16 @@ def fronts(workers: int) -> Fronts:
     both = next(iter(PROTOTYPE))
     for ratio, depths in WEIGHED.items():
         plain[both, f"fold 90 deg, weighed {ratio}"] = [
-            (designed, (DesignSpec(depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both))
+            (designed, (DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both))
             for tradeoff in TRADEOFFS
         ]
     more: list[Call] = [
         (
             partial(searched, checked=True),
-            (DesignSpec(depths_mm=depths, spacing_mm=1.0), neighbour_pairs(DesignSpec().arrangement)),
+            (
+                DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0),
+                neighbour_pairs(DesignSpec().arrangement),
+            ),
         )
         for depths in PROTOTYPE
     ]

@@ -33,6 +33,7 @@ from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
 from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -206,7 +207,7 @@ def print_folds(found: dict[int, list[Point]]) -> None:
 
 
 def main(workers: int, pictures: Path | None) -> None:
-    spec = DesignSpec()
+    spec = DesignSpec(camera=Camera.c920().replaced(aperture_mm=0.0))
     layouts = {tradeoff: design(spec.replaced(tradeoff=tradeoff)) for tradeoff in (0.1, 0.3, 0.5, 0.9)}
     budgets = {tradeoff: budget_of(layout, spec.depths_mm) for tradeoff, layout in layouts.items()}
     print_budgets(budgets)

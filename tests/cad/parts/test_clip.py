@@ -15,6 +15,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
 from mirrorcam.cad.plan.prisms import box, corners_of, moved, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
 
 THIRD = """
 name = "Some webcam"
@@ -34,6 +35,11 @@ mass_g = 60.0
 kind = "lips"
 lip_mm = 2.5
 """
+
+
+def test_the_body_of_the_c920_is_that_of_its_camera() -> None:
+    box = body_box(read_camera("c920"))
+    np.testing.assert_allclose(np.array(Camera.c920().body_mm), [box.low, box.high])
 
 
 @pytest.fixture(params=["c920", "board_38", "third"])

@@ -205,6 +205,11 @@ def test_cameras_refuse_by_name(changes: dict[str, Any], where: str) -> None:
     assert caught.value.errors()[0]["loc"] == (where,)
 
 
+def test_a_body_is_a_box() -> None:
+    with pytest.raises(ValidationError, match="the box's least corner, then its greatest"):
+        Camera.c920().replaced(body_mm=((0.0, 0.0, 0.0), (1.0, -1.0, 1.0)))
+
+
 def test_a_camera_survives_json_to_the_bit(camera: Camera) -> None:
     back = Camera.model_validate_json(camera.model_dump_json())
     assert back == camera

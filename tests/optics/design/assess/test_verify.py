@@ -18,6 +18,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2
 
 
 def spec_of(layout: Layout) -> DesignSpec:
@@ -127,7 +128,8 @@ def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
     asked = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
     assert failures(default_layout, asked) == {"shortest_edge_mm"}
     assert failures(default_layout, asked.replaced(min_edge_mm=shortest - 0.01)) == set()
-    assert failures(default_layout, asked.replaced(min_edge_mm=0.0, min_area_mm2=400.0)) == {"smallest_area_mm2"}
+    larger = min(area_mm2(mirror) for mirror in default_layout.mirrors) + 1.0
+    assert failures(default_layout, asked.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
 
 
 def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: Layout) -> None:

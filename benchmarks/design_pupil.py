@@ -1,0 +1,164 @@
+"""What the pupil of a lens costs a design, and what scale buys: `python -m benchmarks.design_pupil [--picture FILE]`.
+
+3x3, C920, depths 300 and 500 mm. Fronts of usable efficiency against grid error at scales of 60, 80 and 120 mm, of
+layouts optimised for a pinhole and for the whole pupil, both judged with the whole pupil; then usable efficiency over
+the scale for lenses of other apertures and focus. `--fold-deg` is that of all designs, auto by default.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.optics.design.assess.layout_metrics import grid_error
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.pupil import PINHOLE
+from mirrorcam.optics.geometry.sub_images import fields_of_view
+
+SCALES_MM = (60.0, 80.0, 120.0)
+TRADEOFFS = (0.1, 0.3, 0.6, 0.9)
+LENSES = {
+    "f/4": (0.9, 500.0),
+    "f/2": (1.8, 500.0),
+    "f/1": (3.6, 500.0),
+    "f/2, in focus at 250 mm": (1.8, 250.0),
+    "f/2, in focus far away": (1.8, 1e6),
+}
+"""Apertures, as f-numbers of a C920's focal length, and focus, mm."""
+BUILT_MM = (40.0, 50.0, 60.0, 80.0, 100.0, 120.0, 150.0)
+COLOURS = ("#0077bb", "#000000", "#cc3311", "#ee7733", "#009988")
+
+Fold = float | Literal["auto"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A design: its fold, grid error, and means over the depths of what a pinhole and the whole pupil can use."""
+
+    fold_deg: Fold
+    grid_error: float
+    pinhole: float
+    usable: float
+
+
+def designed(spec: DesignSpec, judged_with: Camera) -> Point:
+    """The figures of `design`'s answer to a spec, with another pupil than it was designed for."""
+    layout = design(spec)
+    shares = []
+    for pupil in (PINHOLE, judged_with.pupil):
+        views = fields_of_view(layout, pupil)
+        regions = [(views.common_region(depth)[0], depth) for depth in spec.depths_mm]
+        shares.append(sum(views.pixel_efficiency(*region) for region in regions) / len(regions))
+    fold = layout.spec.fold_deg if layout.spec else spec.fold_deg
+    return Point(fold, grid_error(layout), *shares)
+
+
+def fronts(fold: Fold, workers: int) -> dict[tuple[float, str], list[Point]]:
+    """Fronts by scale and by what the design was optimised for."""
+    lens = Camera.c920()
+    cameras = {"pinhole": lens.replaced(aperture_mm=0.0), "whole pupil": lens}
+    keys = [(scale, name, tradeoff) for scale in SCALES_MM for name in cameras for tradeoff in TRADEOFFS]
+    answers = call_all(
+        [
+            (designed, (DesignSpec(camera=cameras[name], scale_mm=scale, tradeoff=tradeoff, fold_deg=fold), lens))
+            for scale, name, tradeoff in keys
+        ],
+        workers,
+    )
+    found: dict[tuple[float, str], list[Point]] = {}
+    for (scale, name, _), point in zip(keys, answers, strict=True):
+        found.setdefault((scale, name), []).append(point)
+    return found
+
+
+def over_scales(fold: Fold, workers: int) -> dict[str, list[Point]]:
+    """Designs over the scale, by lens."""
+    cameras = {
+        name: Camera.c920().replaced(aperture_mm=aperture, focus_mm=focus) for name, (aperture, focus) in LENSES.items()
+    }
+    keys = [(name, scale) for name in cameras for scale in BUILT_MM]
+    answers = call_all(
+        [
+            (designed, (DesignSpec(camera=cameras[name], scale_mm=scale, fold_deg=fold), cameras[name]))
+            for name, scale in keys
+        ],
+        workers,
+    )
+    found: dict[str, list[Point]] = {}
+    for (name, _), point in zip(keys, answers, strict=True):
+        found.setdefault(name, []).append(point)
+    return found
+
+
+def _scale_panel(axes: Axes, found: dict[str, list[Point]]) -> None:
+    for colour, (name, points) in zip(COLOURS, found.items(), strict=True):
+        axes.plot(BUILT_MM, [point.usable for point in points], "o-", color=colour, markersize=4, label=name)
+    axes.plot(BUILT_MM, [point.pinhole for point in found["f/2"]], ":", color="#777777", label="f/2, as of a pinhole")
+    axes.set_xlabel("scale: height of the central mirror above the pupil (mm)")
+    axes.set_ylabel("usable efficiency, mean of 300 and 500 mm")
+    axes.set_ylim(bottom=0.0)
+    axes.set_title("How large to build", fontsize=11)
+    axes.grid(alpha=0.3, linewidth=0.5)
+    axes.legend(fontsize=9, loc="lower right")
+
+
+def _front_panel(axes: Axes, found: dict[tuple[float, str], list[Point]]) -> None:
+    for (scale, name), points in found.items():
+        axes.plot(
+            [point.grid_error for point in points],
+            [point.usable for point in points],
+            "o-" if name == "whole pupil" else "x:",
+            color=COLOURS[SCALES_MM.index(scale)],
+            markersize=5,
+            label=f"{scale:g} mm, optimised for {'the ' if name == 'whole pupil' else 'a '}{name}",
+        )
+    axes.set_xscale("log")
+    axes.set_xlabel("grid error (of a spacing)")
+    axes.set_ylabel("usable efficiency, mean of 300 and 500 mm")
+    axes.set_title("What optimising for the whole pupil buys", fontsize=11)
+    axes.grid(alpha=0.3, which="both", linewidth=0.5)
+    axes.legend(fontsize=9, loc="lower right")
+
+
+def draw(built: dict[str, list[Point]], found: dict[tuple[float, str], list[Point]], path: Path) -> None:
+    """Write a PNG: usable efficiency over the scale and lenses, and fronts at three scales."""
+    figure = Figure(figsize=(11.5, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _scale_panel(left, built)
+    _front_panel(right, found)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def main(fold: Fold, workers: int, picture: Path | None) -> None:
+    built, found = over_scales(fold, workers), fronts(fold, workers)
+    print("scale  optimised for  fold  grid error  pinhole  usable")
+    for (scale, name), points in found.items():
+        for point in points:
+            figures = f"{point.grid_error:10.4f}  {point.pinhole:7.3f}  {point.usable:6.3f}"
+            print(f"{scale:5g}  {name:13}  {point.fold_deg:4g}  {figures}")
+    print("\nlens, scale: fold, grid error, pinhole, usable")
+    for name, points in built.items():
+        for scale, point in zip(BUILT_MM, points, strict=True):
+            figures = f"{point.grid_error:.4f}  {point.pinhole:.3f}  {point.usable:.3f}"
+            print(f"{name:24} {scale:5g}  {point.fold_deg:4g}  {figures}")
+    if picture:
+        draw(built, found, picture)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--fold-deg", type=lambda text: text if text == "auto" else float(text), default="auto")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--picture", type=Path, help="a PNG to write")
+    arguments = parser.parse_args()
+    main(arguments.fold_deg, arguments.workers, arguments.picture)
