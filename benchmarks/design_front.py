@@ -3,8 +3,8 @@
 3x3, C920, scale 80 mm, spacing 1 mm, at depths 300 and 500 mm and at 400 mm alone: what `design` answers over the
 tradeoffs, at folds of 90, 105 and 120 degrees, with mirrors of 4, 5 and 6 corners and with the two depths weighed
 unequally, and the best of more starts at 90 degrees. Each front is compared, at equal grid error, with the points of a
-plain prototype; the camera is a pinhole. Figures are those of `optics.design.metrics`, by polygon clipping; every design
-passed its verdict.
+plain prototype; the camera is a pinhole. Figures are those of `optics.design.metrics`, by polygon clipping; every
+design passed its verdict.
 """
 
 from __future__ import annotations
