@@ -96,6 +96,7 @@ DESIGNS: Mapping[str, str] = {
     "depth_nearest_mm": "nearest depth",
     "depth_farthest_mm": "farthest depth",
     "depth_resolution_fine": "fine depth resolution",
+    "whole_pupil": "pixels of the whole pupil",
     "disparity_s": "disparity along s",
     "disparity_t": "disparity along t",
     "unlike_spec": "differences from request",
@@ -109,6 +110,8 @@ DESIGNS: Mapping[str, str] = {
     "beyond_depth_mm": "mirrors past nearest depth",
     "common_area": "area in all views",
     "blocked_light": "light lost to other mirrors",
+    "light_on_body": "light lost to the camera",
+    "smallest_body_gap_mm": "gap to the camera's body",
 }
 
 CALIBRATIONS: Mapping[str, str] = {

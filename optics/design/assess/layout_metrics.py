@@ -116,7 +116,7 @@ def _usable(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     whole, all_px = (
         sum(_area_px(camera, shown) for shown in sub_images(layout, pupil)) for pupil in (camera.pupil, PINHOLE)
     )
-    found = {"whole_pupil": Metric(value=whole / all_px, unit="of the sub-images", lower_is_better=False)}
+    found = {"whole_pupil": Metric(value=whole / all_px, unit="of the views", lower_is_better=False)}
     for depth_mm in depths_mm:
         share = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
         found[f"usable_efficiency_{depth_mm:g}mm"] = Metric(value=share, unit="of the sensor", lower_is_better=False)

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout
 
 GROUPS = {
-    "overlap of the views": ("grid_error", "pixel_efficiency", "overlap_iou", "fov", "depth_nearest", "depth_farthest"),
+    "overlap of the views": (
+        *("grid_error", "pixel_efficiency", "overlap_iou", "whole_pupil", "usable_efficiency"),
+        *("fov", "depth_nearest", "depth_farthest"),
+    ),
     "depth": ("baseline", "disparity", "depth_resolution"),
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
