@@ -182,6 +182,8 @@ def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
         "gap": constraints.gap_term,
         "light in": constraints.incoming_term,
         "light out": constraints.outgoing_term,
+        "camera's body: mirrors": constraints.body_gap_term,
+        "camera's body: light": constraints.body_light_term,
     }
     names = {id(maker(kind)): name for name, maker in makers.items()}
     names |= {

@@ -41,7 +41,7 @@ def test_rendered_corners_agree_with_the_projection(
     scene: BoardScene, crops: list[Crop], distorted_layout: Layout, rig_from_board: FloatArray
 ) -> None:
     pictures = {
-        i: photographed(scene.render(spp=16, seed=1, subpixels=CUT, crop=crop), CUT) for i, crop in enumerate(crops)
+        i: photographed(scene.render(spp=24, seed=1, subpixels=CUT, crop=crop), CUT) for i, crop in enumerate(crops)
     }
     errors = errors_by_mirror(pictures, crops, distorted_layout, rig_from_board)
     for index, error in errors.items():
