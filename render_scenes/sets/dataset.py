@@ -85,7 +85,13 @@ class Dataset(FolderManifest):
         """Names of all files of the set when it is complete."""
         pictures = (*self.frame_names, *self.base_names)
         maps = (self.map_of(name) for name in pictures)
-        return (*KNOWN, *TRUTH, *(name for name in (*pictures, *maps, self.video_name) if name is not None))
+        optional = (*pictures, *maps, self.video_name, self.pupil_name)
+        return (*KNOWN, *TRUTH, *(name for name in optional if name is not None))
+
+    @property
+    def pupil_name(self) -> str | None:
+        """Name of the ground truth of the pupil; None without maps, and of a pinhole."""
+        return "truth/pupil.exr" if self.settings.maps and self.settings.sensor.aperture_mm > 0.0 else None
 
     def map_of(self, name: str) -> str | None:
         """Name of the ground-truth maps of a picture; None where there are none."""

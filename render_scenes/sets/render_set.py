@@ -25,7 +25,7 @@ from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, reaches
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
-from mirrorcam.render_scenes.sets.set_truth import PUPIL_MAPS, write_pupil_maps, write_truth
+from mirrorcam.render_scenes.sets.set_truth import write_pupil_maps, write_truth
 from mirrorcam.render_scenes.sets.set_video import check_video, write_video
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer
@@ -81,9 +81,9 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     taken_by = built.replaced(camera=as_it_is(built.camera, settings.sensor))
     oracle = Oracle(taken_by, dataset.target, finishes, obstacles, pupil)
     dataset = dataset.added(out, lambda folder: write_truth(folder, oracle, finishes, moments, base_plan, request.seed))
-    if settings.maps and pupil.aperture_mm > 0 and PUPIL_MAPS not in dataset.files:
-        tracer = PupilTracer(taken_by, pupil, finishes, obstacles)
-        dataset = dataset.added(out, lambda folder: write_pupil_maps(folder, tracer))
+    if (name := dataset.pupil_name) is not None and name not in dataset.files:
+        tracer, path = PupilTracer(taken_by, pupil, finishes, obstacles), Path(name)
+        dataset = dataset.added(out, lambda folder: write_pupil_maps(folder / path, tracer))
     tasks = _tasks(request, dataset, built, finishes, parts, moments, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
 

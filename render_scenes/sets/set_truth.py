@@ -12,9 +12,6 @@ from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 
-PUPIL_MAPS = "truth/pupil.exr"
-"""Name of the maps of the parts of the pupil that mirrors serve."""
-
 
 def write_truth(
     out: Path,
@@ -45,9 +42,9 @@ def write_truth(
     write_npz(truth / "corners.npz", corners)
 
 
-def write_pupil_maps(out: Path, tracer: PupilTracer) -> None:
+def write_pupil_maps(path: Path, tracer: PupilTracer) -> None:
     """Write the maps of the parts of the pupil that mirrors serve, which all frames share."""
     pupil = tracer.pupil
     header = {"layout": tracer.layout.identity, "units": "mm"}
     header |= {"aperture_mm": repr(pupil.aperture_mm), "focus_mm": repr(pupil.focus_mm)}
-    write_bytes(out / PUPIL_MAPS, exr_bytes(pupil_maps(tracer), header))
+    write_bytes(path, exr_bytes(pupil_maps(tracer), header))

@@ -12,7 +12,7 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.settings import SensorName
 
-# Part of the visible corners that is found, and px, of a good camera. Near a mirror's edge a part of its pupil sees them.
+# Part of the visible corners that is found, and px, of a good camera. A part of its pupil sees those near edges.
 EXPECTED = {
     "as it is": (0.77, 0.012),
     "glare": (0.7, 0.02),

@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.geometry.layout import Layout
 
 ALARM_FRAMES = 0.2  # fraction of the frames that show a board
-UNEVEN = 0.25  # scatter of boards about a grid, relative to its spacing
+UNEVEN = 0.25  # scatter of boards about a grid along an axis, relative to its spacing there
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,15 @@ def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
         order = np.argsort(middles_px[:, 1], kind="stable").reshape(rows, -1)
         grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in middles_px[order]])
         across, down = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
-        off = max(float((grid[..., 0] - across).std()), float((grid[..., 1] - down[:, None]).std()))
-        uneven = off / max(float(min([*np.diff(across), *np.diff(down)])), 1e-9)
+        steps_across, steps_down = np.diff(across), np.diff(down)
+        # Of a single row or column, the scatter across it is relative to the spacing along it.
+        uneven = max(
+            float((grid[..., axis] - middles).std()) / max(float(min(steps if len(steps) else others)), 1e-9)
+            for axis, middles, steps, others in (
+                (0, across, steps_across, steps_down),
+                (1, down[:, None], steps_down, steps_across),
+            )
+        )
         if uneven < least:
             best, least = (rows, count // rows), uneven
     return best

@@ -174,7 +174,7 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
     squared, count = nees(solution, truth)
     narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.widened**2), truth)
     assert narrow > 1.5 * count
-    assert squared < count
+    assert squared < 1.4 * count
 
 
 def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(default_layout: Layout) -> None:

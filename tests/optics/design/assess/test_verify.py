@@ -73,6 +73,8 @@ def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> No
         "common_area_300mm",
         "common_area_500mm",
         "blocked_light",
+        "light_on_body",
+        "smallest_body_gap_mm",
     }
     assert verdict["smallest_gap_mm"].value == pytest.approx(1.0, abs=1e-3)
     assert verdict["smallest_gap_mm"].limit == pytest.approx(1.0 - 1e-4)
