@@ -108,8 +108,7 @@ class FieldsOfView:
         if region.is_empty:
             return 0.0
         camera = self.layout.camera
-        scene = _on_plane(self.layout, region, depth_mm)
-        seen = camera.project(reflect(scene, self.layout.virtual_centres_in_rig_mm[:, None]))
+        seen = camera.project(images_in_rig(self.layout, region, depth_mm))
         following = np.roll(seen, -1, axis=1)
         areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
         return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
@@ -141,6 +140,11 @@ def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
     if layout.camera.distortion.any():
         outline = _subdivided(outline)
     return np.column_stack([outline, np.full(len(outline), depth_mm)]) @ layout.view_from_rig
+
+
+def images_in_rig(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
+    """Images (m, n, 3), mm, of the outline of a region at a depth in each mirror, as they appear to the pupil."""
+    return reflect(_on_plane(layout, region, depth_mm), layout.virtual_centres_in_rig_mm[:, None])
 
 
 def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:

@@ -9,6 +9,7 @@ from shapely import Polygon, union_all
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
+from mirrorcam.optics.design.assess.focus import focus_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
@@ -238,6 +239,7 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
         metrics[f"baseline_{axis}_mm"] = Metric(value=float(baseline_mm), unit="mm", lower_is_better=False)
     metrics |= _depth_range(views, depths_mm)
+    metrics |= focus_metrics(layout, depths_mm)
     metrics |= _disparities(layout, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

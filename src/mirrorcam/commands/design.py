@@ -27,7 +27,9 @@ GROUPS = {
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
 """Titles of the groups of the table, each with the prefixes of the names of its figures."""
-FILES = ("layout.json", "parabola.json", "before_after.png", "tolerance.json", "tolerance.png")
+FOCUS = ("circle", "best_focus")
+"""Prefixes of the names of figures of the camera's focus, which have a table of their own: one of them has a limit."""
+FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
 class DesignOptions(Value):
@@ -41,7 +43,8 @@ class DesignOptions(Value):
     )
     tolerances: Annotated[Tolerances, tyro.conf.OmitArgPrefixes] = Field(default_factory=Tolerances.hobby)
     out: Path = Field(
-        default=Path("output/design"), description="folder for layout.json, parabola.json and before_after.png"
+        default=Path("output/design"),
+        description="folder for layout.json, parabola.json, before_after.png and focus.png",
     )
     force: bool = FORCE
 
@@ -65,15 +68,44 @@ def run(options: DesignOptions) -> int:
             study = _study(found.optimised, options, folder) if options.tolerance else None
     columns = {} if found.parabola is None else {"parabola": found.parabola}
     columns["optimised"] = found.optimised
-    print_metrics({name: layout.metrics for name, layout in columns.items()}, GROUPS)
+    focus = {name: _focus(layout) for name, layout in columns.items()}
+    others = {
+        column: {name: metric for name, metric in layout.metrics.items() if name not in focus[column]}
+        for column, layout in columns.items()
+    }
+    print_metrics(others, GROUPS)
+    if any(focus.values()):
+        print_metrics(focus, {"focus of the camera": ("",)})
     print_metrics({name: layout.verdict for name, layout in columns.items()}, {"verdict": ("",)})
     if found.no_parabola:
         say("design", f"no faceted parabola to compare with: {found.no_parabola}")
+    if remark := out_of_focus(found.optimised):
+        say("design", remark)
     say("design", f"{options.out / 'layout.json'} and {options.out / 'before_after.png'} written")
     if study is not None:
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
     return 0
+
+
+def _focus(layout: Layout) -> dict[str, Metric]:
+    return {name: metric for name, metric in layout.metrics.items() if name.startswith(FOCUS)}
+
+
+def out_of_focus(layout: Layout) -> str:
+    """What to do where a circle of confusion at a working depth exceeds the limit; nothing where none does."""
+    figures = _focus(layout)
+    if not figures:
+        return ""
+    least = figures["circle_at_best_focus_px"]
+    worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
+    if least.limit is None or worst <= least.limit:
+        return ""
+    at = f"in focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
+    best = f"focus at {figures['best_focus_mm'].value:.0f} mm leaves {least.value:.3g} px"
+    smaller_mm = layout.camera.aperture_mm * least.limit / least.value
+    advice = best if least.passed else f"{best}, with an aperture of {smaller_mm:.3g} mm {least.limit:g} px"
+    return f"{at}, more than {least.limit:g} px: {advice}"
 
 
 def _study(layout: Layout, options: DesignOptions, folder: Path) -> Study:

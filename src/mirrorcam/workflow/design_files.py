@@ -1,4 +1,4 @@
-"""A design as files: the optimised layout, the faceted parabola that it starts from, and a figure of both."""
+"""A design as files: the optimised layout, the faceted parabola that it starts from, and figures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirrorcam.figures.design_figure import before_after
+from mirrorcam.figures.focus_figure import focus_figure
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design import optimise
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -41,10 +42,13 @@ def compare_designs(spec: DesignSpec) -> DesignComparison:
 def write_design(spec: DesignSpec, folder: Path) -> DesignComparison:
     """Write layout.json (optimised), parabola.json (where the spec has one) and before_after.png into a folder.
 
+    Where the camera is no pinhole, also focus.png, of the optimised layout.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
     found = compare_designs(spec)
     before_after(found.parabola, found.optimised, folder / "before_after.png")
+    if spec.camera.aperture_mm > 0.0:
+        focus_figure(found.optimised, spec.depths_mm, folder / "focus.png")
     if found.parabola is not None:
         found.parabola.save(folder / "parabola.json")
     found.optimised.save(folder / "layout.json")

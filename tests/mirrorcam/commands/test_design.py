@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import main, pattern_from_text
+from mirrorcam.commands.design import out_of_focus
 from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -38,10 +39,11 @@ def test_all_figures_stand_beside_those_of_the_parabola(
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     titles = [line.strip() for line in printed.splitlines() if line[:1].isalpha() and len(line.split("  ")) > 1]
-    for title in ("overlap of the views", "depth", "mirrors", "verdict"):
+    for title in ("overlap of the views", "depth", "mirrors", "focus of the camera", "verdict"):
         assert title in titles
     rows = [line.split() for line in printed.splitlines() if line.startswith("  ")]
-    assert len([row for row in rows if row[-1] == "pass"]) == len(solved.verdict)
+    limited = [metric for metric in solved.metrics.values() if metric.limit is not None]
+    assert len([row for row in rows if row[-1] == "pass"]) == len(solved.verdict) + len(limited)
     assert len(rows) >= len(solved.metrics) + len(solved.verdict)
     parabola = Layout.load(tmp_path / "parabola.json")
     assert parabola.verdict.keys() == solved.verdict.keys()
@@ -52,8 +54,20 @@ def test_all_figures_stand_beside_those_of_the_parabola(
 def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["design", "--out", str(tmp_path)])
     lines = capsys.readouterr().out.splitlines()
-    headers, titles, said = 2, 4, 3
+    headers, titles, said = 3, 5, 4
     assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
+
+
+def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(default_layout: Layout) -> None:
+    def remark(**fields: float) -> str:
+        layout = default_layout.replaced(camera=default_layout.camera.replaced(**fields))
+        return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
+
+    past = "in focus at 500 mm, circles of confusion reach 3.12 px, more than 2 px: focus at 402 mm leaves 1.92 px"
+    assert remark() == past
+    assert remark(aperture_mm=3.6).endswith("focus at 402 mm leaves 3.84 px, with an aperture of 1.88 mm 2 px")
+    assert remark(focus_mm=402.0) == ""
+    assert remark(aperture_mm=0.0) == ""
 
 
 def test_a_spec_without_a_parabola_is_designed_all_the_same(
@@ -67,7 +81,7 @@ def test_a_spec_without_a_parabola_is_designed_all_the_same(
     assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed
     assert "pixel efficiency at 300 mm" in printed
     # The parabola of an earlier spec does not stay beside a layout that it does not belong to.
-    assert results(tmp_path) == ["before_after.png", "layout.json"]
+    assert results(tmp_path) == ["before_after.png", "focus.png", "layout.json"]
 
 
 def test_nothing_is_written_where_no_layout_meets_the_spec(
@@ -88,6 +102,7 @@ def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Pa
     assert (result.returncode, result.stderr) == (0, "")
     assert results(tmp_path / "design") == [
         "before_after.png",
+        "focus.png",
         "layout.json",
         "parabola.json",
     ]

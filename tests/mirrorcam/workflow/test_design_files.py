@@ -32,4 +32,15 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     found = write_design(spec, tmp_path / "without")
     assert found.parabola is None
     assert "facets do not fit" in found.no_parabola
-    assert sorted(path.name for path in (tmp_path / "without").iterdir()) == ["before_after.png", "layout.json"]
+    written = sorted(path.name for path in (tmp_path / "without").iterdir())
+    assert written == ["before_after.png", "focus.png", "layout.json"]
+
+
+def test_a_pinhole_has_no_figure_of_its_focus(
+    default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = DesignSpec(camera=default_layout.camera.replaced(aperture_mm=0.0))
+    layout = default_layout.replaced(spec=spec, camera=spec.camera)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    write_design(spec, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json", "parabola.json"]

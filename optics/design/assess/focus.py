@@ -1,0 +1,69 @@
+"""Focus of the base camera over working depths: circles of confusion through each mirror, and the best focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, images_in_rig
+
+CIRCLE_LIMIT_PX = 2.0
+"""Largest diameter of a circle of confusion that counts as sharp.
+
+It adds 0.5 px RMS per axis to the blur of a webcam in focus, about 0.8 px, and the first zero of its contrast,
+1.22 / diameter, is at 0.61 periods per px: beyond the finest pattern that pixels can show, 0.5.
+"""
+
+
+def nearness_per_mm(views: FieldsOfView, depth_mm: float) -> FloatArray:
+    """Least and greatest 1/z (mirrors, 2) of the region that all views share at a depth; NaN where they share none.
+
+    z is measured along the axis of the camera to the images of the region in each mirror, along the path of the light.
+    """
+    region, _ = views.common_region(depth_mm)
+    if region.is_empty:
+        return np.full((len(views.layout.mirrors), 2), np.nan)
+    # The images are plane polygons, and 1/z of a plane is extreme at corners.
+    nearness = 1.0 / images_in_rig(views.layout, region, depth_mm)[..., 2]
+    return np.stack([nearness.min(axis=1), nearness.max(axis=1)], axis=1)
+
+
+def circles_px(camera: Camera, nearness: FloatArray, focus_mm: float) -> FloatArray:
+    """Largest diameter (...), px, of circles of confusion between two values of 1/z (..., 2): f A |1/z - 1/focus|."""
+    focal_px = max(camera.fx_px, camera.fy_px)
+    return np.asarray(focal_px * camera.aperture_mm * np.abs(nearness - 1.0 / focus_mm).max(axis=-1))
+
+
+def best_focus_mm(nearness: FloatArray) -> float:
+    """The focus of the smallest largest circle between values of 1/z (..., 2): the middle of their extremes."""
+    return float(2.0 / (nearness.min() + nearness.max()))
+
+
+def focus_metrics(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Largest circle of confusion at each depth, the best focus for all depths, and the largest circle with that.
+
+    Empty for a pinhole, and where the views share nothing at any depth, which is otherwise left out.
+    """
+    camera, views = layout.camera, fields_of_view(layout)
+    if camera.aperture_mm == 0.0:
+        return {}
+    at_depths = {depth_mm: nearness_per_mm(views, depth_mm) for depth_mm in depths_mm}
+    at_depths = {depth_mm: nearness for depth_mm, nearness in at_depths.items() if np.isfinite(nearness).all()}
+    if not at_depths:
+        return {}
+    found = {
+        f"circle_of_confusion_{depth_mm:g}mm": Metric(
+            value=float(circles_px(camera, nearness, camera.focus_mm).max()), unit="px"
+        )
+        for depth_mm, nearness in at_depths.items()
+    }
+    every = np.concatenate(list(at_depths.values()))
+    best_mm = best_focus_mm(every)
+    found["best_focus_mm"] = Metric(value=best_mm, unit="mm")
+    least_px = float(circles_px(camera, every, best_mm).max())
+    found["circle_at_best_focus_px"] = Metric(value=least_px, unit="px", limit=CIRCLE_LIMIT_PX)
+    return found
