@@ -126,7 +126,7 @@ def _front_panel(axes: Axes, found: dict[tuple[float, str], list[Point]]) -> Non
     axes.set_ylabel("usable efficiency, mean of 300 and 500 mm")
     axes.set_title("What optimising for the whole pupil buys", fontsize=11)
     axes.grid(alpha=0.3, which="both", linewidth=0.5)
-    axes.legend(fontsize=9, loc="lower right")
+    axes.legend(fontsize=9, loc="upper left")
 
 
 def draw(built: dict[str, list[Point]], found: dict[tuple[float, str], list[Point]], path: Path) -> None:
