@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, best_focus_mm, circles_px, nearness_per_mm
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import fields_of_view
@@ -20,6 +21,9 @@ LIMIT, DEPTH = "#777777", "#bbbbbb"
 STEPS = 60
 BEYOND = 1.6
 """Ratio by which the depths drawn reach beyond the working depths, as far as the mirrors allow."""
+
+WIDE = 10.0
+"""Ratio of the farthest to the nearest working depth from which on depths are on a logarithmic axis."""
 
 
 def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None:
@@ -39,11 +43,7 @@ def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None
     camera, views = layout.camera, fields_of_view(layout)
     working = np.array([nearness_per_mm(views, depth_mm) for depth_mm in depths_mm])
     best_mm = best_focus_mm(working)
-    mirrors = {
-        "nearest": int(working[..., 1].max(axis=0).argmax()),
-        "central": layout.central_index,
-        "farthest": int(working[..., 0].min(axis=0).argmin()),
-    }
+    mirrors = _chosen(layout, working)
     first_mm = max(min(depths_mm) / BEYOND, views.reach_mm * 1.02)
     drawn_mm = np.geomspace(first_mm, max(depths_mm) * BEYOND, STEPS)
     nearness = np.array([nearness_per_mm(views, depth_mm) for depth_mm in drawn_mm])
@@ -51,14 +51,14 @@ def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None
     axes = figure.subplots()
     for focus_mm, line in ((camera.focus_mm, "solid"), (best_mm, "dashed")):
         circles, marks = (circles_px(camera, values, focus_mm) for values in (nearness, working))
-        for colour, k in zip(COLOURS, mirrors.values(), strict=True):
+        for colour, k in zip(COLOURS, mirrors, strict=False):
             axes.plot(drawn_mm, circles[:, k], color=colour, linestyle=line, linewidth=1.6)
             axes.plot(depths_mm, marks[:, k], "o", color=colour, markersize=4, zorder=3)
     axes.set_title(f"{camera.name}: aperture {camera.aperture_mm:g} mm", fontsize=11)
     _finish(axes, depths_mm)
     handles = [
         Line2D([], [], color=colour, label=f"{name} mirror, {layout.mirror_names[k]}")
-        for colour, (name, k) in zip(COLOURS, mirrors.items(), strict=True)
+        for colour, (k, name) in zip(COLOURS, mirrors.items(), strict=False)
     ]
     handles += [
         Line2D([], [], color=LIMIT, label=f"in focus at {camera.focus_mm:.0f} mm"),
@@ -70,10 +70,22 @@ def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None
         figure.savefig(temporary, dpi=110)
 
 
+def _chosen(layout: Layout, working: FloatArray) -> dict[int, str]:
+    """What the mirrors drawn are among all, by index, for 1/z (depths, mirrors, 2) at the working depths."""
+    chosen = {
+        "nearest": int(working[..., 1].max(axis=0).argmax()),
+        "central": layout.central_index,
+        "farthest": int(working[..., 0].min(axis=0).argmin()),
+    }
+    return {k: " and ".join(name for name, index in chosen.items() if index == k) for k in chosen.values()}
+
+
 def _finish(axes: Axes, depths_mm: Sequence[float]) -> None:
     for depth_mm in depths_mm:
         axes.axvline(depth_mm, color=DEPTH, linewidth=0.8, zorder=0)
     axes.axhline(CIRCLE_LIMIT_PX, color=LIMIT, linestyle="dotted", linewidth=1.4)
+    if max(depths_mm) > WIDE * min(depths_mm):
+        axes.set_xscale("log")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("depth, mm")
     axes.set_ylabel("largest circle of confusion, px")
