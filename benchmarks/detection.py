@@ -25,6 +25,7 @@ from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.whole_pupil import wholly_served
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -103,8 +104,16 @@ def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score
     return Score(visible, len(off), rms, int(far.sum()), int(outlying.sum()))
 
 
+def _used(layout: Layout, corners: Observations) -> Observations:
+    """The corners that a calibration uses."""
+    return corners.where(wholly_served(layout, corners)[0])
+
+
 def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
-    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder."""
+    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder.
+
+    Corners that only a part of the pupil sees are not counted: a calibration leaves them out.
+    """
     target = default_board()
     request = SetRequest(
         layout=layout,
@@ -118,12 +127,15 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
     dataset: Dataset = render_set(request, folder)
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     with np.load(folder / "truth" / "corners.npz") as truth:
-        truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
+        truth_px = truth["frames_px"]
+        frame, view, corner = np.nonzero(truth["frames_visible"])
+    built = Layout.load(folder / "truth" / "layout.json")
+    visible = len(_used(built, Observations(frame, view, corner, truth_px[frame, view, corner])))
     for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
         bad = [degraded(picture, condition, random) for picture in pictures]
         found = detect_frames(bad, layout, target, mirrored=True, workers=cores())
-        yield condition, score([frame.corners for frame in found], truth_px, visible)
+        yield condition, score([_used(built, frame.corners) for frame in found], truth_px, visible)
 
 
 def main() -> None:
