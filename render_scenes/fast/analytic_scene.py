@@ -21,30 +21,14 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, DrJitArithmetic, NumpyArithmetic
-from mirrorcam.render_scenes.fast.defocus import ViewWindow, defocused
+from mirrorcam.render_scenes.fast.defocus import defocused
+from mirrorcam.render_scenes.fast.mipmap import MipLevel, build_mipmap
 from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, VirtualView, pixel_footprints, virtual_views
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 SAMPLED = 64  # footprints of a view that choose its mipmap level
-
-
-@dataclass(frozen=True)
-class MipLevel:
-    """One level of a mipmap: `columns` x `rows` texels, with a black border, from `begin` on in `Mipmap.texels`."""
-
-    begin: int
-    columns: int
-    rows: int
-
-
-@dataclass(frozen=True)
-class Mipmap:
-    """The print at scales of 1, 1/2, 1/4, ...; on the level that is used, a footprint is at most a texel wide."""
-
-    texels: NDArray[np.float32]
-    levels: tuple[MipLevel, ...]
 
 
 @dataclass(frozen=True)
@@ -67,9 +51,11 @@ class PrintMap:
 
 @dataclass(frozen=True)
 class _LoadedFootprints:
-    """Footprints as arrays of the arithmetic, and the normalized coordinates (m, 2) of a sample of them."""
+    """Footprints as arrays of the arithmetic, and the normalized coordinates (m, 2) of a sample of them.
 
-    view: int
+    `square` counts the subpixels of the window of their view.
+    """
+
     steps: FloatArray
     some: FloatArray
     square: Any
@@ -79,17 +65,21 @@ class _LoadedFootprints:
     pupil: tuple[Any, Any] | None
 
 
-def build_mipmap(radiance: FloatArray) -> Mipmap:
-    """Build the mipmap of a print (rows, columns); each texel is the mean of four of the level before."""
-    images = [radiance]
-    while min(images[-1].shape) >= 4:
-        rows, columns = images[-1].shape
-        padded = np.pad(images[-1], ((0, rows % 2), (0, columns % 2)))
-        images.append(padded.reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2).mean(axis=(1, 3)))
-    rimmed = [np.pad(image, 1) for image in images]
-    begins = np.cumsum([0, *(image.size for image in rimmed)]).tolist()
-    levels = tuple(MipLevel(begin, *image.shape[::-1]) for begin, image in zip(begins, rimmed, strict=False))
-    return Mipmap(np.concatenate([image.ravel() for image in rimmed]).astype(np.float32), levels)
+@dataclass(frozen=True)
+class _ViewWindow:
+    """Window (h, w) of the picture around the subpixels of a view.
+
+    `x`, `y` (h, w) are normalized coordinates, `spread` (h, w) is the defocus over that through the whole pupil; empty
+    of a pinhole.
+    """
+
+    view: int
+    place: tuple[slice, slice]
+    footprints: tuple[_LoadedFootprints, ...]
+    weight: NDArray[np.float32]
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    spread: NDArray[np.float32]
 
 
 class FastScene:
@@ -133,10 +123,8 @@ class FastScene:
         self._subpixels, self._fx_px = settings.subpixels, camera.fx_px
         self._pupil = settings.sensor.pupil
         reflectances = np.array([finish.luminance for finish in finishes or uniform_finishes(settings, len(mirrors))])
-        layers = pixel_footprints(camera, mirrors, settings.subpixels, reflectances, self._pupil)
-        self._layers = [[self._loaded(footprints) for footprints in layer] for layer in layers]
-        self._weights = [self._canvas_of(layer) for layer in layers]
-        self._windows = [self._windows_of(layer) if self._pupil.aperture_mm else [] for layer in layers]
+        shown = pixel_footprints(camera, mirrors, settings.subpixels, reflectances, self._pupil)
+        self._windows = [self._window(parts) for parts in shown]
         self.place_board(np.eye(4))
 
     def place_board(self, *poses: FloatArray) -> None:
@@ -151,63 +139,80 @@ class FastScene:
 
     def render(self) -> NDArray[np.float32]:
         """Render the radiance (h * subpixels, w * subpixels), float32, of the whole sensor; nothing is random."""
-        canvases = [self._xp.canvas(self._shape[0] * self._shape[1]) for _ in self._layers]
-        for canvas, layer in zip(canvases, self._layers, strict=True):
-            for footprints in layer:
-                maps = self._maps[footprints.view]
-                index = self._level(maps[len(maps) // 2], footprints)
-                numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
-                self._xp.put(canvas, footprints.square, self._radiance(footprints, self._mipmap.levels[index], numbers))
         light = np.zeros(self._shape, dtype=np.float32)
-        for canvas, weights, windows in zip(canvases, self._weights, self._windows, strict=True):
-            radiance = self._xp.finished(canvas).reshape(self._shape)
-            sigmas = [self._defocus_px(window.view) for window in windows]
-            light += weights * defocused(radiance, windows, sigmas, self._subpixels)
+        canvases = [self._in_focus(window) for window in self._windows]
+        for window, canvas in zip(self._windows, canvases, strict=True):
+            radiance = self._xp.finished(canvas).reshape(window.weight.shape)
+            if self._pupil.aperture_mm:
+                radiance = defocused(radiance, self._defocus_px2(window), self._subpixels)
+            light[window.place] += window.weight * radiance
         return light
 
-    def _defocus_px(self, view: int) -> FloatArray:
-        """Vector (3,) whose product with a ray is the sigma, px, of the defocus of a view, or its negative.
+    def _in_focus(self, window: _ViewWindow) -> Any:
+        """Canvas of the radiance of a view in focus."""
+        maps = self._maps[window.view]
+        canvas = self._xp.canvas(window.weight.size)
+        for footprints in window.footprints:
+            index = self._level(maps[len(maps) // 2], footprints)
+            numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
+            radiance = self._radiance(footprints, self._mipmap.levels[index], numbers, self._time(window, footprints))
+            self._xp.put(canvas, footprints.square, radiance)
+        return canvas
 
-        Of the circle of confusion of the diameter d, sigma is d / 4.
-        """
-        maps = self._maps[view]
+    def _time(self, window: _ViewWindow, footprints: _LoadedFootprints) -> Any:
+        """When the rows of footprints are read out, 0 to 1."""
+        rows, width = window.place[0], window.weight.shape[1]
+        row = self._xp.real(footprints.square // self._xp.index(width)) + self._xp.numbers([float(rows.start)])[0]
+        return row * (1.0 / (self._shape[0] - 1))
+
+    def _defocus_px2(self, window: _ViewWindow) -> NDArray[np.float32]:
+        """Variance (h, w), px^2, of the defocus of a view: of the circle of confusion of the diameter d, d^2 / 16."""
+        maps = self._maps[window.view]
         in_focus = np.array([0.0, 0.0, 1.0 / self._pupil.focus_mm])
-        return self._fx_px * self._pupil.aperture_mm / 4.0 * (in_focus - maps[len(maps) // 2].nearness)
+        slope = self._fx_px * self._pupil.aperture_mm / 4.0 * (in_focus - maps[len(maps) // 2].nearness)
+        a, b, c = slope.astype(np.float32)
+        found = a * window.x
+        found += b * window.y
+        found += c
+        found *= window.spread
+        found *= found
+        return found
 
-    def _canvas_of(self, layer: Sequence[PixelFootprints]) -> NDArray[np.float32]:
-        canvas = np.zeros(self._shape[0] * self._shape[1], dtype=np.float32)
-        for footprints in layer:
-            canvas[footprints.square] = footprints.weight
-        return canvas.reshape(self._shape)
+    def _window(self, parts: Sequence[PixelFootprints]) -> _ViewWindow:
+        """Window around the footprints of a view."""
+        row, column = np.divmod(np.concatenate([part.square for part in parts]).astype(np.int64), self._shape[1])
+        top, left = int(row.min()), int(column.min())
+        shape = int(row.max()) + 1 - top, int(column.max()) + 1 - left
+        square = (row - top) * shape[1] + column - left
 
-    def _windows_of(self, layer: Sequence[PixelFootprints]) -> list[ViewWindow]:
-        windows = []
-        for view in sorted({footprints.view for footprints in layer}):
-            parts = [footprints for footprints in layer if footprints.view == view]
-            row, column = np.divmod(np.concatenate([part.square for part in parts]).astype(np.int64), self._shape[1])
-            top, left = int(row.min()), int(column.min())
-            shape = int(row.max()) + 1 - top, int(column.max()) + 1 - left
-            mask, rays = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 3), dtype=np.float32)
-            spread = np.zeros(shape, dtype=np.float32)
-            at = row - top, column - left
-            mask[at] = True
-            for axis, name in enumerate(("x", "y")):
-                rays[(*at, axis)] = np.concatenate([getattr(part, name) for part in parts])
-            rays[(*at, 2)] = 1.0
-            spread[at] = np.concatenate([part.spread for part in parts])
-            place = slice(top, top + shape[0]), slice(left, left + shape[1])
-            windows.append(ViewWindow(view, place, mask, rays, spread))
-        return windows
+        def filled(name: str) -> NDArray[np.float32]:
+            values = np.zeros(shape, dtype=np.float32)
+            values.ravel()[square] = np.concatenate([getattr(part, name) for part in parts])
+            return values
 
-    def _loaded(self, footprints: PixelFootprints) -> _LoadedFootprints:
-        some = slice(None, None, max(len(footprints.square) // SAMPLED, 1))
+        ends = np.cumsum([len(part.square) for part in parts])[:-1]
+        blurred = bool(self._pupil.aperture_mm)
+        nothing = np.zeros((0, 0), dtype=np.float32)
+        return _ViewWindow(
+            view=parts[0].view,
+            place=(slice(top, top + shape[0]), slice(left, left + shape[1])),
+            footprints=tuple(
+                self._loaded(part, at.astype(np.uint32)) for part, at in zip(parts, np.split(square, ends), strict=True)
+            ),
+            weight=filled("weight"),
+            x=filled("x") if blurred else nothing,
+            y=filled("y") if blurred else nothing,
+            spread=filled("spread") if blurred else nothing,
+        )
+
+    def _loaded(self, footprints: PixelFootprints, square: NDArray[np.uint32]) -> _LoadedFootprints:
+        some = slice(None, None, max(len(square) // SAMPLED, 1))
         pupil = footprints.pupil_x, footprints.pupil_y
         load = self._xp.loaded
         return _LoadedFootprints(
-            view=footprints.view,
             steps=footprints.steps,
             some=np.column_stack([footprints.x, footprints.y])[some].astype(np.float64),
-            square=load(footprints.square),
+            square=load(square),
             x=load(footprints.x),
             y=load(footprints.y),
             slide_mm=load(footprints.slide_mm),
@@ -224,12 +229,11 @@ class FastScene:
         widest = (np.linalg.norm(moves, axis=-1) / depth).max(initial=1.0)
         return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))
 
-    def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]]) -> Any:
-        """Mean radiance of the print over footprints."""
+    def _radiance(self, footprints: _LoadedFootprints, level: MipLevel, numbers: list[list[Any]], time: Any) -> Any:
+        """Mean radiance of the print over footprints, of a rolling shutter read out at times 0 to 1."""
         xp, x, y, slide = self._xp, footprints.x, footprints.y, footprints.slide_mm
         n = numbers[0]
         if len(numbers) == 3:
-            time = xp.real(footprints.square // self._shape[1]) * (1.0 / (self._shape[0] - 1))
             n = [
                 a + time * (4.0 * b - 3.0 * a - c + time * (2.0 * (a + c) - 4.0 * b))
                 for a, b, c in zip(*numbers, strict=True)

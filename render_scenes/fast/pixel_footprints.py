@@ -110,10 +110,10 @@ def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
 def pixel_footprints(
     camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray, pupil: Pupil
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
-    """Assign the subpixels of a sensor to views, in layers whose radiances add up.
+    """Assign the subpixels of a sensor to views, whose radiances add up.
 
-    There is a layer for each number of passes through the plates, and another where subpixels show two mirrors; within
-    a layer no subpixel occurs twice.
+    There is a view for each mirror and number of passes through its plate. With a pupil, it goes on for some subpixels
+    of no weight beyond those that show it, so that it may be blurred there.
 
     Parameters
     ----------
@@ -129,40 +129,36 @@ def pixel_footprints(
     Returns
     -------
     tuple
-        Layers of footprints. In a layer, a view has two at most: with the whole pupil, and with parts of it.
+        The footprints of each view: those of the whole pupil, and those of parts of it. No subpixel occurs twice.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:
         every = np.arange(grid.count)
         return ((grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _whole(grid.count), pupil),),)
-    layers: list[list[PixelFootprints]] = []
+    views = []
     # Nearer mirrors first: a farther one serves at most the rest of the pupil.
     order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
-        alone: list[PixelFootprints] = []
-        layers.append(alone)
         for index in order:
             mirror = mirrors[index]
             if passes > 0 and not mirror.is_second_surface:
                 continue
             seen = grid.seen(mirror, passes, pupil)
             square, share = seen.square, np.minimum(seen.part.share, free[seen.square])
-            shared = free[square] < 1.0
             free[square] -= share
             slide, light = _transmitted(mirror, passes, grid.points(square), float(reflectances[index]))
             off_axis = seen.part.centroid.any(axis=1)
-            for into, chosen in (
-                (alone, ~shared & ~off_axis),
-                (alone, ~shared & off_axis),
-                (None, shared & (share > 0.0)),
-            ):
-                if chosen.any():
-                    found = grid.footprints(
-                        index, square[chosen], slide[chosen], (light * share)[chosen], seen.part.chosen(chosen), pupil
-                    )
-                    layers.append([found]) if into is None else into.append(found)
-    return tuple(tuple(layer) for layer in layers if layer)
+            found = [
+                grid.footprints(
+                    index, square[chosen], slide[chosen], (light * share)[chosen], seen.part.chosen(chosen), pupil
+                )
+                for chosen in (~off_axis, off_axis)
+                if chosen.any()
+            ]
+            if found:
+                views.append(tuple(found))
+    return tuple(views)
 
 
 def _whole(count: int) -> DiscPart:
@@ -253,8 +249,10 @@ class _SensorGrid:
         whole = corners.min(axis=0) > pupil.radius_mm + step
         mixed = ~whole & (corners.max(axis=0) > -pupil.radius_mm - BLOCK * step)
         inside, edge = (self._squares(blocks, top, left) for blocks in (whole, mixed))
-        part = self._part(mirror, passes, edge, pupil, step)
+        part, distance = self._part(mirror, passes, edge, pupil, step)
         shown = part.share > 0.0
+        if pupil.radius_mm > 0.0:
+            shown |= distance > -pupil.radius_mm - BLOCK * step
         return _Seen(np.concatenate([inside, edge[shown]]), joined(_whole(len(inside)), part.chosen(shown)))
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
@@ -265,23 +263,31 @@ class _SensorGrid:
         on = (rows < self._shape[0]) & (columns < self._shape[1])
         return np.asarray(rows[on] * self._shape[1] + columns[on])
 
-    def _part(self, mirror: Mirror, passes: int, square: NDArray[np.int64], pupil: Pupil, step_mm: float) -> DiscPart:
-        """Part of the pupil that the mirror serves at subpixels (n,).
+    def _part(
+        self, mirror: Mirror, passes: int, square: NDArray[np.int64], pupil: Pupil, step_mm: float
+    ) -> tuple[DiscPart, FloatArray]:
+        """Part of the pupil that the mirror serves at subpixels (n,), and their distances (n,) from its edge, mm.
 
-        Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples.
+        Where a subpixel covers much of the blurred edge, the mean over `FINE` x `FINE` samples. Where the mirror serves
+        nothing, the centroid is the last point of the pupil that it served.
         """
         planes = _served(mirror, self.points(square), pupil, passes)
-        if pupil.radius_mm > SHARP * step_mm:
-            return disc_part(planes, pupil.radius_mm)
-        cut = np.abs(planes.distance.min(axis=1)) < pupil.radius_mm + step_mm
         part = disc_part(planes, pupil.radius_mm)
+        nearest = planes.distance.argmin(axis=1)
+        rows = np.arange(len(nearest))
+        distance = planes.distance[rows, nearest]
+        if pupil.radius_mm > SHARP * step_mm:
+            nothing = part.share == 0.0
+            part.centroid[nothing] = planes.direction[rows, nearest][nothing]
+            return part, distance
+        cut = np.abs(distance) < pupil.radius_mm + step_mm
         fine = (np.arange(FINE) + 0.5) / FINE - 0.5
         right, down = self._steps(square[cut])
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
         every = (_served(mirror, at, pupil, passes) for at in points)
         part.share[cut] = np.mean([disc_part(planes, pupil.radius_mm).share for planes in every], axis=0)
-        return part
+        return part, distance
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Steps (n, 2) in normalized coordinates from subpixels to those on the right and below."""

@@ -85,7 +85,7 @@ def _cut(
 ) -> Reflected:
     """Mask rays that enter or leave the mirror, at points (..., 3), outside its outline."""
     met = _on(mirror, entry)
-    through = met & _on(mirror, leaves)
+    through = met if leaves is entry else met & _on(mirror, leaves)
     return (
         np.where(met, entry_mm, np.inf),
         np.where(through[..., None], leaves, np.nan),
@@ -99,10 +99,13 @@ def _on(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
     frame = mirror.rig_from_plane
     flat = (points - frame[:3, 3]) @ frame[:3, :2]
     outline = mirror.outline_in_plane_mm
-    sides = []
-    for corner, edge in zip(outline, np.roll(outline, -1, axis=0) - outline, strict=True):
-        sides.append(edge[0] * (flat[..., 1] - corner[1]) - edge[1] * (flat[..., 0] - corner[0]))
-    return np.asarray((np.min(sides, axis=0) >= 0.0) | (np.max(sides, axis=0) <= 0.0))
+    edges = np.roll(outline, -1, axis=0) - outline
+    # Twice the area of a triangle between neighbouring corners: positive where the outline turns to the left.
+    turn = np.sign(edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0])
+    inside = np.ones(flat.shape[:-1], dtype=np.bool_)
+    for corner, edge in zip(outline, turn * edges, strict=True):
+        inside &= edge[0] * (flat[..., 1] - corner[1]) >= edge[1] * (flat[..., 0] - corner[0])
+    return inside
 
 
 def chief_rays(camera: Camera, pupil: Pupil, px: FloatArray) -> tuple[FloatArray, FloatArray]:

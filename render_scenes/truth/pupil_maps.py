@@ -50,11 +50,10 @@ class PupilTracer:
     finishes: Sequence[MirrorFinish] = ()
     obstacles: Obstacles | None = None
 
-    def met(self, chief_rays: FloatArray, place: FloatArray, candidates: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def met(self, chief_rays: FloatArray, place: FloatArray, mirrors: Sequence[int]) -> NDArray[np.int64]:
         """Index (n,) of the mirror that reflects rays, `NO_MIRROR` where there is none or an obstacle before it.
 
-        The rays start at a place (2,) in the unit disc, that of the pupil. `candidates` (mirrors, n) are the mirrors
-        that they may meet.
+        The rays start at a place (2,) in the unit disc, that of the pupil. `mirrors` are those that they may meet.
         """
         origin = self.pupil.radius_mm * np.array([*place, 0.0])
         along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
@@ -62,34 +61,34 @@ class PupilTracer:
         rays = self.pupil.focus_mm * chief_rays - origin
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         index, depth = np.full(len(rays), NO_MIRROR), np.full(len(rays), np.inf)
-        for number, mirror in enumerate(self.layout.mirrors):
-            asked = np.flatnonzero(candidates[number])
+        for number in mirrors:
             finish = self.finishes[number] if self.finishes else None
-            entry, _, _, path = reflected(mirror, rays[asked], finish, origin[asked])
-            nearer = entry < depth[asked]
-            depth[asked[nearer]] = entry[nearer]
-            index[asked[nearer]] = np.where(np.isfinite(path[nearer]), number, NO_MIRROR)
+            entry, _, _, path = reflected(self.layout.mirrors[number], rays, finish, origin)
+            nearer = entry < depth
+            depth[nearer] = entry[nearer]
+            index[nearer] = np.where(np.isfinite(path[nearer]), number, NO_MIRROR)
         if self.obstacles is not None:
-            stopped = self.obstacles.free_mm(origin, rays) < depth
-            index[stopped] = NO_MIRROR
+            index[self.obstacles.free_mm(origin, rays) < depth] = NO_MIRROR
         return index
 
-    def shares(self, chief_rays: FloatArray, candidates: NDArray[np.bool_]) -> tuple[FloatArray, ...]:
+    def shares(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
         """The `CHANNELS` (n,) of rays (n, 3); see `met`."""
-        rows, mirrors = np.arange(len(chief_rays)), len(self.layout.mirrors)
-        # The last column counts rays that meet no mirror.
-        sums = np.zeros((3, len(chief_rays), mirrors + 1))
+        # Rows for a second mirror even where there is none.
+        sums = np.zeros((3, max(len(mirrors), 2), len(chief_rays)))
         for place in sunflower(SAMPLES):
-            met = self.met(chief_rays, place, candidates)
-            for total, amount in zip(sums, (1.0, *place), strict=True):
-                total[rows, met] += amount
-        count, *moments = sums[:, :, :mirrors]
+            met = self.met(chief_rays, place, mirrors)
+            for row, number in enumerate(mirrors):
+                hit = met == number
+                for total, amount in zip(sums, (1.0, *place), strict=True):
+                    total[row] += amount * hit
+        count, *moments = sums
+        numbers, columns = np.array([*mirrors, NO_MIRROR, NO_MIRROR]), np.arange(len(chief_rays))
         found: list[FloatArray] = []
-        for mirror in np.argsort(-count, axis=1, kind="stable").T[[0, min(1, mirrors - 1)]]:
-            rays = count[rows, mirror] if len(found) == 0 or mirrors > 1 else np.zeros(len(rows))
+        for row in np.argsort(-count, axis=0, kind="stable")[:2]:
+            rays = count[row, columns]
             met_any = np.where(rays > 0.0, rays, np.nan)
-            centroid = [self.pupil.radius_mm * moment[rows, mirror] / met_any for moment in moments]
-            found += [np.where(rays > 0.0, mirror, NO_MIRROR), rays / SAMPLES, *centroid]
+            centroid = [self.pupil.radius_mm * moment[row, columns] / met_any for moment in moments]
+            found += [np.where(rays > 0.0, numbers[row], NO_MIRROR), rays / SAMPLES, *centroid]
         return tuple(found)
 
 
@@ -112,7 +111,7 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     at = [np.append(np.arange(0, len(axis) - 1, BLOCK_PX), len(axis) - 1) for axis in (rows, columns)]
     nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
     angles = 2.0 * np.pi * np.arange(RIM) / RIM
-    every = np.ones((len(tracer.layout.mirrors), len(nodes)), dtype=np.bool_)
+    every = range(len(tracer.layout.mirrors))
     met = np.stack([tracer.met(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
     met = met.reshape(RIM, len(at[0]), len(at[1]))
     corners = np.concatenate([met[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)])
@@ -134,12 +133,16 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
         nothing,
     )
     maps = {name: values.copy() for name, values in zip(CHANNELS, single, strict=True)}
-    row, column = np.nonzero(mixed[block])
-    near = np.stack([_spread((corners == number).any(axis=0)) for number in range(len(every))])
-    candidates = near[:, block[0][row, 0], block[1][0, column]]
-    chief_rays = camera.unproject(np.column_stack([column, row]).astype(np.float64))
-    for name, values in zip(CHANNELS, tracer.shares(chief_rays, candidates), strict=True):
-        maps[name][row, column] = values
+    # Blocks whose rays may meet the same mirrors, together.
+    near = np.stack([_spread((corners == number).any(axis=0)) for number in every], axis=-1)
+    kinds, kind_of = np.unique(near[mixed], axis=0, return_inverse=True)
+    kind = np.full(mixed.shape, -1)
+    kind[mixed] = kind_of.ravel()
+    for number, mirrors in enumerate(kinds):
+        row, column = np.nonzero((kind == number)[block])
+        chief_rays = camera.unproject(np.column_stack([column, row]).astype(np.float64))
+        for name, values in zip(CHANNELS, tracer.shares(chief_rays, np.flatnonzero(mirrors).tolist()), strict=True):
+            maps[name][row, column] = values
     return maps
 
 

@@ -10,10 +10,10 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.fast.analytic_scene import FastScene, build_mipmap
+from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
-from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.variant import SCALAR
 from mirrorcam.render_scenes.wavy_camera import as_it_is
@@ -94,10 +94,14 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
 WHITE = Checkerboard(cols=6, rows=5, square_mm=300.0)
 
 
-@pytest.mark.parametrize("ink", [1.0, 0.05])
-def test_light_through_parts_of_the_pupil_agrees_with_the_reference(default_layout: Layout, ink: float) -> None:
-    """Profiles across the edges of mirrors out of focus, before a white board and before one with corners."""
-    settings = SETTINGS.replaced(sensor=SENSORS["c920"], paper=1.0, ink=ink, mirror_reflectance=1.0)
+@pytest.mark.parametrize(
+    ("ink", "sensor", "limit"), [(1.0, "c920", 0.002), (0.05, "c920", 0.002), (0.05, "poor", 0.005)]
+)
+def test_light_through_parts_of_the_pupil_agrees_with_the_reference(
+    default_layout: Layout, ink: float, sensor: SensorName, limit: float
+) -> None:
+    """Profiles across the edges of mirrors out of focus, before a white board and before ones with corners."""
+    settings = SETTINGS.replaced(sensor=SENSORS[sensor], paper=1.0, ink=ink, mirror_reflectance=1.0)
     board = WHITE if ink == 1.0 else Checkerboard(cols=30, rows=24, square_mm=15.0)
     turn = default_layout.view_from_rig.T
     half = np.array([board.cols, board.rows, 0.0]) * board.square_mm / 2.0
@@ -115,11 +119,10 @@ def test_light_through_parts_of_the_pupil_agrees_with_the_reference(default_layo
             reference.render(spp=256, seed=1, subpixels=CUT, crop=(x, y, width, height)),
         )
     ]
-    white = 255.0
-    error = (pictures[0] - pictures[1]) / white
-    assert np.sqrt(np.mean(error**2)) < (0.004 if ink == 1.0 else 0.01)
-    assert abs(error.mean()) < 0.001
-    assert pictures[0].min() < 0.8 * white if ink == 1.0 else pictures[0].min() < 0.2 * white
+    error = pictures[0] - pictures[1]
+    assert np.sqrt(np.mean(error**2)) < limit
+    assert abs(error.mean()) < 0.0005
+    assert pictures[0].min() < (0.8 if ink == 1.0 else 0.2)
 
 
 def test_numpy_renders_the_same(small_layout: Layout, small_board: Charuco) -> None:
@@ -165,17 +168,6 @@ def test_no_frame_compiles_anything_but_the_first(small_layout: Layout, small_bo
         kernels = [entry for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT]
     assert kernels
     assert all(entry["cache_hit"] for entry in kernels)
-
-
-def test_every_scale_of_a_print_is_as_bright_as_the_print() -> None:
-    radiance = np.random.default_rng(0).random((37, 50))
-    pyramid = build_mipmap(radiance)
-    assert len(pyramid.levels) > 3
-    for index, level in enumerate(pyramid.levels):
-        texels = pyramid.texels[level.begin : level.begin + level.columns * level.rows].reshape(level.rows, -1)
-        assert texels.sum() * 4.0**index == pytest.approx(radiance.sum(), rel=1e-5)
-        assert not texels[[0, -1]].any()
-        assert not texels[:, [0, -1]].any()
 
 
 def test_a_board_that_shows_its_back_is_black(small_layout: Layout) -> None:

@@ -24,7 +24,8 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
     pose = plan_frames(small, small_board, 1, np.random.default_rng(1)).poses[0]
     truth = board_maps(pixel_rays(small, mirrors=True), small_board, pose)
     views, board = virtual_views(small.mirrors), board_from_texels(small_board)
-    ghost, picture, twice, thrice = pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92), Pupil())
+    shown = [footprints for (footprints,) in pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92), Pupil())]
+    ghost, picture, twice, thrice = (shown[start : start + 9] for start in range(0, len(shown), 9))
     for footprints in picture:
         to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)), 500.0)
         rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
@@ -36,23 +37,24 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
         for name, found in zip(("board.x", "board.y"), at, strict=True):
             np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.square][same], atol=2e-4)
     # About 5 % at the front; what is left of it goes on; as much of that again at the front from within.
-    for layer, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
-        weights = np.concatenate([footprints.weight for footprints in layer])
+    for passed, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
+        weights = np.concatenate([footprints.weight for footprints in passed])
         assert low < np.median(weights) < high
 
 
-def test_no_subpixel_of_a_layer_is_shown_twice(distorted_layout: Layout) -> None:
+@pytest.mark.parametrize("pupil", [Pupil(), Pupil(aperture_mm=2.0)])
+def test_no_subpixel_of_a_view_is_shown_twice(distorted_layout: Layout, pupil: Pupil) -> None:
     """Also where one mirror hides a part of another: both together cover a subpixel at most once."""
     first, *others = distorted_layout.mirrors
     nearer = first.moved(np.eye(3), 0.35 * first.virtual_centre_in_rig_mm * [-0.05, 0.0, 0.0])
     built = distorted_layout.replaced(mirrors=(nearer, *others), kind="as-built")
-    layers = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9), Pupil())
-    assert len(layers) > 1
+    views = pixel_footprints(built.camera, built.mirrors, 1, np.ones(9), pupil)
+    assert len(views) == 9
     filled = np.zeros(built.camera.width_px * built.camera.height_px)
-    for layer in layers:
-        squares = np.concatenate([footprints.square for footprints in layer])
+    for parts in views:
+        squares = np.concatenate([footprints.square for footprints in parts])
         assert len(np.unique(squares)) == len(squares)
-        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in layer]))
+        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in parts]))
     assert filled.max() <= 1.0 + 1e-6
 
 
