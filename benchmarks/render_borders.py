@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
@@ -79,7 +80,7 @@ class Rays:
 
     start: FloatArray
     along: FloatArray
-    met: FloatArray
+    met: NDArray[np.bool_]
 
 
 def strips(layout: Layout) -> list[Strip]:

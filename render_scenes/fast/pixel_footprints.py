@@ -148,7 +148,7 @@ def pixel_footprints(
             square, share = seen.square, np.minimum(seen.part.share, free[seen.square])
             free[square] -= share
             slide, light = _transmitted(mirror, passes, grid.points(square), float(reflectances[index]))
-            off_axis = seen.part.centroid.any(axis=1)
+            off_axis: NDArray[np.bool_] = np.asarray(seen.part.centroid.any(axis=1))
             found = [
                 grid.footprints(
                     index, square[chosen], slide[chosen], (light * share)[chosen], seen.part.chosen(chosen), pupil
