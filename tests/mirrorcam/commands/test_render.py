@@ -66,7 +66,7 @@ def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
     whole = contents(finished_set)
     with command(f"{OPTIONS} --workers 2") as running:
         until = time.monotonic() + 60
-        while not (folder / "set" / "frames" / "0001.jpg").exists():
+        while not list((folder / "set" / "frames").glob("*.jpg")):
             assert running.poll() is None, running.communicate()
             assert time.monotonic() < until
             time.sleep(0.005)
