@@ -1,4 +1,4 @@
-"""What a desk has and the simulation has not, and how much each matters: `python -m benchmarks.idealisations`.
+"""What a real setup has and the simulation has not, and how much each matters: `python -m benchmarks.idealisations`.
 
 Prints the table of docs/idealisations.md; it takes a quarter of an hour. Each row is one effect alone, of an assumed
 size, at the default device of seed 0:
@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from benchmarks import idealised_corners as geometry
-from benchmarks.idealised_corners import Desk, Effect
+from benchmarks.idealised_corners import Effect, Setup
 from benchmarks.idealised_pictures import PLAIN, Flaw, Table, effects, frame_s, ghosted, psnr_db, shaded, without_tone
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
@@ -51,44 +51,46 @@ class Geometry:
     """An effect on where corners are seen; by `since_deg` it has turned the mirrors since the calibration."""
 
     row: Row
-    seen: Callable[[Desk], Observations]
+    seen: Callable[[Setup], Observations]
     since_deg: float | None = None
 
 
 GEOMETRY = (
     Geometry(
         Row("lens beyond five parameters", "0.05 px RMS, waves of half the width [1]", "webcam"),
-        lambda desk: geometry.other_lens(desk, WEBCAM.lens_waves_px),
+        lambda setup: geometry.other_lens(setup, WEBCAM.lens_waves_px),
     ),
     Geometry(
         Row("pupil that walks with the angle", "0.1 mm at 45°, 3 % of the focal length; no data", "webcam"),
-        lambda desk: geometry.walking_pupil(desk, WEBCAM.pupil_walk_mm),
+        lambda setup: geometry.walking_pupil(setup, WEBCAM.pupil_walk_mm),
     ),
     Geometry(
         Row("mirrors bent", "sag 2.5 µm (4 to 6 λ an inch, commercial mirrors)", "`--finish`"),
-        lambda desk: geometry.bent_mirrors(desk, 0.0025),
+        lambda setup: geometry.bent_mirrors(setup, 0.0025),
     ),
-    Geometry(Row("paper bent", "sag 0.3 mm along a diagonal", "no: [2]"), lambda desk: geometry.bowed_board(desk, 0.3)),
+    Geometry(
+        Row("paper bent", "sag 0.3 mm along a diagonal", "no: [2]"), lambda setup: geometry.bowed_board(setup, 0.3)
+    ),
     Geometry(
         Row("paper stretched, print uneven", "0.05 % along one axis, 0.02 mm a corner", "no: [2]"),
-        lambda desk: geometry.printed_board(desk, 5e-4, 0.02),
+        lambda setup: geometry.printed_board(setup, 5e-4, 0.02),
     ),
     Geometry(
         Row("autofocus between frames", "0.02 dioptres RMS; grows by 3.67 mm of it", "no: [3]"),
-        lambda desk: geometry.breathing(desk, 0.02),
+        lambda setup: geometry.breathing(setup, 0.02),
     ),
     Geometry(
         Row("hand-held board, rolling shutter", "2 mm/s, readout 30 ms", "`--rate-hz`"),
-        lambda desk: geometry.moving_board(desk, 2.0),
+        lambda setup: geometry.moving_board(setup, 2.0),
     ),
     Geometry(
         Row("holder warmer than when calibrated", "10 K of PLA, 68 ppm/K", "no: [4]"),
-        lambda desk: geometry.warmer(desk, 6.8e-4),
+        lambda setup: geometry.warmer(setup, 6.8e-4),
         since_deg=0.0,
     ),
     Geometry(
         Row("camera turned in its clip since", "0.01°", "no: [4]"),
-        lambda desk: geometry.turned_camera(desk, 0.01),
+        lambda setup: geometry.turned_camera(setup, 0.01),
         since_deg=0.01,
     ),
 )
@@ -187,27 +189,27 @@ def line(row: Row, effect: Effect | None, db: float) -> str:
 
 def main() -> None:
     cv2.setNumThreads(1)
-    table = Table(Desk(), SPP)
+    table = Table(Setup(), SPP)
     print(
         "| effect | assumed | corners px | normals ° | held-out px | views dB | built |\n|---|---|---|---|---|---|---|"
     )
-    plain = table.desk.calibrated(table.desk.noisy(table.desk.true))
+    plain = table.setup.calibrated(table.setup.noisy(table.setup.true))
     for item in GEOMETRY:
-        seen = item.seen(table.desk)
-        found = table.desk.effect(seen, plain) if item.since_deg is None else table.desk.drift(seen, item.since_deg)
+        seen = item.seen(table.setup)
+        found = table.setup.effect(seen, plain) if item.since_deg is None else table.setup.drift(seen, item.since_deg)
         print(line(item.row, found, table.shifted_db(found.held_out_px)), flush=True)
-    in_pictures = effects(Desk(12, 6), {row.effect: flaw for row, flaw in PICTURES})
+    in_pictures = effects(Setup(12, 6), {row.effect: flaw for row, flaw in PICTURES})
     for row, flaw in PICTURES:
         print(line(row, in_pictures[row.effect], table.db(flaw)), flush=True)
     for row, db in by_formula(table):
         print(line(row, None, db))
     print("\nFrom light to picture, one core, 1920 x 1080 of grey light:")
     for name in SENSORS:
-        print(f"  {name:7} {frame_s(table.desk, SENSORS[name]):.3f} s")
-    c920 = frame_s(table.desk, C920)
+        print(f"  {name:7} {frame_s(table.setup, SENSORS[name]):.3f} s")
+    c920 = frame_s(table.setup, C920)
     for field in sorted(set(SensorModel.model_fields) - {"jpeg_quality"}):
         if (value := getattr(WEBCAM, field)) != getattr(C920, field):
-            more = frame_s(table.desk, C920.replaced(**{field: value})) - c920
+            more = frame_s(table.setup, C920.replaced(**{field: value})) - c920
             print(f"  c920 with {field} {value}: {more:+.3f} s")
 
 

@@ -49,7 +49,7 @@ class Effect:
     held_out_px: float
 
 
-class Desk:
+class Setup:
     """The default device as built, and the poses of the board before it, of seed 0.
 
     Frames are numbered through: first those via the mirrors, then those of the bare camera.
@@ -121,105 +121,105 @@ def beside(plain: Calibrated, other: Calibrated, moved_px: float) -> Effect:
     return Effect(moved_px, float(np.degrees(sines.max())), float(more))
 
 
-def walking_pupil(desk: Desk, walk_mm: float) -> Observations:
+def walking_pupil(setup: Setup, walk_mm: float) -> Observations:
     """A pupil that moves along the axis, by ray tracing in float64."""
     pupil = RenderSettings().sensor.replaced(pupil_walk_mm=walk_mm).pupil
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
-        mirror = None if view == DIRECT else desk.built.mirrors[view]
-        return image_px(desk.built.camera, mirror, points, pupil=pupil)
+        mirror = None if view == DIRECT else setup.built.mirrors[view]
+        return image_px(setup.built.camera, mirror, points, pupil=pupil)
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def other_lens(desk: Desk, rms_px: float) -> Observations:
+def other_lens(setup: Setup, rms_px: float) -> Observations:
     """A lens that is off its model by smooth waves of half the sensor's width."""
-    camera = desk.built.camera
+    camera = setup.built.camera
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
-        px = desk.projected(frame, view, points)
+        px = setup.projected(frame, view, points)
         phase = 4.0 * np.pi * px / camera.width_px
         waves = np.column_stack([np.sin(phase[:, 0]) * np.cos(phase[:, 1]), np.cos(phase[:, 0]) * np.sin(phase[:, 1])])
         return px + 2.0 * rms_px * waves
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def breathing(desk: Desk, dioptres: float, focal_mm: float = 3.67) -> Observations:
+def breathing(setup: Setup, dioptres: float, focal_mm: float = 3.67) -> Observations:
     """A lens that focuses anew in each frame: the picture grows by the focal length times the change of focus."""
-    camera = desk.built.camera
-    growth = focal_mm * 1e-3 * np.random.default_rng(1).normal(0.0, dioptres, len(desk.poses))
+    camera = setup.built.camera
+    growth = focal_mm * 1e-3 * np.random.default_rng(1).normal(0.0, dioptres, len(setup.poses))
     centre = np.array([camera.cx_px, camera.cy_px])
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
-        return centre + (1.0 + growth[frame]) * (desk.projected(frame, view, points) - centre)
+        return centre + (1.0 + growth[frame]) * (setup.projected(frame, view, points) - centre)
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def moving_board(desk: Desk, speed_mm_s: float, readout_s: float = 0.03) -> Observations:
+def moving_board(setup: Setup, speed_mm_s: float, readout_s: float = 0.03) -> Observations:
     """A board that moves while the rows are read, in another direction in each frame."""
-    velocity = speed_mm_s * np.random.default_rng(1).normal(size=(len(desk.poses), 3)) / np.sqrt(3.0)
-    rows = desk.built.camera.height_px
+    velocity = speed_mm_s * np.random.default_rng(1).normal(size=(len(setup.poses), 3)) / np.sqrt(3.0)
+    rows = setup.built.camera.height_px
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
-        late_s = readout_s * (desk.projected(frame, view, points)[:, 1:] / rows - 0.5)
-        return desk.projected(frame, view, points + late_s * velocity[frame])
+        late_s = readout_s * (setup.projected(frame, view, points)[:, 1:] / rows - 0.5)
+        return setup.projected(frame, view, points + late_s * velocity[frame])
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def bowed_board(desk: Desk, sag_mm: float) -> Observations:
+def bowed_board(setup: Setup, sag_mm: float) -> Observations:
     """A board bent as a cylinder along its diagonal."""
-    width, height = desk.request.target.size_mm
+    width, height = setup.request.target.size_mm
 
     def bent(points: FloatArray) -> FloatArray:
         along = (points[:, :2] / [width, height]).sum(axis=1) - 1.0
         return points + sag_mm * along[:, None] ** 2 * np.array([0.0, 0.0, 1.0])
 
-    return desk.corners_by(desk.projected, bent)
+    return setup.corners_by(setup.projected, bent)
 
 
-def printed_board(desk: Desk, stretch: float, jitter_mm: float) -> Observations:
+def printed_board(setup: Setup, stretch: float, jitter_mm: float) -> Observations:
     """A print that is longer than wide by a factor, with corners off by an independent noise."""
-    random = np.random.default_rng(1).normal(0.0, jitter_mm, (len(desk.corners_mm), 2))
+    random = np.random.default_rng(1).normal(0.0, jitter_mm, (len(setup.corners_mm), 2))
 
     def bent(points: FloatArray) -> FloatArray:
         return points * [1.0, 1.0 + stretch, 1.0] + np.column_stack([random, np.zeros(len(random))])
 
-    return desk.corners_by(desk.projected, bent)
+    return setup.corners_by(setup.projected, bent)
 
 
-def bent_mirrors(desk: Desk, sag_mm: float) -> Observations:
+def bent_mirrors(setup: Setup, sag_mm: float) -> Observations:
     """Mirrors with a spherical sag, each of its own, by rays traced to the bent surface."""
     settings = RenderSettings(finish=SurfaceFinish(sag_mm=sag_mm))
-    finishes = draw_finishes(settings, len(desk.built.mirrors), np.random.default_rng(1))
+    finishes = draw_finishes(settings, len(setup.built.mirrors), np.random.default_rng(1))
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
         if view == DIRECT:
-            return desk.projected(frame, view, points)
-        return image_px(desk.built.camera, desk.built.mirrors[view], points, finishes[view])
+            return setup.projected(frame, view, points)
+        return image_px(setup.built.camera, setup.built.mirrors[view], points, finishes[view])
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def warmer(desk: Desk, growth: float) -> Observations:
+def warmer(setup: Setup, growth: float) -> Observations:
     """A holder that has grown about the camera since the calibration."""
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
         # The mirrors moved away from the pupil: as if the camera and the scene had shrunk before the same device.
-        return desk.projected(frame, view, points if view == DIRECT else points / (1.0 + growth))
+        return setup.projected(frame, view, points if view == DIRECT else points / (1.0 + growth))
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)
 
 
-def turned_camera(desk: Desk, degrees: float) -> Observations:
+def turned_camera(setup: Setup, degrees: float) -> Observations:
     """A camera that has turned in its clip since the calibration, about its horizontal axis."""
     angle = np.radians(degrees)
     turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
 
     def project(frame: int, view: int, points: FloatArray) -> FloatArray:
-        seen = points if view == DIRECT else desk.built.mirrors[view].reflect(points)
-        return desk.built.camera.project(seen @ turn.T)
+        seen = points if view == DIRECT else setup.built.mirrors[view].reflect(points)
+        return setup.built.camera.project(seen @ turn.T)
 
-    return desk.corners_by(project)
+    return setup.corners_by(project)

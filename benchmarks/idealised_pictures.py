@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.idealised_corners import Calibrated, Desk, Effect, beside
+from benchmarks.idealised_corners import Calibrated, Effect, Setup, beside
 from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view, sub_images
@@ -55,9 +55,9 @@ class Flaw:
     light: Callable[[Radiance], Radiance] = field(default=unchanged)
     as_linear: Callable[[FloatArray], FloatArray] = field(default=np.asarray)
 
-    def taken(self, radiance: Radiance, desk: Desk, seed: int) -> Photo:
+    def taken(self, radiance: Radiance, setup: Setup, seed: int) -> Photo:
         """The picture as it leaves the camera."""
-        camera, random = desk.built.camera, np.random.default_rng(seed)
+        camera, random = setup.built.camera, np.random.default_rng(seed)
         picture = photograph(self.light(radiance), CUT, camera, self.sensor, random)
         if self.sensor.jpeg_quality is not None:
             data = np.frombuffer(encoded_image(picture, ".jpg", self.sensor.jpeg_quality), np.uint8)
@@ -82,18 +82,18 @@ def without_tone(coded: FloatArray) -> FloatArray:
     return np.asarray(np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4))
 
 
-def corners_in(desk: Desk, flaws: Mapping[str, Flaw]) -> dict[str, Observations]:
+def corners_in(setup: Setup, flaws: Mapping[str, Flaw]) -> dict[str, Observations]:
     """Corners found in all frames, rendered once by formula, with each flaw."""
     settings = RenderSettings(renderer="fast", sensor=PLAIN, maps=False)
-    target, layout = desk.request.target, desk.request.layout
-    scenes = [FastScene(desk.built.camera, mirrors, target, settings) for mirrors in (desk.built.mirrors, ())]
+    target, layout = setup.request.target, setup.request.layout
+    scenes = [FastScene(setup.built.camera, mirrors, target, settings) for mirrors in (setup.built.mirrors, ())]
     found: dict[str, list[Observations]] = {name: [] for name in flaws}
-    for number, pose in enumerate(desk.poses):
-        direct = number >= desk.request.frames
+    for number, pose in enumerate(setup.poses):
+        direct = number >= setup.request.frames
         scenes[direct].place_board(pose)
         radiance = scenes[direct].render()
         for name, flaw in flaws.items():
-            picture = flaw.taken(radiance, desk, number)
+            picture = flaw.taken(radiance, setup, number)
             grey = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
             seen = direct_view(grey, target) if direct else sub_images(grey, layout, target).corners
             found[name].append(seen.shifted(number))
@@ -109,31 +109,31 @@ def difference_px(seen: Observations, plain: Observations) -> float:
     return float(np.sqrt(np.mean((seen.pixels[rows[0]] - plain.pixels[rows[1]]) ** 2)))
 
 
-def effects(desk: Desk, flaws: Mapping[str, Flaw]) -> dict[str, Effect]:
+def effects(setup: Setup, flaws: Mapping[str, Flaw]) -> dict[str, Effect]:
     """Effect of each flaw on found corners and on a calibration by them."""
-    seen = corners_in(desk, {"": Flaw(PLAIN), **flaws})
-    plain = desk.calibrated(seen[""])
-    return {name: _effect(desk, seen[name], seen[""], plain) for name in flaws}
+    seen = corners_in(setup, {"": Flaw(PLAIN), **flaws})
+    plain = setup.calibrated(seen[""])
+    return {name: _effect(setup, seen[name], seen[""], plain) for name in flaws}
 
 
-def _effect(desk: Desk, seen: Observations, without: Observations, plain: Calibrated) -> Effect:
-    return beside(plain, desk.calibrated(seen), difference_px(seen, without))
+def _effect(setup: Setup, seen: Observations, without: Observations, plain: Calibrated) -> Effect:
+    return beside(plain, setup.calibrated(seen), difference_px(seen, without))
 
 
 class Table:
     """A tabletop scene through the device, and its views as the camera without flaws shows them."""
 
-    def __init__(self, desk: Desk, spp: int) -> None:
-        self.desk = desk
-        tabletop = arrange_tabletop(desk.request.layout, default_depths_mm(desk.request.layout), 0, ())
-        scene = TabletopScene(desk.built, tabletop, 0.92)
+    def __init__(self, setup: Setup, spp: int) -> None:
+        self.setup = setup
+        tabletop = arrange_tabletop(setup.request.layout, default_depths_mm(setup.request.layout), 0, ())
+        scene = TabletopScene(setup.built, tabletop, 0.92)
         self.radiance = scene.photograph(PLAIN.pupil, spp=max(spp // CUT**2, 1), subpixels=CUT, seed=0)
-        self.decoder = Decoder(desk.built)
+        self.decoder = Decoder(setup.built)
         self.plain = self.views(Flaw(PLAIN))
 
     def views(self, flaw: Flaw) -> FloatArray:
         """Levels from 0 to 1 of all views, where they are valid: (n, 3)."""
-        field_ = self.decoder.decode(flaw.taken(self.radiance, self.desk, 0))
+        field_ = self.decoder.decode(flaw.taken(self.radiance, self.setup, 0))
         levels = np.asarray(field_.samples, dtype=np.float64)[np.asarray(field_.weights) > 0.0] / WHITE
         return flaw.as_linear(levels)
 
@@ -143,7 +143,7 @@ class Table:
 
     def shifted_db(self, rms_px: float) -> float:
         """PSNR of views whose pixels are off by so much, per axis, by the slopes of the views without flaws."""
-        field_ = self.decoder.decode(Flaw(PLAIN).taken(self.radiance, self.desk, 0))
+        field_ = self.decoder.decode(Flaw(PLAIN).taken(self.radiance, self.setup, 0))
         levels = np.asarray(field_.samples, dtype=np.float64) / WHITE
         valid = np.asarray(field_.weights) > 0.0
         energy = 0.0
@@ -159,12 +159,12 @@ def psnr_db(mean_square: float) -> float:
     return -10.0 * float(np.log10(max(mean_square, 1e-20)))
 
 
-def frame_s(desk: Desk, sensor: SensorModel, repeats: int = 5) -> float:
+def frame_s(setup: Setup, sensor: SensorModel, repeats: int = 5) -> float:
     """Processor time, s, that a frame of boards takes from its light to its picture."""
-    radiance = np.full((CUT * desk.built.camera.height_px, CUT * desk.built.camera.width_px), 0.5, dtype=np.float32)
+    radiance = np.full((CUT * setup.built.camera.height_px, CUT * setup.built.camera.width_px), 0.5, dtype=np.float32)
     times = []
     for seed in range(repeats):
         started = time.process_time()
-        photograph(radiance, CUT, desk.built.camera, sensor, np.random.default_rng(seed))
+        photograph(radiance, CUT, setup.built.camera, sensor, np.random.default_rng(seed))
         times.append(time.process_time() - started)
     return float(np.median(times))

@@ -136,8 +136,7 @@ def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
     outline = outline_at(mirror, 0.0, hardware.fit.light_mm)
     around = _around_pupil(mirror, pupil, outline)
     share = light_starts_mm(mirror) / mirror.distance_mm
-    below = around if len(around) == len(outline) else np.zeros_like(outline)
-    return Frustum(outline + (below - outline) * share, around)
+    return Frustum(outline + (around - outline) * share, around)
 
 
 def _around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.plate import inner_tangent
 
 if TYPE_CHECKING:
@@ -179,16 +180,22 @@ def disc_part(planes: HalfPlanes, radius_mm: float) -> DiscPart:
     return DiscPart(share, centroid, spread)
 
 
+def segment_share(inside: FloatArray) -> FloatArray:
+    """The part of the unit disc on the side of a line on which its middle lies by `inside` (...)."""
+    inside = np.clip(inside, -1.0, 1.0)
+    return np.asarray(1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside**2)) / np.pi)
+
+
 def _segment(direction: FloatArray, distance: FloatArray) -> DiscPart:
     """The part of the unit disc in half-planes (n, m) of which one has a border that cuts it: the nearest."""
-    x_axis = _nearest(direction, distance, 0)
-    angle = np.arccos(-distance.min(axis=1))
+    x_axis, inside = _nearest(direction, distance, 0), distance.min(axis=1)
+    share, angle = segment_share(inside), np.arccos(-inside)
     sine, double, fourfold = np.sin(angle), np.sin(2.0 * angle), np.sin(4.0 * angle)
-    area = angle - double / 2.0
+    area = np.pi * share
     x_mean = 2.0 / 3.0 * sine**3 / area
     xx = (angle / 4.0 - fourfold / 16.0) / area - x_mean**2
     yy = (angle / 4.0 - double / 6.0 + fourfold / 48.0) / area
-    return _turned(area / np.pi, (x_mean, np.zeros_like(xx)), (xx, yy, np.zeros_like(xx)), x_axis)
+    return _turned(share, (x_mean, np.zeros_like(xx)), (xx, yy, np.zeros_like(xx)), x_axis)
 
 
 def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
@@ -278,20 +285,7 @@ def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
                 return np.zeros((0, 2))
         inwards = middle - ends
         first, second = ends + parts[:, None] * inwards
-        kept = _clipped(kept, first, second, inwards[0])
+        along = second - first
+        across = np.array([-along[1], along[0]])
+        kept = clipped(kept, (kept - first) @ across * np.sign(inwards[0] @ across))
     return kept
-
-
-def _clipped(polygon: FloatArray, first: FloatArray, second: FloatArray, inwards: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) beyond the line through two points, in a direction."""
-    along = second - first
-    across = np.array([-along[1], along[0]])
-    heights = (polygon - first) @ across * np.sign(inwards @ across)
-    kept: list[FloatArray] = []
-    for k in range(len(polygon)):
-        here, following = heights[k - 1], heights[k]
-        if (here > 0.0) != (following > 0.0):
-            kept.append(polygon[k - 1] + (polygon[k] - polygon[k - 1]) * here / (here - following))
-        if following > 0.0:
-            kept.append(polygon[k])
-    return np.array(kept).reshape(-1, 2)

@@ -14,6 +14,7 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, whole_pupil_outline
@@ -53,15 +54,7 @@ def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
 
 def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
     """The part of a convex polygon (n, 2) whose rays (u, v, 1) have slope . ray > 0: those towards the scene."""
-    heights = polygon @ slope[:2] + slope[2] - 1e-6
-    kept: list[FloatArray] = []
-    for k in range(len(polygon)):
-        here, following = heights[k - 1], heights[k]
-        if (here > 0) != (following > 0):
-            kept.append(polygon[k - 1] + (polygon[k] - polygon[k - 1]) * here / (here - following))
-        if following > 0:
-            kept.append(polygon[k])
-    return np.array(kept).reshape(-1, 2)
+    return clipped(polygon, polygon @ slope[:2] + slope[2] - 1e-6)
 
 
 @dataclass(frozen=True)

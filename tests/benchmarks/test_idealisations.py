@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import idealised_corners as geometry
 from benchmarks.idealisations import Row, line
-from benchmarks.idealised_corners import Desk, Effect
+from benchmarks.idealised_corners import Effect, Setup
 from benchmarks.idealised_pictures import psnr_db, without_tone
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.render_scenes.sets.image_processing import srgb
@@ -15,42 +15,42 @@ from mirrorcam.render_scenes.truth.light_rays import image_px
 
 
 @pytest.fixture(scope="module")
-def desk() -> Desk:
-    return Desk(frames=2, base_frames=1)
+def setup() -> Setup:
+    return Setup(frames=2, base_frames=1)
 
 
-def test_a_warmer_holder_has_its_mirrors_farther_away(desk: Desk) -> None:
+def test_a_warmer_holder_has_its_mirrors_farther_away(setup: Setup) -> None:
     grown = [
         mirror.replaced(
             virtual_centre_in_rig_mm=1.01 * mirror.virtual_centre_in_rig_mm,
             outline_in_rig_mm=1.01 * mirror.outline_in_rig_mm,
         )
-        for mirror in desk.built.mirrors
+        for mirror in setup.built.mirrors
     ]
-    camera = desk.built.camera
-    expected = desk.corners_by(lambda _, view, at: image_px(camera, None if view == DIRECT else grown[view], at))
-    np.testing.assert_allclose(geometry.warmer(desk, 0.01).pixels, expected.pixels, atol=1e-6)
+    camera = setup.built.camera
+    expected = setup.corners_by(lambda _, view, at: image_px(camera, None if view == DIRECT else grown[view], at))
+    np.testing.assert_allclose(geometry.warmer(setup, 0.01).pixels, expected.pixels, atol=1e-6)
 
 
-def test_a_turned_camera_moves_corners_by_the_angle(desk: Desk) -> None:
-    moved = geometry.turned_camera(desk, 0.01).pixels - desk.true.pixels
-    near_axis = np.abs(desk.true.pixels - [959.5, 539.5]).max(axis=1) < 200.0
+def test_a_turned_camera_moves_corners_by_the_angle(setup: Setup) -> None:
+    moved = geometry.turned_camera(setup, 0.01).pixels - setup.true.pixels
+    near_axis = np.abs(setup.true.pixels - [959.5, 539.5]).max(axis=1) < 200.0
     assert np.abs(moved[near_axis, 1]) == pytest.approx(1360.38 * np.radians(0.01), rel=0.05)
 
 
-def test_a_lens_off_its_model_moves_corners_by_its_rms(desk: Desk) -> None:
-    assert desk.moved_px(geometry.other_lens(desk, 0.05)) == pytest.approx(0.05, rel=0.15)
+def test_a_lens_off_its_model_moves_corners_by_its_rms(setup: Setup) -> None:
+    assert setup.moved_px(geometry.other_lens(setup, 0.05)) == pytest.approx(0.05, rel=0.15)
 
 
-def test_effects_of_no_size_move_nothing(desk: Desk) -> None:
+def test_effects_of_no_size_move_nothing(setup: Setup) -> None:
     for seen in (
-        geometry.walking_pupil(desk, 0.0),
-        geometry.breathing(desk, 0.0),
-        geometry.moving_board(desk, 0.0),
-        geometry.bowed_board(desk, 0.0),
-        geometry.printed_board(desk, 0.0, 0.0),
+        geometry.walking_pupil(setup, 0.0),
+        geometry.breathing(setup, 0.0),
+        geometry.moving_board(setup, 0.0),
+        geometry.bowed_board(setup, 0.0),
+        geometry.printed_board(setup, 0.0, 0.0),
     ):
-        assert desk.moved_px(seen) == pytest.approx(0.0, abs=1e-9)
+        assert setup.moved_px(seen) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_exceeds_a_tenth_of_the_claims_is_bold() -> None:

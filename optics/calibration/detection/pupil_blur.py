@@ -17,7 +17,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.border_light import STATIONS, STEP_PX, BorderLight
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import served_by
+from mirrorcam.optics.geometry.pupil import segment_share, served_by
 
 LEAST_LENS_PX, LEAST_HALF_PX = 0.5, 0.5
 """Sigma of the blur of lens and pixels, and half the width of that by the pupil, that every border has at least."""
@@ -156,16 +156,10 @@ class _Profile:
         radius_mm = 2.0 * np.sqrt(p[5] - LEAST_LENS_PX**2) * self.middle
         inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
         served = sum(
-            weight * share((inside_mm + LEAST_LENS_PX * node * self.mm_per_px) / radius_mm)
+            weight * segment_share((inside_mm + LEAST_LENS_PX * node * self.mm_per_px) / radius_mm)
             for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum(), strict=True)
         )
         return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * served - self.light) / self.sigma)
-
-
-def share(inside: FloatArray) -> FloatArray:
-    """The part of the unit disc on the side of a line on which its middle lies by `inside` (...)."""
-    inside = np.clip(inside, -1.0, 1.0)
-    return np.asarray(1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside**2)) / np.pi)
 
 
 def border_blur(layout: Layout, seen: BorderLight) -> BorderBlur | None:

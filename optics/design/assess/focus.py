@@ -8,8 +8,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, images_in_rig
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, images_in_rig
 
 CIRCLE_LIMIT_PX = 2.0
 """Largest diameter of a circle of confusion that counts as sharp.
@@ -43,12 +42,12 @@ def best_focus_mm(nearness: FloatArray) -> float:
     return float(2.0 / (nearness.min() + nearness.max()))
 
 
-def focus_metrics(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def focus_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """Largest circle of confusion at each depth, the best focus for all depths, and the largest circle with that.
 
     Empty for a pinhole, and where the views share nothing at any depth, which is otherwise left out.
     """
-    camera, views = layout.camera, fields_of_view(layout)
+    camera = views.layout.camera
     if camera.aperture_mm == 0.0:
         return {}
     at_depths = {depth_mm: nearness_per_mm(views, depth_mm) for depth_mm in depths_mm}

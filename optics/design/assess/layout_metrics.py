@@ -239,7 +239,7 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
         metrics[f"baseline_{axis}_mm"] = Metric(value=float(baseline_mm), unit="mm", lower_is_better=False)
     metrics |= _depth_range(views, depths_mm)
-    metrics |= focus_metrics(layout, depths_mm)
+    metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

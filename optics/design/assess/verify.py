@@ -117,12 +117,12 @@ def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         return {}
     faces = np.concatenate([np.eye(3), -np.eye(3)])
     offsets = np.concatenate([box.max(axis=0), -box.min(axis=0)]) - LENGTH_TOLERANCE_MM
-    shares, gaps = [0.0], []
+    shares, gaps, corners_mm = [0.0], [], box_corners(*body)
     for mirror in layout.mirrors:
         _, _, leaving, ends = traced_to(mirror, layout.camera.pupil, max(spec.depths_mm), layout.view_from_rig[2])
         if len(leaving):
             shares.append(float(np.mean(length_inside_mm(leaving, ends, faces, offsets) > TOUCH_MM)))
-        gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, box_corners(*body)))
+        gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, corners_mm))
     least = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
     return {
         "light_on_body": Metric(value=max(shares), unit="of the light", limit=0.0),

@@ -7,9 +7,11 @@ reflect, needs no guess of which edge faces which, and lets a neighbour stand be
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from math import prod
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -43,6 +45,8 @@ BEAM_OFFSET = 0.1
 """Largest offset, in thicknesses, of a beam from a second-surface mirror from that of the apparent mirror."""
 
 LEAST_GRID_SPACING = 0.05
+
+BOX_CORNERS = 8
 
 REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
@@ -222,12 +226,35 @@ def mean_term(count: int) -> Term:
     return term.built(equality=True)
 
 
-def _plane(term: TermBuilder) -> tuple[Expression, Expression]:
-    """An unknown plane n.x = d whose normal has nearly unit length, so that a slack is nearly a length."""
-    n, d = term.unknown(3), term.unknown(1)
-    term.require(1.0 - ca.dot(n, n))
-    term.require(ca.dot(n, n) - 0.81)
-    return n, d
+@dataclass(frozen=True)
+class _Plane:
+    """An unknown plane of a term, normal (3) . x = offset, that keeps what lies below it from what lies above."""
+
+    term: TermBuilder
+    normal: Expression
+    offset: Expression
+
+    @classmethod
+    def unknown(cls, term: TermBuilder) -> Self:
+        """Its normal has nearly unit length, so that a slack is nearly a length."""
+        n, d = term.unknown(3), term.unknown(1)
+        term.require(1.0 - ca.dot(n, n))
+        term.require(ca.dot(n, n) - 0.81)
+        return cls(term, n, d)
+
+    def require_below(self, points: list[Expression]) -> None:
+        for point in points:
+            self.term.require(self.offset - ca.dot(self.normal, point))
+
+    def require_beam_below(self, light: MirrorVariables) -> None:
+        """The beam from a mirror's virtual centre through its face, to infinity."""
+        for point in light.face:
+            self.require_below([point])
+            self.term.require(-ca.dot(self.normal, point - light.centre))
+
+    def require_above(self, points: list[Expression], family: str, gap: Expression | float = 0.0) -> None:
+        for point in points:
+            self.term.require(ca.dot(self.normal, point) - self.offset - gap - MARGIN, family)
 
 
 @lru_cache
@@ -256,11 +283,9 @@ def gap_term(kind: Kind) -> Term:
     term = TermBuilder()
     optics, gap = Optics.given(term), term.parameter()
     first, second = _given(kind, term, optics), _given(kind, term, optics)
-    n, d = _plane(term)
-    for point in first.solid:
-        term.require(d - ca.dot(n, point))
-    for point in second.solid:
-        term.require(ca.dot(n, point) - d - gap - MARGIN, "spacing")
+    plane = _Plane.unknown(term)
+    plane.require_below(first.solid)
+    plane.require_above(second.solid, "spacing", gap)
     return term.built()
 
 
@@ -273,13 +298,11 @@ def incoming_term(kind: Kind) -> Term:
     term = TermBuilder()
     optics = Optics.given(term)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
-    n, d = _plane(term)
-    reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(n)
-    term.require(d - reach)
-    for point in light.face:
-        term.require(d - ca.dot(n, point))
-    for point in other.solid:
-        term.require(ca.dot(n, point) - d - MARGIN, "occlusion")
+    plane = _Plane.unknown(term)
+    reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
+    term.require(plane.offset - reach)
+    plane.require_below(light.face)
+    plane.require_above(other.solid, "occlusion")
     return term.built()
 
 
@@ -294,17 +317,10 @@ def outgoing_term(kind: Kind) -> Term:
     term = TermBuilder()
     optics = Optics.given(term)
     light, other = _given(kind, term, optics), _given(kind, term, optics)
-    n, d = _plane(term)
-    for point in light.face:
-        term.require(d - ca.dot(n, point))
-        term.require(-ca.dot(n, point - light.centre))
-    offset = BEAM_OFFSET * optics.thickness if kind.second_surface else 0.0
-    for point in other.solid:
-        term.require(ca.dot(n, point) - d - offset - MARGIN, "occlusion")
+    plane = _Plane.unknown(term)
+    plane.require_beam_below(light)
+    plane.require_above(other.solid, "occlusion", BEAM_OFFSET * optics.thickness if kind.second_surface else 0.0)
     return term.built()
-
-
-BOX_CORNERS = 8
 
 
 def _box(term: TermBuilder, optics: Optics) -> list[Expression]:
@@ -321,11 +337,9 @@ def body_gap_term(kind: Kind) -> Term:
     """
     term = TermBuilder()
     optics = Optics.given(term)
-    mirror, (n, d) = _given(kind, term, optics), _plane(term)
-    for point in mirror.solid:
-        term.require(d - ca.dot(n, point))
-    for point in _box(term, optics):
-        term.require(ca.dot(n, point) - d - MARGIN, "body")
+    mirror, plane = _given(kind, term, optics), _Plane.unknown(term)
+    plane.require_below(mirror.solid)
+    plane.require_above(_box(term, optics), "body")
     return term.built()
 
 
@@ -337,10 +351,7 @@ def body_light_term(kind: Kind) -> Term:
     """
     term = TermBuilder()
     optics = Optics.given(term)
-    light, (n, d) = _given(kind, term, optics), _plane(term)
-    for point in light.face:
-        term.require(d - ca.dot(n, point))
-        term.require(-ca.dot(n, point - light.centre))
-    for point in _box(term, optics):
-        term.require(ca.dot(n, point) - d - MARGIN, "body")
+    light, plane = _given(kind, term, optics), _Plane.unknown(term)
+    plane.require_beam_below(light)
+    plane.require_above(_box(term, optics), "body")
     return term.built()

@@ -10,6 +10,7 @@ import pytest
 from mirrorcam.figures.focus_figure import focus_figure
 from mirrorcam.optics.design.assess.focus import focus_metrics
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 from tests.mirrorcam.figures.drawn import drawn
 from tests.optics.seeing_mirrors import two_rectangles
 
@@ -22,7 +23,7 @@ def test_worst_marks_are_the_figures_of_the_layout(default_layout: Layout, tmp_p
     marks = np.array([line.get_ydata() for line in axes.lines if line.get_marker() == "o"])
     curves = [line for line in axes.lines if line.get_linewidth() == 1.6]
     assert len(marks) == len(curves) == 6
-    found = focus_metrics(default_layout, DEPTHS_MM)
+    found = focus_metrics(fields_of_view(default_layout), DEPTHS_MM)
     given = [found[f"circle_of_confusion_{depth:g}mm"].value for depth in DEPTHS_MM]
     assert marks[:3].max(axis=0) == pytest.approx(given)
     assert marks[3:].max() == pytest.approx(found["circle_at_best_focus_px"].value)

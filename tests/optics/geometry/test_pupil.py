@@ -8,7 +8,7 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, served_by, whole_pupil_outline
+from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, segment_share, served_by, whole_pupil_outline
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
@@ -102,3 +102,11 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
 
 def test_a_mirror_narrower_than_the_blur_serves_no_whole_pupil(default_layout: Layout) -> None:
     assert len(whole_pupil_outline(default_layout.mirrors[0], Pupil(40.0, FOCUS_MM))) == 0
+
+
+def test_the_share_of_a_disc_is_that_of_its_area() -> None:
+    at = np.linspace(-1.2, 1.2, 25)
+    y = (np.arange(20_000) + 0.5) / 10_000 - 1.0
+    chords = np.sqrt(1.0 - y**2)
+    expected = [float(chords[y > -inside].sum() / chords.sum()) for inside in at]
+    assert segment_share(at) == pytest.approx(expected, abs=1e-4)

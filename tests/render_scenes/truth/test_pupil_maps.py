@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil, disc_part, served_by
 from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
@@ -50,7 +51,7 @@ def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
     class Half(Curtain):
         """Stops what leaves the right half of the pupil."""
 
-        def free_mm(self, start, direction):  # type: ignore[no-untyped-def]
+        def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
             return np.where(start[..., 0] > 0.0, 1.0, np.inf)
 
     free, half = (pupil_maps(PupilTracer(small_layout, PUPIL, obstacles=each)) for each in (None, Half()))

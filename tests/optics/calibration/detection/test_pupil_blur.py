@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.border_light import Border, BorderLight, borders
-from mirrorcam.optics.calibration.detection.pupil_blur import NEARNESS_SIGMA, SeenPupil, seen_pupil, share
+from mirrorcam.optics.calibration.detection.pupil_blur import NEARNESS_SIGMA, SeenPupil, seen_pupil
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
@@ -56,14 +56,6 @@ def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> SeenPupil:
     seen = seen_pupil(given, [light(layout, border, pupil, random) for border in borders(given)])
     assert seen is not None
     return seen
-
-
-def test_the_share_of_a_disc_is_that_of_its_area() -> None:
-    at = np.linspace(-1.2, 1.2, 25)
-    y = (np.arange(20_000) + 0.5) / 10_000 - 1.0
-    chords = np.sqrt(1.0 - y**2)
-    expected = [float(chords[y > -inside].sum() / chords.sum()) for inside in at]
-    assert share(at) == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize(("true", "seed"), [(Pupil(1.8, 500.0), 1), (Pupil(2.4, 900.0), 2), (Pupil(1.2, 300.0), 3)])

@@ -11,7 +11,7 @@ from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, focus_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.sub_images import common_region, vertices
+from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, vertices
 from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing, two_rectangles
 
 DEPTHS_MM = (DEPTH_MM, 500.0)
@@ -23,7 +23,7 @@ def with_camera(layout: Layout, **fields: float) -> Layout:
 
 
 def largest_circle_px(layout: Layout, depths_mm: tuple[float, ...] = DEPTHS_MM) -> float:
-    found = focus_metrics(layout, depths_mm)
+    found = focus_metrics(fields_of_view(layout), depths_mm)
     return max(metric.value for name, metric in found.items() if name.startswith("circle_of_confusion"))
 
 
@@ -58,7 +58,7 @@ def circle_by_rays_px(camera: Camera, mirror: Mirror, point: FloatArray) -> floa
 @pytest.mark.parametrize("focus_mm", [300.0, 500.0])
 def test_circles_are_those_of_rays_through_the_rim_of_the_pupil(default_layout: Layout, focus_mm: float) -> None:
     layout = with_camera(default_layout, focus_mm=focus_mm)
-    found = focus_metrics(layout, DEPTHS_MM)
+    found = focus_metrics(fields_of_view(layout), DEPTHS_MM)
     for depth_mm in DEPTHS_MM:
         outline = vertices(common_region(layout, depth_mm)[0])
         inside = np.concatenate([outline, outline * 0.5 + outline.mean(axis=0) * 0.5])
@@ -68,7 +68,7 @@ def test_circles_are_those_of_rays_through_the_rim_of_the_pupil(default_layout: 
 
 
 def test_no_other_focus_has_a_smaller_largest_circle(default_layout: Layout) -> None:
-    found = focus_metrics(default_layout, DEPTHS_MM)
+    found = focus_metrics(fields_of_view(default_layout), DEPTHS_MM)
     best_mm, least_px = (found[name].value for name in ("best_focus_mm", "circle_at_best_focus_px"))
     searched = minimize_scalar(
         lambda nearness: largest_circle_px(with_camera(default_layout, focus_mm=1.0 / nearness)),
@@ -84,7 +84,7 @@ def test_no_other_focus_has_a_smaller_largest_circle(default_layout: Layout) -> 
 
 def test_two_mirrors_at_45_degrees_in_closed_form() -> None:
     # 100 and 80 mm above the pupil, they show the plane at 300 mm upright, 400 and 380 mm away.
-    found = focus_metrics(two_rectangles(), [DEPTH_MM])
+    found = focus_metrics(fields_of_view(two_rectangles()), [DEPTH_MM])
     scale = 1360.38 * 1.8
     assert found["circle_of_confusion_300mm"].value == pytest.approx(scale * (1 / 380 - 1 / 500))
     assert found["best_focus_mm"].value == pytest.approx(2.0 / (1 / 380 + 1 / 400))
@@ -93,7 +93,8 @@ def test_two_mirrors_at_45_degrees_in_closed_form() -> None:
 
 def test_twice_the_aperture_is_twice_the_circle_past_the_limit(default_layout: Layout) -> None:
     once, twice = (
-        focus_metrics(with_camera(default_layout, aperture_mm=aperture_mm), DEPTHS_MM) for aperture_mm in (1.8, 3.6)
+        focus_metrics(fields_of_view(with_camera(default_layout, aperture_mm=aperture_mm)), DEPTHS_MM)
+        for aperture_mm in (1.8, 3.6)
     )
     assert twice["best_focus_mm"].value == pytest.approx(once["best_focus_mm"].value)
     for name in ("circle_of_confusion_300mm", "circle_at_best_focus_px"):
@@ -103,14 +104,14 @@ def test_twice_the_aperture_is_twice_the_circle_past_the_limit(default_layout: L
 
 
 def test_a_pinhole_has_no_focus(default_layout: Layout) -> None:
-    assert focus_metrics(with_camera(default_layout, aperture_mm=0.0), DEPTHS_MM) == {}
+    assert focus_metrics(fields_of_view(with_camera(default_layout, aperture_mm=0.0)), DEPTHS_MM) == {}
 
 
 def test_a_depth_at_which_views_share_nothing_has_no_circle() -> None:
     upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
     layout = Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper))
-    assert focus_metrics(layout, [DEPTH_MM]) == {}
-    assert set(focus_metrics(layout, [DEPTH_MM, 100.0])) == {
+    assert focus_metrics(fields_of_view(layout), [DEPTH_MM]) == {}
+    assert set(focus_metrics(fields_of_view(layout), [DEPTH_MM, 100.0])) == {
         "circle_of_confusion_100mm",
         "best_focus_mm",
         "circle_at_best_focus_px",

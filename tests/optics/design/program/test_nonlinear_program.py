@@ -210,7 +210,8 @@ def cubes(gap: float) -> tuple[Solver, Indices]:
     """A fixed unit cube at the origin and one that may slide along x to 20, to be kept `gap` apart and wanted at 0."""
     builder = TermBuilder()
     at, wanted = builder.unknown(1), builder.parameter()
-    n, d = constraints._plane(builder)
+    plane = constraints._Plane.unknown(builder)
+    n, d = plane.normal, plane.offset
     for corner in CUBE:
         builder.require(d - ca.dot(n, ca.DM(corner)))
         moved = ca.DM(corner + ASIDE) + ca.vertcat(at, 0.0, 0.0)
