@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program import constraints
+from mirrorcam.optics.design.program import constraints, separation
 from mirrorcam.optics.design.program.design_problem import Problem
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import IPOPT
@@ -179,15 +179,15 @@ def _labels(spec: DesignSpec, problem: Problem) -> NDArray[np.str_]:
     makers = {
         "cut": constraints.mirror_term,
         "overlap": constraints.view_term,
-        "gap": constraints.gap_term,
-        "light in": constraints.incoming_term,
-        "light out": constraints.outgoing_term,
-        "camera's body: mirrors": constraints.body_gap_term,
-        "camera's body: light": constraints.body_light_term,
+        "gap": separation.gap_term,
+        "light in": separation.incoming_term,
+        "light out": separation.outgoing_term,
+        "camera's body: mirrors": separation.body_gap_term,
+        "camera's body: light": separation.body_light_term,
     }
     names = {id(maker(kind)): name for name, maker in makers.items()}
     names |= {
-        id(constraints.seen_gap_term(spec.sides)): "gap as seen",
+        id(separation.seen_gap_term(spec.sides)): "gap as seen",
         id(constraints.grid_term(spec.arrangement)): "grid's spacing",
         id(constraints.region_term()): "region's shape",
     }

@@ -25,10 +25,12 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import Call, call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
-from mirrorcam.optics.design.optimise import MEETINGS, design
-from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.program.design_problem import overlap_problem
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
-from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of
+from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.search import MEETINGS, seed_meeting
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -86,10 +88,9 @@ def searched(
     Of each tradeoff the best optimum; where `checked`, only those whose layout passes its verdict. `keeps` may leave
     out what a buildable layout keeps.
     """
-    working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
     asked = [spec.replaced(tradeoff=tradeoff) for tradeoff in tradeoffs]
-    problems = [problem_of(one, seed_of(one, working_mm), pairs) for one in asked]
-    seeds = [seed_of(spec, meeting * working_mm) for meeting in MORE_MEETINGS]
+    problems = [overlap_problem(one, seed_meeting(one), pairs) for one in asked]
+    seeds = [seed_meeting(spec, meeting) for meeting in MORE_MEETINGS]
     best: list[SolverOutcome | None] = [None] * len(asked)
     layouts: list[Layout | None] = [None] * len(asked)
 
@@ -106,7 +107,7 @@ def searched(
             return
         best[k], layouts[k] = outcome, layout
 
-    for start in (problem_of(spec, seed, pairs).solver.program.start for seed in seeds):
+    for start in (overlap_problem(spec, seed, pairs).solver.program.start for seed in seeds):
         for k in range(len(asked)):
             attempt(k, start)
     for hops in (range(1, len(asked)), range(len(asked) - 2, -1, -1)):

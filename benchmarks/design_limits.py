@@ -31,8 +31,9 @@ from benchmarks.design_front import Point, designed, efficiency_at, searched, up
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.program.design_problem import PairConstraint, neighbour_pairs, problem_of
+from mirrorcam.optics.design.program.design_problem import overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -213,7 +214,7 @@ def main(workers: int, pictures: Path | None) -> None:
     print_budgets(budgets)
     print_parallax_bounds(layouts, budgets, spec.depths_mm)
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    problem = problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
+    problem = overlap_problem(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
     found = prices(spec, problem, problem.solver.optimise().values)
     print_prices(found)
     folded = {90: layouts[0.3]} | {fold: design(spec.replaced(fold_deg=float(fold))) for fold in (75, 120)}

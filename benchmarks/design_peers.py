@@ -17,8 +17,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program.design_problem import Problem, neighbour_pairs, problem_of
+from mirrorcam.optics.design.program.design_problem import Problem, overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 PEER_COUNTS = ((1, 2), (2, 2), (3, 3))
@@ -36,7 +37,7 @@ def seconds_of(action: Callable[[], Any]) -> float:
 def first_problem(spec: DesignSpec) -> Problem:
     """The first program that `design` solves."""
     working_mm = len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
-    return problem_of(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
+    return overlap_problem(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
 
 
 class Question:

@@ -96,6 +96,7 @@ DESIGNS: Mapping[str, str] = {
     "depth_nearest_mm": "nearest depth",
     "depth_farthest_mm": "farthest depth",
     "depth_resolution_fine": "fine depth resolution",
+    "depth_sigma": "sigma of depth",
     "whole_pupil": "pixels of the whole pupil",
     "disparity_s": "disparity along s",
     "disparity_t": "disparity along t",

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from mirrorcam.optics.base.bounds import AREA_MM2, DEPTH_MM, GAP_MM, LENGTH_MM, REFRACTIVE_INDEX, Bounds
+from mirrorcam.optics.base.bounds import (
+    AREA_MM2,
+    DEPTH_MM,
+    GAP_MM,
+    LENGTH_MM,
+    REFRACTIVE_INDEX,
+    TOLERANCE_DEG,
+    TOLERANCE_MM,
+    Bounds,
+)
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
@@ -65,6 +74,21 @@ class DesignSpec(Value):
     tradeoff: float = Field(
         default=0.3, ge=0, le=1, description="from 0 (pixel efficiency alone) to 1 (a regular grid of views alone)"
     )
+    objective: Literal["overlap", "depth"] = Field(
+        default="overlap",
+        description="overlap: most pixels that all views share; depth: least standard deviation of depth, with no less "
+        "pixels and field of view than the design for overlap",
+    )
+    robust_tilt_deg: float = TOLERANCE_DEG.field(
+        0.0,
+        "standard deviation of mirrors' tilts, about each of two axes, in the devices as built whose mean pixel "
+        "efficiency is optimised; 0: that of the design alone",
+    )
+    robust_offset_mm: float = TOLERANCE_MM.field(
+        0.0,
+        "standard deviation of mirrors' shifts along their normals, in the devices as built in which none is to "
+        "hide a part of another",
+    )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
     thickness_mm: float = LENGTH_MM.field(1.0, "thickness of the mirrors")
     refractive_index: float = REFRACTIVE_INDEX.field(1.49, "refractive index of the mirrors (acrylic 1.49)")
@@ -113,6 +137,8 @@ class DesignSpec(Value):
             raise ValueError("rows x cols is 1, expected at least two mirrors")
         if len(set(self.depths_mm)) != len(self.depths_mm):
             raise ValueError(f"depths_mm {self.depths_mm} names a depth twice")
+        if self.objective == "depth" and self.robust_tilt_deg > 0.0:
+            raise ValueError("robust_tilt_deg is given with the objective depth, expected it with overlap alone")
         return self
 
 

@@ -29,6 +29,9 @@ FARTHEST_PARTS = 10.0
 
 FOCUS_MM = 500.0
 
+SHARP_VARIANCE_PX2 = 0.8**2 + 1.0 / 12.0
+"""Variance, along an axis, of the blur of a webcam's lens in focus and of its square pixels."""
+
 
 @dataclass(frozen=True)
 class Pupil:

@@ -98,13 +98,17 @@ class FieldsOfView:
 
     def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
         """Sensor pixels, over all sub-images, that see a region of the plane at a depth / all sensor pixels."""
+        return float(self.pixel_shares(region, depth_mm).sum())
+
+    def pixel_shares(self, region: Polygon, depth_mm: float) -> FloatArray:
+        """Pixels (m,) of each sub-image that see a region of the plane at a depth / all sensor pixels."""
         if region.is_empty:
-            return 0.0
+            return np.zeros(len(self.layout.mirrors))
         camera = self.layout.camera
         seen = camera.project(images_in_rig(self.layout, region, depth_mm))
         following = np.roll(seen, -1, axis=1)
         areas = (seen[..., 0] * following[..., 1] - seen[..., 1] * following[..., 0]).sum(axis=1) / 2.0
-        return float(np.abs(areas).sum()) / (camera.width_px * camera.height_px)
+        return np.asarray(np.abs(areas) / (camera.width_px * camera.height_px))
 
 
 def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:

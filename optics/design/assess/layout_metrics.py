@@ -9,6 +9,7 @@ from shapely import Polygon, union_all
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
+from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_metrics
 from mirrorcam.optics.design.assess.focus import focus_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -241,5 +242,6 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     metrics |= _depth_range(views, depths_mm)
     metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
+    metrics |= depth_sigma_metrics(layout, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Literal, Self
+from itertools import product
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.mirror_variables import Kind
-from mirrorcam.optics.design.program.nonlinear_program import Program, Solver
-from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds, tile_places
+from mirrorcam.optics.design.program import constraints, depth_terms, robustness
+from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft
+from mirrorcam.optics.design.program.nonlinear_program import Solver
+from mirrorcam.optics.design.program.seeds import Seed
+from mirrorcam.optics.design.program.separated_pairs import PairConstraint, add_body, add_pairs
 from mirrorcam.optics.design.program.terms import Indices
-from mirrorcam.optics.geometry.arrangement import Arrangement
-from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, FOLD_DEG, DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
 """A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
@@ -24,13 +25,8 @@ REFERENCE_GRID_ERROR = 0.25
 LEAST_EFFICIENCY = 0.02
 """A layout whose views share less of the sensor than this, at any depth, is refused."""
 
-TIE_BREAK = 1e-3
-"""Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
-
-CENTRE_REACH = 0.6
-
-NEAR_TILES = 1e-6
-"""Difference of the places of two tiles that is none."""
+LEAST_OF_OVERLAP = 0.99
+"""Part of the field of view, and of the pixels of each view, that a design for depth keeps of that for overlap."""
 
 SLACK_WEIGHTS = {
     "spacing": 1.0,
@@ -43,221 +39,165 @@ SLACK_WEIGHTS = {
 }
 """Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
 
-PairKind = Literal["seen", "gap", "in", "out"]
-MirrorUnknowns = tuple[Indices, Indices]
 
+@dataclass(frozen=True)
+class OverlapDesign:
+    """What a design for depth is measured against, of the design for overlap of the same spec.
 
-@dataclass(frozen=True, order=True)
-class PairConstraint:
-    """A constraint on two mirrors: a gap between them, in the image ("seen") or in space ("gap"), or free light.
-
-    "in" and "out" keep the second out of the light to and from the first.
+    Attributes
+    ----------
+    fold
+        Its fold, radians.
+    centres
+        Virtual centres (n, 3) in view axes, in scales.
+    shares
+        Pixels (depths, n) of each view that see the common region / all pixels of the sensor.
+    fields
+        Field of view (depths, 2) of its regions, see `depth_terms.field_of_view`.
+    grid_error
+        Its grid error; where it is less, `REFERENCE_GRID_ERROR` is the limit.
     """
 
-    kind: PairKind
-    first: int
-    second: int
+    fold: float
+    centres: FloatArray
+    shares: FloatArray
+    fields: FloatArray
+    grid_error: float
 
 
 @dataclass(frozen=True)
 class Problem:
-    """The program of a spec; where in its unknowns the fold (1), centres (n, 3) and corners (n, sides, 2) are."""
+    """The program of a spec; where in its unknowns the fold (1), centres (n, 3) and corners (n, sides, 2) are.
+
+    `regions` (depths, 16) are the places of the corners of the regions at the depths.
+    """
 
     solver: Solver
     fold: Indices
     centres: Indices
     corners: Indices
+    regions: Indices
+
+    def fields(self, spec: DesignSpec, values: FloatArray) -> FloatArray:
+        """Field of view (depths, 2) of the regions, see `depth_terms.field_of_view`."""
+        centres = [ca.SX(centre) for centre in values[self.centres]]
+        sizes = [
+            depth_terms.field_of_view(ca.SX(values[region]), centres, depth_mm / spec.scale_mm)
+            for region, depth_mm in zip(self.regions, spec.depths_mm, strict=True)
+        ]
+        return np.array([ca.evalf(size) for size in sizes]).reshape(-1, 2)
+
+    def outlines(self, spec: DesignSpec, values: FloatArray) -> FloatArray:
+        """Corners (depths, 8, 2) of the regions in view axes, in scales."""
+        reach = 1.0 + np.array(spec.depths_mm)[:, None, None] / spec.scale_mm
+        aim = [0.0, -np.sin(values[self.fold[0]])]
+        return np.asarray(aim + values[self.regions].reshape(-1, constraints.REGION_CORNERS, 2) * reach)
 
     def solution(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Virtual centres (n, 3) in view axes, in scales, and corners (n, sides, 2), normalized."""
         return values[self.centres], values[self.corners]
 
 
-def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
-    """The constraints on neighbours that every design starts with; others follow where a solution violates them.
-
-    Neighbours are those whose tiles touch in the seed. Gaps and free light in both directions; across the diagonal,
-    beams leave side by side without being kept apart.
-    """
-    places, pairs = tile_places(arrangement), []
-    for i, j in combinations(range(len(places)), 2):
-        across, down = np.abs(places[j] - places[i]) + NEAR_TILES
-        if max(down, across) > 1.0 + 2.0 * NEAR_TILES:
-            continue
-        diagonal = min(down, across) >= 1.0
-        pairs += [PairConstraint("seen", i, j), PairConstraint("gap", i, j)]
-        legs: tuple[PairKind, ...] = ("in",) if diagonal else ("in", "out")
-        pairs += [PairConstraint(leg, *ordered) for leg in legs for ordered in ((i, j), (j, i))]
-    return tuple(pairs)
-
-
-@dataclass(frozen=True)
-class _Common:
-    """What many terms take, in scales: place of the fold, `optics`, intrinsics (9) and sensor px (2) in `lens`."""
-
-    kind: Kind
-    fold: Indices
-    optics: list[float]
-    lens: list[ArrayLike]
-    tile_area: float
-
-    @classmethod
-    def of(cls, spec: DesignSpec, seed: Seed, fold: Indices) -> Self:
-        return cls(
-            kind=Kind.of(spec),
-            fold=fold,
-            optics=[
-                spec.thickness_mm / spec.scale_mm,
-                spec.refractive_index,
-                spec.camera.pupil.radius_mm / spec.scale_mm,
-                spec.scale_mm / spec.camera.focus_mm,
-            ],
-            lens=[spec.camera.intrinsics, [spec.camera.width_px, spec.camera.height_px]],
-            tile_area=4.0 * float(np.prod(seed.half_tile)),
-        )
-
-
-def problem_of(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...]) -> Problem:
-    """The program of a spec, started from a seed, in view axes; all lengths in units of `scale_mm`.
+def overlap_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], devices: int = 0) -> Problem:
+    """The program of most overlap, started from a seed, in view axes; all lengths in units of `scale_mm`.
 
     The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency averaged over the
-    depths).
+    depths and over the design and devices as built).
 
     Parameters
     ----------
     spec : what is asked for.
     seed : mirrors to start from.
-    pairs : constraints on pairs of mirrors. Their unknowns come last, so that a solution still fits when more are
-        appended.
+    pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution still
+        fits when more are appended.
+    devices : number of devices as built that the objective counts. Their unknowns come last.
     """
-    program = Program()
-    fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
-    common = _Common.of(spec, seed, fold)
-    mirrors = _add_mirrors(program, spec, seed, common)
-    _add_grid(program, spec, fold, [centre for centre, _ in mirrors])
-    for depth_mm in spec.depths_mm:
-        _add_region(program, spec, seed, common, mirrors, depth_mm / spec.scale_mm)
-    _add_body(program, spec, seed, common, mirrors)
-    _add_pairs(program, spec, seed, common, mirrors, pairs)
+    draft = _draft_in_place(spec, seed)
+    grid = constraints.grid_term(spec.arrangement)
+    draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
+    built = robustness.tilts(spec, devices)
+    weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(built)
+    regions = _add_regions(draft, built[:1], weight, _least_shares(spec))
+    add_body(draft)
+    add_pairs(draft, pairs)
+    _add_regions(draft, built[1:], weight, _least_shares(spec))
+    return _problem(draft, regions)
+
+
+def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], overlap: OverlapDesign) -> Problem:
+    """The program of the least standard deviation of depth with the pixels and the field of view of another design.
+
+    The objective is the standard deviation over that of the design for overlap, averaged over the depths. See
+    `overlap_problem` for the parameters and the unknowns, which are the same.
+    """
+    draft = _draft_in_place(spec, seed)
+    most = max(REFERENCE_GRID_ERROR, 1.01 * overlap.grid_error)
+    draft.program.add(depth_terms.grid_limit_term(spec.arrangement), draft.centres, [most])
+    none = robustness.tilts(spec, 0)
+    shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
+    regions = _add_regions(draft, none, TIE_BREAK, shares)
+    _add_depth_sigma(draft, regions, overlap)
+    add_body(draft)
+    add_pairs(draft, pairs)
+    return _problem(draft, regions)
+
+
+def _problem(draft: Draft, regions: list[Indices]) -> Problem:
     return Problem(
-        solver=Solver(program, SLACK_WEIGHTS),
-        fold=fold,
-        centres=np.array([centre for centre, _ in mirrors]),
-        corners=np.array([corners for _, corners in mirrors]).reshape(len(mirrors), spec.sides, 2),
+        solver=Solver(draft.program, SLACK_WEIGHTS),
+        fold=draft.fold,
+        centres=np.array(draft.centres),
+        corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),
+        regions=np.array(regions),
     )
 
 
-def _add_mirrors(program: Program, spec: DesignSpec, seed: Seed, common: _Common) -> list[MirrorUnknowns]:
-    """The mirrors, in the order of the layout; returns their unknowns, virtual centre and corners."""
-    low, high = sensor_bounds(spec.camera)
-    centres = [program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH) for centre in seed.centres]
-    corners = [
-        program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
-        for polygon in seed.corners
-    ]
-    mirrors = list(zip(centres, corners, strict=True))
-    cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
-    nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(mirrors)
-    for mirror in mirrors:
-        given: list[ArrayLike] = [common.optics, *common.lens, cut, nearest, common.tile_area, reward]
-        program.add(constraints.mirror_term(common.kind), [common.fold, *mirror], given)
-    return mirrors
+def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
+    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the height asked for.
+
+    Nothing else fixes the size of the whole or its direction.
+    """
+    draft = Draft.begun(spec, seed)
+    inner = [draft.centres[index] for index in spec.arrangement.inner]
+    draft.program.add(constraints.mean_term(len(inner)), [draft.fold, *inner])
+    return draft
 
 
-def _add_grid(program: Program, spec: DesignSpec, fold: Indices, centres: list[Indices]) -> None:
-    """The arrangement of virtual centres, its place and its objective."""
-    # The innermost mirrors, on average, turn the optical axis to the view axis at the height asked for; nothing else
-    # fixes the size of the whole or its direction.
-    inner = [centres[index] for index in spec.arrangement.inner]
-    program.add(constraints.mean_term(len(inner)), [fold, *inner])
-    program.add(constraints.grid_term(spec.arrangement), centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
+def _least_shares(spec: DesignSpec) -> FloatArray:
+    """The least share (depths, n) of the sensor that each view spends on the region at each depth."""
+    mirrors = len(spec.arrangement.steps)
+    return np.full((len(spec.depths_mm), mirrors), LEAST_EFFICIENCY / mirrors)
 
 
-def _add_region(
-    program: Program, spec: DesignSpec, seed: Seed, common: _Common, mirrors: list[MirrorUnknowns], depth: float
-) -> None:
-    """An unknown region at a depth (in scales) that all views show, and the objective of their pixel efficiency."""
-    half_size = 0.6 * seed.half_tile
-    middle = program.unknown([0.0, 0.0])
-    region = program.unknown((constraints.region_directions() * half_size).ravel())
-    program.add(constraints.region_term(), [middle, region], [half_size])
-    weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(spec.depths_mm)
-    least = LEAST_EFFICIENCY / len(mirrors)
-    for mirror in mirrors:
-        given: list[ArrayLike] = [common.optics, *common.lens, depth, common.tile_area, weight, least]
-        program.add(constraints.view_term(common.kind), [common.fold, *mirror, region], given)
+def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatArray) -> list[Indices]:
+    """Unknown regions that all views show, and the objective of their pixel efficiency; returns their corners.
+
+    One at each depth for each of the devices (k, n, 2), given by the tilts of their mirrors. The weight is that of a
+    device, all depths together; `least` (depths, n) are the least shares of the sensor.
+    """
+    depths_mm, half_size, regions = draft.spec.depths_mm, 0.6 * draft.seed.half_tile, []
+    for tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
+        middle = draft.program.unknown([0.0, 0.0])
+        region = draft.program.unknown((constraints.region_directions() * half_size).ravel())
+        draft.program.add(constraints.region_term(), [middle, region], [half_size])
+        depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
+        for mirror, tilt, share in zip(draft.mirrors, tilts, shares, strict=True):
+            given: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
+            draft.add(constraints.view_term(draft.kind), [*mirror, region], given)
+        regions.append(region)
+    return regions
 
 
-def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
-    """The fold to start with, the least and the greatest."""
-    if spec.fold_deg == "auto":
-        return FIRST_FOLD_DEG, FOLD_DEG.least, FOLD_DEG.most
-    return spec.fold_deg, spec.fold_deg, spec.fold_deg
-
-
-def _add_body(program: Program, spec: DesignSpec, seed: Seed, common: _Common, mirrors: list[MirrorUnknowns]) -> None:
-    """The box around the camera's body, out of the reach of mirrors and of their light, by an unknown plane each."""
-    box = (spec.kept_free_in_rig_mm / spec.scale_mm).ravel()
-    if box.size == 0:
-        return
-    for mirror, middle in zip(mirrors, seed.middles(spec.view_from_rig), strict=True):
-        sideways = -_unit(middle * [1.0, 1.0, 0.0])
-        for term, normal in (
-            (constraints.body_gap_term(common.kind), -_unit(middle)),
-            (constraints.body_light_term(common.kind), sideways),
-        ):
-            plane = program.unknown([*normal, normal @ middle / 2.0], *_plane_range(3))
-            program.add(term, [common.fold, *mirror, plane], [common.optics, box])
-
-
-def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest values of the normal (size) of a plane or line, and of its offset."""
-    reach = np.array([*np.ones(size), np.inf])
-    return -reach, reach
-
-
-def _add_pairs(
-    program: Program,
-    spec: DesignSpec,
-    seed: Seed,
-    common: _Common,
-    mirrors: list[MirrorUnknowns],
-    pairs: tuple[PairConstraint, ...],
-) -> None:
-    kind, optics = common.kind, common.optics
-    terms = {
-        "seen": constraints.seen_gap_term(kind.sides),
-        "gap": constraints.gap_term(kind),
-        "in": constraints.incoming_term(kind),
-        "out": constraints.outgoing_term(kind),
-    }
-    gap, seen_gap = spec.spacing_mm / spec.scale_mm, spec.seen_gap_mm / spec.scale_mm
-    given: dict[PairKind, list[ArrayLike]] = {"seen": [seen_gap], "gap": [optics, gap], "in": [optics], "out": [optics]}
-    middles = seed.middles(spec.view_from_rig)
-    for pair in pairs:
-        plane = _first_plane(pair, seed, middles)
-        unknown = program.unknown(plane, *_plane_range(plane.size - 1))
-        first, second = mirrors[pair.first], mirrors[pair.second]
-        parts = [first[1], second[1]] if pair.kind == "seen" else [common.fold, *first, *second]
-        program.add(terms[pair.kind], [*parts, unknown], given[pair.kind])
-
-
-def _first_plane(pair: PairConstraint, seed: Seed, middles: FloatArray) -> FloatArray:
-    """The plane (normal, offset) or line (3) that a pair starts with; chief rays meet their mirrors at `middles`."""
-    if pair.kind == "seen":
-        p, q = seed.chief[pair.first], seed.chief[pair.second]
-        across = _unit(q - p)
-        return np.array([*across, -across @ (p + q) / 2.0])
-    a, b, centre = middles[pair.first], middles[pair.second], seed.centres[pair.first]
-    if pair.kind == "gap":
-        normal = _unit(b - a)
-        return np.array([*normal, normal @ (a + b) / 2.0])
-    between = _unit(_unit(b) - _unit(a))
-    if pair.kind == "in":
-        return np.array([*between, 0.0])
-    turned = between - 2.0 * (between @ centre) / (centre @ centre) * centre
-    return np.array([*turned, turned @ centre])
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return vector / np.linalg.norm(vector)
+def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesign) -> None:
+    """The objective of a design for depth, and its field of view."""
+    spec, camera, count = draft.spec, draft.spec.camera, len(draft.mirrors)
+    nearness = spec.scale_mm / camera.focus_mm
+    sharp_px = float(np.sqrt(SHARP_VARIANCE_PX2))
+    blur = camera.fx_px * camera.aperture_mm / spec.scale_mm / 4.0 / sharp_px
+    centres = [ca.SX(centre) for centre in overlap.centres]
+    for depth_mm, region, least in zip(spec.depths_mm, regions, LEAST_OF_OVERLAP * overlap.fields, strict=True):
+        depth = depth_mm / spec.scale_mm
+        reference = depth_terms.depth_information(centres, ca.SX(overlap.fold), depth, nearness, blur)
+        given: list[ArrayLike] = [depth, nearness, blur, float(ca.evalf(reference)), 1.0 / len(spec.depths_mm)]
+        draft.program.add(depth_terms.depth_sigma_term(count), [draft.fold, *draft.centres], given)
+        draft.program.add(depth_terms.field_of_view_term(count), [region, *draft.centres], [depth, least])

@@ -83,6 +83,14 @@ class MirrorVariables:
     behind: Expression
     entry: Expression
 
+    def tilted_centre(self, tilt: Expression) -> Expression:
+        """Virtual centre (3) of the mirror tilted about its middle by small angles (2) about two axes in its plane."""
+        middle = sum(self.face[1:], start=self.face[0]) / len(self.face)
+        rightwards = ca.vertcat(1.0, 0.0, 0.0) - self.normal[0] * self.normal
+        rightwards /= ca.sqrt(ca.sumsqr(rightwards))
+        normal = self.normal + tilt[0] * rightwards + tilt[1] * ca.cross(self.normal, rightwards)
+        return 2.0 * ca.dot(normal, middle) / ca.sumsqr(normal) * normal
+
     @property
     def solid(self) -> list[Expression]:
         """All corners (3) of the solid: those of its front, then those of its back."""
@@ -153,3 +161,9 @@ def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expressio
         behind = thickness * (1.0 - cosine / inner)
         before, entry = thickness - behind, thickness / inner * (chief - cosine * normal)
     return MirrorVariables(centre, polygon, face, normal, before, behind, entry)
+
+
+def given_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:
+    """The mirror of a term's next unknowns, its virtual centre (3) and corners (2 sides)."""
+    centre = term.unknown(3)
+    return mirror_of(kind, optics, centre, term.unknown(2 * kind.sides))

@@ -23,7 +23,7 @@ GROUPS = {
         *("grid_error", "pixel_efficiency", "overlap_iou", "whole_pupil", "usable_efficiency"),
         *("fov", "depth_nearest", "depth_farthest"),
     ),
-    "depth": ("baseline", "disparity", "depth_resolution"),
+    "depth": ("baseline", "disparity", "depth_resolution", "depth_sigma"),
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
 """Titles of the groups of the table, each with the prefixes of the names of its figures."""

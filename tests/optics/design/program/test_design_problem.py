@@ -8,37 +8,21 @@ import pytest
 from numpy.testing import assert_allclose
 
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
-from mirrorcam.optics.design.program.design_problem import (
-    REFERENCE_GRID_ERROR,
-    TIE_BREAK,
-    PairConstraint,
-    neighbour_pairs,
-    problem_of,
-)
+from mirrorcam.optics.design.program.design_problem import REFERENCE_GRID_ERROR, overlap_problem
+from mirrorcam.optics.design.program.draft import TIE_BREAK
 from mirrorcam.optics.design.program.nonlinear_program import Assembled
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, seed_of
+from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
 from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-
-
-def test_neighbours_keep_gaps_and_light_and_diagonals_less() -> None:
-    pairs = neighbour_pairs(Arrangement(2, 3))
-    expected = [(0, 1), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (1, 5), (2, 4), (2, 5), (3, 4), (4, 5)]
-    assert [(pair.first, pair.second) for pair in pairs if pair.kind == "gap"] == expected
-    diagonal = {(0, 4), (1, 3), (1, 5), (2, 4)}
-    both = {pair for first, second in expected for pair in ((first, second), (second, first))}
-    assert {(pair.first, pair.second) for pair in pairs if pair.kind == "in"} == both
-    straight = {(i, j) for i, j in both if (min(i, j), max(i, j)) not in diagonal}
-    assert {(pair.first, pair.second) for pair in pairs if pair.kind == "out"} == straight
-    assert len(set(pairs)) == len(pairs)
 
 
 def test_what_is_kept_besides_comes_last_so_that_a_solution_still_fits() -> None:
     spec = DesignSpec(rows=1, cols=3)
     seed = seed_of(spec, 375.0)
     pairs = neighbour_pairs(Arrangement(1, 3))
-    fewer, more = (problem_of(spec, seed, kept) for kept in (pairs, (*pairs, PairConstraint("in", 0, 2))))
+    fewer, more = (overlap_problem(spec, seed, kept) for kept in (pairs, (*pairs, PairConstraint("in", 0, 2))))
     assert (fewer.centres == more.centres).all()
     assert (fewer.corners == more.corners).all()
     assert_allclose(more.solver.program.start[: fewer.solver.program.size], fewer.solver.program.start)
@@ -60,7 +44,7 @@ def test_what_is_kept_besides_comes_last_so_that_a_solution_still_fits() -> None
 def test_the_objective_is_that_of_the_metrics(changes: dict[str, object]) -> None:
     spec = DesignSpec.model_validate({"rows": 2, "cols": 2, **changes})
     seed = seed_of(spec, 375.0)
-    made = problem_of(spec, seed, neighbour_pairs(spec.arrangement))
+    made = overlap_problem(spec, seed, neighbour_pairs(spec.arrangement))
     outcome = made.solver.optimise()
     assert outcome.solved
     centres, corners = made.solution(outcome.values)

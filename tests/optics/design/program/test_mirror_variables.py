@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 from shapely import Polygon
 
 from mirrorcam.optics.design.program import mirror_variables
@@ -64,3 +65,19 @@ def test_faces_and_solids_are_those_of_the_mirror(kind: Kind, fold_deg: float) -
         if kind.second_surface:
             expected = np.roll(expected, kind.sides, axis=0)
         assert_allclose(solid, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_tilted_mirror_is_turned_about_the_middle_of_its_face(kind: Kind) -> None:
+    spec = spec_of(kind)
+    mine, theirs = expressed(spec, kind, 1)
+    middle = theirs.apparent.outline_in_rig_mm.mean(axis=0)
+    for angles in ([0.0, 0.0], [0.01, 0.0], [0.0, -0.01]):
+        normal = theirs.normal_in_rig
+        axes = theirs.rig_from_plane[:3, :2]
+        # The virtual centre is behind the mirror: a turn that moves it along an axis moves the normal the other way.
+        turn = Rotation.from_rotvec(np.cross(normal, axes @ [-angles[0], angles[1]]))
+        turned = turn.apply(normal)
+        expected = 2.0 * (middle @ turned) * turned
+        found = number(mine.tilted_centre(ca.SX(angles))).ravel() * spec.scale_mm @ spec.view_from_rig
+        assert_allclose(found, expected, atol=1e-3)

@@ -15,16 +15,12 @@ from numpy.testing import assert_allclose
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
-from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.design_problem import (
-    SLACK_WEIGHTS,
-    Problem,
-    neighbour_pairs,
-    problem_of,
-)
+from mirrorcam.optics.design.program import separation
+from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, Problem, overlap_problem
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import HOLD, Assembled, Program, Solver
 from mirrorcam.optics.design.program.seeds import seed_of
+from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -44,7 +40,7 @@ SPECS = [
 @cache
 def problem(which: int) -> Problem:
     spec = SPECS[which]
-    return problem_of(spec, seed_of(spec, 375.0), neighbour_pairs(spec.arrangement))
+    return overlap_problem(spec, seed_of(spec, 375.0), neighbour_pairs(spec.arrangement))
 
 
 def nearby(solver: Solver, seed: int = 5) -> FloatArray:
@@ -210,7 +206,7 @@ def cubes(gap: float) -> tuple[Solver, Indices]:
     """A fixed unit cube at the origin and one that may slide along x to 20, to be kept `gap` apart and wanted at 0."""
     builder = TermBuilder()
     at, wanted = builder.unknown(1), builder.parameter()
-    plane = constraints._Plane.unknown(builder)
+    plane = separation.SeparatingPlane.unknown(builder)
     n, d = plane.normal, plane.offset
     for corner in CUBE:
         builder.require(d - ca.dot(n, ca.DM(corner)))
@@ -234,7 +230,7 @@ def test_bodies_are_kept_exactly_as_far_apart_as_asked() -> None:
 @pytest.mark.skipif(os.name == "nt", reason="a process does not get signals from itself there")
 def test_an_interruption_ends_a_solution_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
     spec = DesignSpec(rows=4, cols=4)
-    solver = problem_of(spec, seed_of(spec, 400.0), ()).solver
+    solver = overlap_problem(spec, seed_of(spec, 400.0), ()).solver
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM))
     with interruption.remembered(), pytest.raises(KeyboardInterrupt):
         timer.start()
@@ -302,7 +298,7 @@ def test_gaps_are_those_of_the_solids(default_layout: Layout, i: int, j: int, se
         mirrors = as_second_surface(mirrors[0]), as_second_surface(mirrors[1])
     apart_mm = hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in mirrors))
     assert apart_mm > 0.1
-    term = constraints.gap_term(Kind(4, False, second_surface))
+    term = separation.gap_term(Kind(4, False, second_surface))
     assert missed_by(mirrors, term, "spacing", [(apart_mm + 4.0) / SCALE_MM]) == pytest.approx(4.0 / SCALE_MM, abs=1e-5)
     assert missed_by(mirrors, term, "spacing", [(apart_mm - 0.05) / SCALE_MM]) == pytest.approx(0.0, abs=1e-6)
 
@@ -318,7 +314,7 @@ def slid(mirror: Mirror, along: float) -> Mirror:
 @pytest.mark.parametrize("leg", ["in", "out"])
 def test_light_is_kept_free_just_where_rays_pass(default_layout: Layout, leg: str, pupil: Pupil) -> None:
     kind = Kind(4, False, False, pinhole=pupil == PINHOLE)
-    term = constraints.incoming_term(kind) if leg == "in" else constraints.outgoing_term(kind)
+    term = separation.incoming_term(kind) if leg == "in" else separation.outgoing_term(kind)
     kept, lost = 0, 0
     for lit, occluder, along in ((4, 1, 1.0), (4, 1, 0.85), (1, 4, 0.85), (4, 5, 1.0), (4, 4, 0.8), (3, 5, 1.0)):
         mirrors = default_layout.mirrors[lit], slid(default_layout.mirrors[occluder], along)

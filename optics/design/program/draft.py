@@ -1,0 +1,100 @@
+"""A design's nonlinear program in the making: its mirrors, and what all terms on them take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mirrorcam.optics.design.program import constraints
+from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.design.program.nonlinear_program import Program
+from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds
+from mirrorcam.optics.design.program.terms import Indices, Term
+from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, FOLD_DEG, DesignSpec
+
+TIE_BREAK = 1e-3
+"""Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
+
+CENTRE_REACH = 0.6
+
+MirrorUnknowns = tuple[Indices, Indices]
+"""Virtual centre (3) and corners (2 sides) of a mirror."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A program with the mirrors of a seed as its first unknowns; all lengths in scales, in view axes.
+
+    `fold` and `mirrors` are the places of the unknowns, in the order of the layout.
+    """
+
+    spec: DesignSpec
+    seed: Seed
+    program: Program
+    fold: Indices
+    mirrors: tuple[MirrorUnknowns, ...]
+
+    @classmethod
+    def begun(cls, spec: DesignSpec, seed: Seed) -> Self:
+        """The program of a spec with nothing but mirrors that can be cut and fold the light."""
+        program = Program()
+        fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
+        low, high = sensor_bounds(spec.camera)
+        centres = [program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH) for centre in seed.centres]
+        corners = [
+            program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
+            for polygon in seed.corners
+        ]
+        draft = cls(spec, seed, program, fold, tuple(zip(centres, corners, strict=True)))
+        cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
+        nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(draft.mirrors)
+        for mirror in draft.mirrors:
+            given: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
+            draft.add(constraints.mirror_term(draft.kind), [*mirror], given)
+        return draft
+
+    @property
+    def kind(self) -> Kind:
+        """The form of the mirrors' expressions."""
+        return Kind.of(self.spec)
+
+    @property
+    def centres(self) -> list[Indices]:
+        """Places of the virtual centres (3 each)."""
+        return [centre for centre, _ in self.mirrors]
+
+    @property
+    def optics(self) -> list[float]:
+        """Thickness, refractive index, radius of the pupil, 1 / focus."""
+        spec = self.spec
+        return [
+            spec.thickness_mm / spec.scale_mm,
+            spec.refractive_index,
+            spec.camera.pupil.radius_mm / spec.scale_mm,
+            spec.scale_mm / spec.camera.focus_mm,
+        ]
+
+    @property
+    def lens(self) -> list[ArrayLike]:
+        """Intrinsics (9) and sensor px (2)."""
+        camera = self.spec.camera
+        return [camera.intrinsics, [camera.width_px, camera.height_px]]
+
+    @property
+    def tile_area(self) -> float:
+        """Normalized area of a tile of the sensor."""
+        return 4.0 * float(np.prod(self.seed.half_tile))
+
+    def add(self, term: Term, parts: list[Indices], given: list[ArrayLike]) -> None:
+        """Add a term on the fold and `parts`, whose first parameters are `optics`."""
+        self.program.add(term, [self.fold, *parts], [self.optics, *given])
+
+
+def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
+    """The fold to start with, the least and the greatest."""
+    if spec.fold_deg == "auto":
+        return FIRST_FOLD_DEG, FOLD_DEG.least, FOLD_DEG.most
+    return spec.fold_deg, spec.fold_deg, spec.fold_deg

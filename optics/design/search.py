@@ -1,0 +1,151 @@
+"""The search for the optimum of a design's program: starts, easier specs on the way, and why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, Problem, overlap_problem
+from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
+from mirrorcam.optics.design.program.robustness import SAFE_SIGMAS
+from mirrorcam.optics.design.program.seeds import Seed, seed_of
+from mirrorcam.optics.design.program.separated_pairs import PairConstraint
+from mirrorcam.optics.design.program.terms import ELASTIC
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
+
+MISSED, CLEARLY_MISSED = 1e-5, 1e-3
+"""Violations, in scales, up to which a search for feasibility meets a limit and from which on it clearly misses it."""
+
+MEETINGS = (1.0, 3.0)
+"""Depths where chief rays of the seeds meet, in multiples of the working depth; the best optimum is kept."""
+
+EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
+"""Fractions of a spec's demands in the steps of a continuation."""
+
+
+def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
+    """The error that names the constraint missed most."""
+    worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
+    by_mm = missed[worst] * spec.scale_mm
+    depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
+    finding = {
+        "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
+        "seen gap": f"sub-images cannot be {_seen_gap_text(spec)} apart, they come {by_mm:.3g} mm too close",
+        "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
+        "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera, of whose body they are to stay "
+        f"{spec.body_clearance_mm:g} mm clear",
+        "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
+        "overlap": f"no region at {depths} mm that {LEAST_EFFICIENCY:.0%} of the sensor could see lies in all views, "
+        f"it leaves some by {missed['overlap']:.0%} of a sub-image",
+        "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
+    }[worst]
+    return InfeasibleDesign(worst, finding)
+
+
+def _seen_gap_text(spec: DesignSpec) -> str:
+    if spec.robust_tilt_deg == 0.0 == spec.robust_offset_mm:
+        return f"{spec.seen_gap_mm:g} mm"
+    moved = f"tilts of {spec.robust_tilt_deg:g}° and offsets of {spec.robust_offset_mm:g} mm"
+    return f"{spec.seen_gap_mm:g} mm and {SAFE_SIGMAS:g} sigma of {moved}"
+
+
+def _working_depth_mm(spec: DesignSpec) -> float:
+    """The harmonic mean of the depths: the middle of their disparities."""
+    return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
+
+
+def check_at_once(spec: DesignSpec) -> None:
+    """Refuse a depth nearer than the middles of the seed's mirrors, and mirrors so thick that they reach the pupil."""
+    seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
+    middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
+    beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
+    if beyond_mm >= 0:
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm})
+    # The optical axis meets its mirror at 90 degrees less half the fold: its cosine is the sine of half the fold.
+    cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
+    before_mm = 0.0
+    if spec.is_second_surface:
+        before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
+    past_mm = before_mm - spec.scale_mm * cosine
+    if past_mm >= 0:
+        raise InfeasibleDesign(
+            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil"
+        )
+
+
+def _easier(spec: DesignSpec, part: float) -> DesignSpec:
+    """A spec with `part` of the demands of this one: gaps, thickness, sizes, nearness, trade-off and tolerances."""
+    return spec.replaced(
+        spacing_mm=part * spec.spacing_mm,
+        seen_gap_mm=part * spec.seen_gap_mm,
+        body_clearance_mm=part * spec.body_clearance_mm,
+        thickness_mm=max(part, 0.05) * spec.thickness_mm,
+        min_edge_mm=part * spec.min_edge_mm,
+        min_area_mm2=part * spec.min_area_mm2,
+        depths_mm=tuple(depth * (2.0 - part) for depth in spec.depths_mm),
+        tradeoff=part * spec.tradeoff + (1.0 - part) * 0.3,
+        robust_tilt_deg=part * spec.robust_tilt_deg,
+        robust_offset_mm=part * spec.robust_offset_mm,
+    )
+
+
+def seed_meeting(spec: DesignSpec, meeting: float = MEETINGS[0]) -> Seed:
+    """The seed whose chief rays meet at a multiple of the working depth."""
+    return seed_of(spec, meeting * _working_depth_mm(spec))
+
+
+def least_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
+    """The best of those that are optima, the first of equals."""
+    return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
+
+
+def from_seeds(spec: DesignSpec, problem: Problem, pairs: tuple[PairConstraint, ...]) -> SolverOutcome | None:
+    """The best of the optima near the seeds; where `problem` has none, the other seeds are not tried."""
+    first = problem.solver.optimise()
+    if not first.solved:
+        return None
+    others = (overlap_problem(spec, seed_meeting(spec, meeting), pairs) for meeting in MEETINGS[1:])
+    return least_of([first, *(other.solver.optimise() for other in others)])
+
+
+def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
+    """The optimum near the nearest feasible points or, where there seem to be none, after a continuation.
+
+    Raises InfeasibleDesign where both seeds lead to points that clearly violate a constraint, or no start leads to an
+    optimum.
+    """
+    least: list[dict[str, float]] = []
+    for solver, start in _searches(spec, pairs):
+        feasible, missed = solver.find_feasible(start)
+        if not feasible.solved:
+            continue
+        least.append(missed)
+        if max(missed.values()) <= MISSED:
+            outcome = solver.optimise(feasible.values)
+            if outcome.solved:
+                return outcome
+        if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
+            break
+    if not least or min(max(missed.values()) for missed in least) <= MISSED:
+        raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets them all")
+    raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
+
+
+def _searches(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
+    """Starts of the search for a feasible point: each seed and then, which takes long, the end of a continuation."""
+    for meeting in MEETINGS:
+        yield overlap_problem(spec, seed_meeting(spec, meeting), pairs).solver, None
+    yield overlap_problem(spec, seed_meeting(spec), pairs).solver, _continued(spec, pairs)
+
+
+def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
+    """Values of all unknowns at the last optimum of the continuation from an easy spec to this one."""
+    values: FloatArray | None = None
+    for part in EASIER:
+        easier = _easier(spec, part)
+        outcome = overlap_problem(easier, seed_meeting(easier), pairs).solver.optimise(values)
+        if outcome.solved:
+            values = outcome.values
+    return values

@@ -1,0 +1,57 @@
+"""Terms that keep mirrors apart beside the distances of their outlines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from shapely import Polygon
+from shapely.ops import nearest_points
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.program import constraints, separation
+from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.design.program.terms import ELASTIC, Term
+from tests.optics.design.program.seeded_mirrors import (
+    KINDS,
+    seeded,
+    spec_of,
+)
+
+
+def term_value(term: Term, unknowns: list[FloatArray], parameters: list[FloatArray]) -> tuple[float, FloatArray]:
+    f, g = term.value(np.concatenate(unknowns), np.concatenate(parameters))
+    return float(f), np.array(g).ravel()
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 2), (2, 0)])
+@pytest.mark.parametrize("sides", [4, 5, 6])
+def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first: int, second: int) -> None:
+    _, corners = seeded(spec_of(Kind(sides, False, False)))
+    outlines = [corners[k].reshape(-1, 2) for k in (first, second)]
+    bodies = [Polygon(outline) for outline in outlines]
+    a, b = (np.array(point.coords[0]) for point in nearest_points(*bodies))
+    term, gap = separation.seen_gap_term(sides), 0.003
+    found = []
+    for turn in np.radians([0.0, -3.0, 3.0, 30.0, 180.0]):
+        cos, sin = np.cos(turn), np.sin(turn)
+        normal = np.array([[cos, -sin], [sin, cos]]) @ (b - a) / np.linalg.norm(b - a)
+        line = np.array([*normal, -(outlines[0] @ normal).max()])
+        _, g = term_value(term, [*(outline.ravel() for outline in outlines), line], [np.array([gap])])
+        apart = term.family == ELASTIC.index("seen gap")
+        # For a line of unit normal that touches the first: the excess of the gap to every corner of the second.
+        assert g[~apart].min() == pytest.approx(0.0, abs=1e-12)
+        assert_allclose(np.sort(g[apart]), np.sort(outlines[1] @ normal + line[2] - gap - constraints.MARGIN))
+        found.append(float(g[apart].min()))
+    assert found[0] == pytest.approx(bodies[0].distance(bodies[1]) - gap - constraints.MARGIN, abs=1e-12)
+    assert max(found[1:]) < found[0]
+
+
+def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
+    # A longer normal would make the gap seem larger than it is; none at all would stand between nothing.
+    _, corners = seeded(spec_of(KINDS[0]))
+    term = separation.seen_gap_term(4)
+    for length, allowed in [(1.0, True), (0.91, True), (0.89, False), (1.01, False)]:
+        line = np.array([0.6 * length, 0.8 * length, 0.0])
+        _, g = term_value(term, [corners[0], corners[3], line], [np.array([0.0])])
+        assert (g[:2].min() >= -1e-12) == allowed
