@@ -190,6 +190,7 @@ def _target(overlap: _Found) -> OverlapDesign:
         shares=np.array(
             [views.pixel_shares(Polygon(region), depth) for region, depth in zip(regions, spec.depths_mm, strict=True)]
         ),
+        regions=overlap.values[overlap.problem.regions].reshape(len(spec.depths_mm), -1, 2),
         fields=overlap.problem.fields(spec, overlap.values),
         grid_error=grid_error(layout),
     )

@@ -17,41 +17,60 @@ from mirrorcam.optics.design.program.mirror_variables import reflected, view_fro
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
+ANGLES = 8
+"""Directions in which the texture of a point is matched."""
+
 
 def depth_information(
-    centres: list[Expression], fold: Expression, depth: Expression, nearness: Expression, blur: Expression
+    centres: list[Expression],
+    central: int,
+    fold: Expression,
+    point: Expression,
+    nearness: Expression,
+    blur: Expression,
 ) -> Expression:
-    """What views (3, view axes, in scales) tell of a depth where the folded optical axis meets it, up to a factor.
+    """What a window of the central view tells of the depth of a point (3), up to a factor.
 
-    The bound for a texture with as much slope at each frequency. At the distance D from a view along the view axis, and
-    z along the axis of the camera, there are f^2 D / z^3 px per area; the view weighs (D / z^3)^2 / s^2, with the
-    variance s^2 of its blur over that of a sharp picture, 1 + (blur (1 / z - nearness))^2. Pixels count as equally fine
-    in all directions.
+    Views (3) and point in view axes, in scales. The bound for a texture with as much slope at each frequency: a view
+    that shows |J| px per area, J px per length, weighs |J| / (s |J^-T u|)^2 in the direction u, with the variance s^2
+    of its blur over that of a sharp picture, 1 + (blur (1 / z - nearness))^2.
     """
     turn = view_from_rig(fold)
-    aim = turn[:2, 2]
-    point = ca.vertcat(aim, depth)
-    weights, moves = [], []
+    density, moves, steps, variances = [], [], [], []
     for centre in centres:
-        away = depth - centre[2]
-        z = ca.dot(turn[:, 2], reflected(point, centre))
-        weights.append((away / z**3) ** 2 / (1.0 + (blur * (1.0 / z - nearness)) ** 2))
-        moves.append((aim - centre[:2]) / away)
-    total: Expression = sum(weights[1:], start=weights[0])
-    mean: Expression = sum((w * m for w, m in zip(weights, moves, strict=True)), start=ca.SX.zeros(2)) / total
-    return sum((w * ca.sumsqr(m - mean) for w, m in zip(weights, moves, strict=True)), start=ca.SX(0.0))
+        image = turn.T @ reflected(point, centre)
+        across = turn.T @ (ca.DM.eye(3) - 2.0 * centre @ centre.T / ca.sumsqr(centre))[:, :2]
+        z = image[2]
+        jacobian = (across[:2, :] * z - image[:2] @ across[2, :]) / z**2
+        area = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+        adjoint = ca.blockcat([[jacobian[1, 1], -jacobian[1, 0]], [-jacobian[0, 1], jacobian[0, 0]]])
+        density.append(ca.sqrt(area**2))
+        steps.append(adjoint / area)
+        variances.append(1.0 + (blur * (1.0 / z - nearness)) ** 2)
+        moves.append((point[:2] - centre[:2]) / (point[2] - centre[2]))
+    found: Expression = ca.SX(0.0)
+    for angle in np.pi * (np.arange(ANGLES) + 0.5) / ANGLES:
+        along = ca.DM([np.cos(angle), np.sin(angle)])
+        weights = [n / (v * ca.sumsqr(step @ along)) for n, v, step in zip(density, variances, steps, strict=True)]
+        moved = [ca.dot(move, along) for move in moves]
+        mean = sum(w * m for w, m in zip(weights, moved, strict=True)) / sum(weights)
+        found += sum(w * (m - mean) ** 2 for w, m in zip(weights, moved, strict=True))
+    return found / density[central]
 
 
 @lru_cache
-def depth_sigma_term(count: int) -> Term:
-    """The standard deviation of depth over that of a reference.
+def depth_sigma_term(count: int, central: int) -> Term:
+    """The standard deviation of depth at a point, up to a factor.
 
-    Unknowns: fold, virtual centres. Parameters: depth, 1 / focus, `blur`, the reference's information, weight.
+    Unknowns: fold, virtual centres. Parameters: depth, the point as tangents (2) of angles from the one that views are
+    aimed at (as corners of a region), 1 / focus, `blur`, weight.
     """
     term = TermBuilder()
     fold, centres = term.unknown(1), [term.unknown(3) for _ in range(count)]
-    depth, nearness, blur, reference, weight = (term.parameter() for _ in range(5))
-    term.minimise(weight * ca.sqrt(reference / depth_information(centres, fold, depth, nearness, blur)))
+    depth, tangents = term.parameter(), term.parameter(2)
+    nearness, blur, weight = (term.parameter() for _ in range(3))
+    point = ca.vertcat(view_from_rig(fold)[:2, 2] + tangents * (1.0 + depth), depth)
+    term.minimise(weight / ca.sqrt(depth_information(centres, central, fold, point, nearness, blur)))
     return term.built()
 
 

@@ -25,6 +25,12 @@ REFERENCE_GRID_ERROR = 0.25
 LEAST_EFFICIENCY = 0.02
 """A layout whose views share less of the sensor than this, at any depth, is refused."""
 
+PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
+"""Weights (5, 8) of a region's corners at its middle and towards every other corner: where a design for depth looks."""
+
+LEAST_TRADEOFF = 1e-3
+"""A trade-off below which the grid of a design for depth is as good as free."""
+
 LEAST_OF_OVERLAP = 0.99
 """Part of the field of view, and of the pixels of each view, that a design for depth keeps of that for overlap."""
 
@@ -52,15 +58,18 @@ class OverlapDesign:
         Virtual centres (n, 3) in view axes, in scales.
     shares
         Pixels (depths, n) of each view that see the common region / all pixels of the sensor.
+    regions
+        Corners (depths, 8, 2) of its regions, as those of `constraints.region_term`.
     fields
         Field of view (depths, 2) of its regions, see `depth_terms.field_of_view`.
     grid_error
-        Its grid error; where it is less, `REFERENCE_GRID_ERROR` is the limit.
+        Its grid error.
     """
 
     fold: float
     centres: FloatArray
     shares: FloatArray
+    regions: FloatArray
     fields: FloatArray
     grid_error: float
 
@@ -127,11 +136,12 @@ def overlap_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, .
 def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], overlap: OverlapDesign) -> Problem:
     """The program of the least standard deviation of depth with the pixels and the field of view of another design.
 
-    The objective is the standard deviation over that of the design for overlap, averaged over the depths. See
-    `overlap_problem` for the parameters and the unknowns, which are the same.
+    The objective is the standard deviation over that of the design for overlap, averaged over the depths. The largest
+    grid error is the one that the trade-off weighs as much as all pixels, or that of the design for overlap, if it is
+    larger. See `overlap_problem` for the parameters and the unknowns, which are the same.
     """
     draft = _draft_in_place(spec, seed)
-    most = max(REFERENCE_GRID_ERROR, 1.01 * overlap.grid_error)
+    most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
     draft.program.add(depth_terms.grid_limit_term(spec.arrangement), draft.centres, [most])
     none = robustness.tilts(spec, 0)
     shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
@@ -140,6 +150,11 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
     add_body(draft)
     add_pairs(draft, pairs)
     return _problem(draft, regions)
+
+
+def largest_grid_error(tradeoff: float) -> float:
+    """The grid error g of tradeoff * (g / 0.25)^2 = 1 - tradeoff."""
+    return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, LEAST_TRADEOFF)))
 
 
 def _problem(draft: Draft, regions: list[Indices]) -> Problem:
@@ -189,15 +204,16 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
 
 
 def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesign) -> None:
-    """The objective of a design for depth, and its field of view."""
-    spec, camera, count = draft.spec, draft.spec.camera, len(draft.mirrors)
-    nearness = spec.scale_mm / camera.focus_mm
-    sharp_px = float(np.sqrt(SHARP_VARIANCE_PX2))
-    blur = camera.fx_px * camera.aperture_mm / spec.scale_mm / 4.0 / sharp_px
-    centres = [ca.SX(centre) for centre in overlap.centres]
-    for depth_mm, region, least in zip(spec.depths_mm, regions, LEAST_OF_OVERLAP * overlap.fields, strict=True):
+    """The objective of a design for depth, the mean over places of the common region, and its field of view."""
+    spec, camera = draft.spec, draft.spec.camera
+    sigma = depth_terms.depth_sigma_term(len(draft.mirrors), spec.arrangement.central_index)
+    field = depth_terms.field_of_view_term(len(draft.mirrors))
+    blur = camera.fx_px * camera.aperture_mm / spec.scale_mm / 4.0 / float(np.sqrt(SHARP_VARIANCE_PX2))
+    unknowns, before = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
+    for depth_mm, region, corners, fields in zip(spec.depths_mm, regions, overlap.regions, overlap.fields, strict=True):
         depth = depth_mm / spec.scale_mm
-        reference = depth_terms.depth_information(centres, ca.SX(overlap.fold), depth, nearness, blur)
-        given: list[ArrayLike] = [depth, nearness, blur, float(ca.evalf(reference)), 1.0 / len(spec.depths_mm)]
-        draft.program.add(depth_terms.depth_sigma_term(count), [draft.fold, *draft.centres], given)
-        draft.program.add(depth_terms.field_of_view_term(count), [region, *draft.centres], [depth, least])
+        given = [[depth, *place, spec.scale_mm / camera.focus_mm, blur] for place in PLACES @ corners]
+        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in given)
+        for numbers in given:
+            draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
+        draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
