@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -145,7 +146,7 @@ class FastScene:
             radiance = self._xp.finished(canvas).reshape(window.weight.shape)
             if self._pupil.aperture_mm:
                 radiance = defocused(radiance, self._defocus_px2(window), self._subpixels)
-            light[window.place] += window.weight * radiance
+            cv2.accumulateProduct(window.weight, np.ascontiguousarray(radiance), light[window.place])
         return light
 
     def _in_focus(self, window: _ViewWindow) -> Any:

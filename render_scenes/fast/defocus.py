@@ -18,6 +18,9 @@ BLUR_STEP_PX = 0.25
 LEAST_BLUR_PX = 0.02
 """Sigma, px, that is left out."""
 
+ROWS = 32
+"""Rows that are mixed at a time."""
+
 LEAST_SAMPLED = 0.7
 """Sigma, subpixels, from which on a sampled Gaussian has the variance of the Gaussian; less is mixed."""
 
@@ -38,17 +41,21 @@ def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], sub
     if high < LEAST_BLUR_PX:
         return sharp
     levels = _levels(low * subpixels, high * subpixels, BLUR_STEP_PX * subpixels)
-    found = _blurred(sharp, levels[0])
-    for before, level in pairwise(levels):
-        part = variance_px2 * np.float32(subpixels**2 / (level**2 - before**2))
-        part -= np.float32(before**2 / (level**2 - before**2))
-        if len(levels) > 2:
-            np.clip(part, 0.0, 1.0, out=part)
-        change = _blurred(sharp, level)
-        change -= found
-        change *= part
-        change += found
-        found = change
+    blurred = [_blurred(sharp, level) for level in levels]
+    found = np.empty_like(sharp)
+    # A few rows at a time stay in the processor's cache.
+    for start in range(0, len(sharp), ROWS):
+        rows = slice(start, start + ROWS)
+        mixed = blurred[0][rows]
+        for (before, level), more in zip(pairwise(levels), blurred[1:], strict=True):
+            part = variance_px2[rows] * np.float32(subpixels**2 / (level**2 - before**2))
+            part -= np.float32(before**2 / (level**2 - before**2))
+            if len(levels) > 2:
+                np.clip(part, 0.0, 1.0, out=part)
+            part *= more[rows] - mixed
+            part += mixed
+            mixed = part
+        found[rows] = mixed
     return found
 
 

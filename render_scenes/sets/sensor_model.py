@@ -18,6 +18,10 @@ from mirrorcam.render_scenes.sets.image_processing import mosaic, processed
 from mirrorcam.render_scenes.settings import SensorModel
 
 
+NOISE_ROWS = 32
+"""Rows that get their noise at a time."""
+
+
 def photograph(
     radiance: NDArray[np.float32],
     subpixels: int,
@@ -55,15 +59,24 @@ def photograph(
     if model.prnu_percent > 0:
         grey *= _per_pixel(_sensitivity(camera.width_px, camera.height_px, model.prnu_percent), grey)
     if model.full_well_electrons > 0 or model.read_noise_grey > 0:
-        noise = random.standard_normal(grey.shape, dtype=np.float32)
+        _add_noise(grey, model, random)
+    return np.asarray(cv2.convertScaleAbs(np.maximum(processed(grey, model), 0.0)))
+
+
+def _add_noise(grey: NDArray[np.float32], model: SensorModel, random: np.random.Generator) -> None:
+    """Add shot and read noise to a picture (h, w[, 3]), some rows at a time, which stay in the processor's cache."""
+    for start in range(0, len(grey), NOISE_ROWS):
+        rows = grey[start : start + NOISE_ROWS]
+        noise = random.standard_normal(rows.shape, dtype=np.float32)
         if model.full_well_electrons > 0:
             # Shot noise has the variance of the number of electrons; the read noise adds to it.
-            electrons = np.maximum(grey, 0.0) * np.float32(255.0 / model.full_well_electrons)
-            noise *= np.sqrt(electrons + np.float32(model.read_noise_grey**2))
+            variance = np.maximum(rows, 0.0)
+            variance *= np.float32(255.0 / model.full_well_electrons)
+            variance += np.float32(model.read_noise_grey**2)
+            noise *= np.sqrt(variance, out=variance)
         else:
             noise *= np.float32(model.read_noise_grey)
-        grey += noise
-    return np.asarray(cv2.convertScaleAbs(np.clip(np.rint(processed(grey, model)), 0, 255)))
+        rows += noise
 
 
 def _per_pixel(factor: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArray[np.float32]:
