@@ -17,7 +17,6 @@ from mirrorcam.render_scenes.sets.chromatic_lens import light_of_pixels
 from mirrorcam.render_scenes.sets.image_processing import mosaic, processed
 from mirrorcam.render_scenes.settings import SensorModel
 
-
 NOISE_ROWS = 32
 """Rows that get their noise at a time."""
 
