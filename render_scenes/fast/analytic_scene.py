@@ -24,30 +24,13 @@ from mirrorcam.render_scenes.boards.printed_board import board_from_texels, prin
 from mirrorcam.render_scenes.fast.arithmetic import Arithmetic, DrJitArithmetic, NumpyArithmetic
 from mirrorcam.render_scenes.fast.defocus import defocused
 from mirrorcam.render_scenes.fast.mipmap import MipLevel, build_mipmap
-from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, VirtualView, pixel_footprints, virtual_views
+from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, pixel_footprints
+from mirrorcam.render_scenes.fast.print_map import PrintMap, coefficients, map_to_print, virtual_views
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 SAMPLED = 64  # footprints of a view that choose its mipmap level
-
-
-@dataclass(frozen=True)
-class PrintMap:
-    """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s slide) r / (depth r).
-
-    s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
-    rays that meet the printed side. A ray from the point (p, q) of the pupil, mm, adds p across[0] + q across[1] to
-    `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is one
-    over the distance, mm, along the axis.
-    """
-
-    print: FloatArray
-    depth: FloatArray
-    slide: FloatArray
-    across: FloatArray
-    stretch: FloatArray
-    nearness: FloatArray
 
 
 @dataclass(frozen=True)
@@ -155,7 +138,7 @@ class FastScene:
         canvas = self._xp.canvas(window.weight.size)
         for footprints in window.footprints:
             index = self._level(maps[len(maps) // 2], footprints)
-            numbers = [self._xp.numbers(_scaled(to_print, footprints, 0.5**index)) for to_print in maps]
+            numbers = [self._xp.numbers(coefficients(to_print, footprints.steps, 0.5**index)) for to_print in maps]
             radiance = self._radiance(footprints, self._mipmap.levels[index], numbers, self._time(window, footprints))
             self._xp.put(canvas, footprints.square, radiance)
         return canvas
@@ -259,61 +242,6 @@ class FastScene:
         above = _mixed(xp.take(self._texels, at), xp.take(self._texels, at + 1), left)
         below = _mixed(xp.take(self._texels, at + columns), xp.take(self._texels, at + columns + 1), left)
         return xp.where(per_depth > 0.0, _mixed(above, below, upper), 0.0)
-
-
-def map_to_print(
-    view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, focus_mm: float
-) -> PrintMap:
-    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm.
-
-    The rays of the pupil meet at `focus_mm` along the axis.
-    """
-    board_from_rig = rig_from_board[:3, :3].T
-    centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
-    turn, normal = board_from_rig @ view.turn, board_from_rig @ view.normal_in_rig
-    flat, origin = texels_from_board[:2, :2], texels_from_board[:2, 2]
-
-    def meets_board(start: FloatArray) -> FloatArray:
-        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0, in texels."""
-        return flat @ (np.outer(start[:2], turn[2]) - start[2] * turn[:2])
-
-    # Seen from the unprinted side, or looking away: a depth that is never positive.
-    shown = centre[2] < 0.0
-    depth = turn[2] if shown else np.array([0.0, 0.0, -1.0])
-    from_centre = meets_board(centre)
-    # From the point a of the pupil, the ray starts at centre + turn a along turn (r - a / focus); terms of second order
-    # in a cancel.
-    stretch = -turn[2, :2] / focus_mm if shown else np.zeros(2)
-    upright = np.array([0.0, 0.0, 1.0])
-    across = [
-        meets_board(turn[:, k]) + np.outer(origin * stretch[k] - from_centre[:, k] / focus_mm, upright)
-        for k in range(2)
-    ]
-    return PrintMap(
-        from_centre + np.outer(origin, turn[2]),
-        depth,
-        meets_board(normal),
-        np.stack(across),
-        stretch,
-        -turn[2] / centre[2] if shown else np.zeros(3),
-    )
-
-
-def _scaled(to_print: PrintMap, footprints: _LoadedFootprints, scale: float) -> list[float]:
-    """The 35 coefficients of a map to a mipmap level, whose texels are counted from the corner of the border."""
-    at = scale * to_print.print + to_print.depth
-    across = scale * to_print.across
-    across[:, :, 2] += to_print.stretch[:, None]
-    parts = (
-        at,
-        to_print.depth,
-        scale * to_print.slide,
-        at[:, :2] @ footprints.steps,
-        to_print.depth[:2] @ footprints.steps,
-        across,
-        to_print.stretch,
-    )
-    return [float(number) for part in parts for number in part.ravel()]
 
 
 def _overlap(xp: Arithmetic, middle: Any, width: Any, count: Any) -> tuple[Any, Any]:

@@ -31,25 +31,13 @@ from mirrorcam.optics.geometry.pupil import (
     joined,
     served_through,
 )
+from mirrorcam.render_scenes.fast.print_map import front_distance_mm
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
 BLOCK = 8  # subpixels along each side of a block that is classified as a whole
 FINE = 4  # samples along each side of a subpixel that the edge of a mirror cuts
 SHARP = 4.0  # subpixels that the blurred edge of a mirror is at least wide, or else is sampled in each
-
-
-@dataclass(frozen=True)
-class VirtualView:
-    """Light along (x, y, 1) in the camera appears to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
-
-    These are the virtual centre and the reflection of a mirror's front, or zero and the identity of the bare camera.
-    The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
-    """
-
-    centre_in_rig_mm: FloatArray
-    turn: FloatArray
-    normal_in_rig: FloatArray
 
 
 @dataclass(frozen=True)
@@ -97,16 +85,6 @@ class _Seen:
     part: DiscPart
 
 
-def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
-    """Return the view of each mirror; without mirrors, that of the bare camera."""
-    if not mirrors:
-        return (VirtualView(np.zeros(3), np.eye(3), np.zeros(3)),)
-    return tuple(
-        VirtualView(-2.0 * _front_distance_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
-        for mirror in mirrors
-    )
-
-
 def pixel_footprints(
     camera: Camera, mirrors: tuple[Mirror, ...], cut: int, reflectances: FloatArray, pupil: Pupil
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
@@ -137,7 +115,7 @@ def pixel_footprints(
         return ((grid.footprints(0, every, np.zeros(grid.count), np.ones(grid.count), _whole(grid.count), pupil),),)
     views = []
     # Nearer mirrors first: a farther one serves at most the rest of the pupil.
-    order = sorted(range(len(mirrors)), key=lambda index: _front_distance_mm(mirrors[index]))
+    order = sorted(range(len(mirrors)), key=lambda index: front_distance_mm(mirrors[index]))
     for passes in range(PASSES):
         free = np.ones(grid.count)
         for index in order:
@@ -301,11 +279,6 @@ def _span(hit: NDArray[np.bool_]) -> tuple[int, int]:
     """Range of indices with hits, extended by one at either end."""
     found = np.flatnonzero(hit)
     return max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(hit))
-
-
-def _front_distance_mm(mirror: Mirror) -> float:
-    """Distance of the front of a mirror from the pupil."""
-    return mirror.distance_mm - mirror.front_mm
 
 
 def _served(mirror: Mirror, normalized: FloatArray, pupil: Pupil, passes: int) -> HalfPlanes:

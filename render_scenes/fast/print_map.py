@@ -1,0 +1,114 @@
+"""Maps from a mirror's view to the print on a board: which texel the ray of each subpixel meets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+
+
+@dataclass(frozen=True)
+class VirtualView:
+    """Light along (x, y, 1) in the camera appears to come from `centre_in_rig_mm` (3,) along `turn` (3, 3) @ (x, y, 1).
+
+    These are the virtual centre and the reflection of a mirror's front, or zero and the identity of the bare camera.
+    The centre is shifted along -`normal_in_rig` (3,) by `PixelFootprints.slide_mm`.
+    """
+
+    centre_in_rig_mm: FloatArray
+    turn: FloatArray
+    normal_in_rig: FloatArray
+
+
+@dataclass(frozen=True)
+class PrintMap:
+    """Projective map from a view to the print: the ray r = (x, y, 1) meets it at (print - s slide) r / (depth r).
+
+    s is the shift of the view's centre. `print` (2, 3) and `slide` (2, 3) are in texels; `depth` (3,) r is positive for
+    rays that meet the printed side. A ray from the point (p, q) of the pupil, mm, adds p across[0] + q across[1] to
+    `print` and p stretch[0] + q stretch[1] to depth r: `across` is (2, 2, 3), `stretch` (2,). `nearness` (3,) r is one
+    over the distance, mm, along the axis.
+    """
+
+    print: FloatArray
+    depth: FloatArray
+    slide: FloatArray
+    across: FloatArray
+    stretch: FloatArray
+    nearness: FloatArray
+
+
+def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
+    """Return the view of each mirror; without mirrors, that of the bare camera."""
+    if not mirrors:
+        return (VirtualView(np.zeros(3), np.eye(3), np.zeros(3)),)
+    return tuple(
+        VirtualView(-2.0 * front_distance_mm(mirror) * mirror.normal_in_rig, mirror.reflection, mirror.normal_in_rig)
+        for mirror in mirrors
+    )
+
+
+def front_distance_mm(mirror: Mirror) -> float:
+    """Distance of the front of a mirror from the pupil."""
+    return mirror.distance_mm - mirror.front_mm
+
+
+def map_to_print(
+    view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, focus_mm: float
+) -> PrintMap:
+    """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm.
+
+    The rays of the pupil meet at `focus_mm` along the axis.
+    """
+    board_from_rig = rig_from_board[:3, :3].T
+    centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
+    turn, normal = board_from_rig @ view.turn, board_from_rig @ view.normal_in_rig
+    flat, origin = texels_from_board[:2, :2], texels_from_board[:2, 2]
+
+    def meets_board(start: FloatArray) -> FloatArray:
+        """Rows (2, 3) of which the quotient by `turn[2]` is where the ray from a start meets z = 0, in texels."""
+        return flat @ (np.outer(start[:2], turn[2]) - start[2] * turn[:2])
+
+    # Seen from the unprinted side, or looking away: a depth that is never positive.
+    shown = centre[2] < 0.0
+    depth = turn[2] if shown else np.array([0.0, 0.0, -1.0])
+    from_centre = meets_board(centre)
+    # From the point a of the pupil, the ray starts at centre + turn a along turn (r - a / focus); terms of second order
+    # in a cancel.
+    stretch = -turn[2, :2] / focus_mm if shown else np.zeros(2)
+    upright = np.array([0.0, 0.0, 1.0])
+    across = [
+        meets_board(turn[:, k]) + np.outer(origin * stretch[k] - from_centre[:, k] / focus_mm, upright)
+        for k in range(2)
+    ]
+    return PrintMap(
+        from_centre + np.outer(origin, turn[2]),
+        depth,
+        meets_board(normal),
+        np.stack(across),
+        stretch,
+        -turn[2] / centre[2] if shown else np.zeros(3),
+    )
+
+
+def coefficients(to_print: PrintMap, steps: FloatArray, scale: float) -> list[float]:
+    """The 35 coefficients of a map to a mipmap level, whose texels are counted from the corner of the border.
+
+    `steps` (2, 2) are those of `PixelFootprints`, `scale` is the width of the print's texels in those of the level.
+    """
+    at = scale * to_print.print + to_print.depth
+    across = scale * to_print.across
+    across[:, :, 2] += to_print.stretch[:, None]
+    parts = (
+        at,
+        to_print.depth,
+        scale * to_print.slide,
+        at[:, :2] @ steps,
+        to_print.depth[:2] @ steps,
+        across,
+        to_print.stretch,
+    )
+    return [float(number) for part in parts for number in part.ravel()]

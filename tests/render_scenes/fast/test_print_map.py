@@ -1,0 +1,67 @@
+"""Maps to the print beside rays that are cut with the board's plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.fast.print_map import coefficients, map_to_print, virtual_views
+
+TEXELS_FROM_BOARD = np.array([[4.0, 0.1, 12.0], [-0.1, 4.0, 7.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def rig_from_board() -> FloatArray:
+    pose = np.eye(4)
+    tilt = np.radians(20.0)
+    pose[:3, :3] = [[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]]
+    pose[:3, 3] = [-40.0, -30.0, 400.0]
+    return pose
+
+
+def met(start: FloatArray, along: FloatArray, rig_from_board: FloatArray) -> FloatArray:
+    """Texel (2,) where a ray in rig meets the print."""
+    normal = rig_from_board[:3, 2]
+    point = start + along * ((rig_from_board[:3, 3] - start) @ normal / (along @ normal))
+    board = rig_from_board[:3, :3].T @ (point - rig_from_board[:3, 3])
+    return TEXELS_FROM_BOARD[:2, :2] @ board[:2] + TEXELS_FROM_BOARD[:2, 2]
+
+
+@pytest.mark.parametrize("pupil_mm", [(0.0, 0.0), (0.9, 0.0), (-0.4, 0.7)])
+def test_rays_of_the_pupil_meet_the_print_where_they_cut_its_plane(
+    rig_from_board: FloatArray, pupil_mm: tuple[float, float]
+) -> None:
+    (view,), focus_mm = virtual_views(()), 500.0
+    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, focus_mm)
+    ray, start = np.array([0.05, -0.08, 1.0]), np.array([*pupil_mm, 0.0])
+    at = to_print.print @ ray + np.einsum("k,kij,j->i", pupil_mm, to_print.across, ray)
+    depth = to_print.depth @ ray + to_print.stretch @ np.array(pupil_mm)
+    np.testing.assert_allclose(at / depth, met(start, ray - start / focus_mm, rig_from_board), atol=2e-3)
+
+
+def test_a_board_seen_from_behind_is_never_before_the_camera(rig_from_board: FloatArray) -> None:
+    (view,) = virtual_views(())
+    turned = rig_from_board @ np.diag([1.0, -1.0, -1.0, 1.0])
+    depths = [map_to_print(view, pose, TEXELS_FROM_BOARD, 500.0).depth for pose in (rig_from_board, turned)]
+    assert sorted(float(depth[2]) > 0.0 for depth in depths) == [False, True]
+
+
+def test_a_coarser_level_has_half_the_texels(rig_from_board: FloatArray) -> None:
+    (view,) = virtual_views(())
+    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, 500.0)
+    ray = np.array([0.05, -0.08, 1.0])
+    places = []
+    for scale in (1.0, 0.5):
+        numbers = coefficients(to_print, np.diag([7e-4, 7e-4]), scale)
+        assert len(numbers) == 35
+        u, v, depth = np.reshape(numbers[:9], (3, 3)) @ ray
+        places.append(np.array([u, v]) / depth - 1.0)
+    np.testing.assert_allclose(places[1], 0.5 * places[0])
+
+
+def test_views_of_first_surface_mirrors_are_their_virtual_centres(small_layout: Layout) -> None:
+    for view, mirror in zip(virtual_views(small_layout.mirrors), small_layout.mirrors, strict=True):
+        np.testing.assert_allclose(view.centre_in_rig_mm, mirror.virtual_centre_in_rig_mm, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.det(view.turn), -1.0)
