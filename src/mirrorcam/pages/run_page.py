@@ -48,6 +48,18 @@ def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
     return PagePicture(path=path, opens=opens, size_px=(width, height), alt=alt)
 
 
+def _focus_picture(root: Path) -> PagePicture | None:
+    """The picture of the depth of field, which a pinhole does not have."""
+    if not (root / "design/focus.png").exists():
+        return None
+    return _picture(
+        root,
+        "design/focus.png",
+        "design/focus.png",
+        "Circles of confusion over depth through each mirror, as focused and with the best focus",
+    )
+
+
 def gather(root: Path, *, command: str, small: bool) -> Report:
     """The report of the finished stages below `root`."""
     layout = Layout.load(root / "design" / "layout.json")
@@ -78,6 +90,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             "design/before_after.png",
             "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
         ),
+        focus=_focus_picture(root),
         part=_picture(
             root, "cad/pictures/light.png", "cad/index.html", "The device, and the light from its lens to the scene"
         ),

@@ -33,6 +33,7 @@ class Report:
     checks: Mapping[str, Metric]
     truth: Mapping[str, Metric]
     before_after: PagePicture
+    focus: PagePicture | None
     part: PagePicture
     frame: PagePicture
     views: PagePicture
@@ -65,11 +66,13 @@ def highlights(report: Report) -> list[Tile]:
     """Headline figures for a newcomer, of those that were measured."""
     width, height = report.view_size_px
     tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
+    # A camera with an aperture can use only pixels whose whole pupil a mirror serves.
+    counted = "usable_efficiency_" if report.layout.camera.aperture_mm > 0.0 else "pixel_efficiency_"
     for name, metric in report.layout.metrics.items():
-        if name.startswith("pixel_efficiency_"):
+        if name.startswith(counted):
             before = report.parabola.metrics.get(name)
             versus = f", parabola {before.value:.0%}" if before else ""
-            depth = name.removeprefix("pixel_efficiency_").replace("mm", " mm")
+            depth = name.removeprefix(counted).replace("mm", " mm")
             tiles.append(Tile(f"{metric.value:.0%}", f"of the sensor shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
         if name in report.truth:

@@ -38,7 +38,13 @@ def root(small_layout: Layout, tmp_path: Path) -> Path:
     write_metrics(tmp_path / "cad/checks.json", CHECKS)
     write_metrics(tmp_path / "validation/metrics.json", TRUTH)
     for number, name in enumerate(
-        ("design/before_after.png", "cad/pictures/light.png", "validation/residuals.png", "page/frame.jpg")
+        (
+            "design/before_after.png",
+            "design/focus.png",
+            "cad/pictures/light.png",
+            "validation/residuals.png",
+            "page/frame.jpg",
+        )
     ):
         write_image(tmp_path / name, np.zeros((20 + number, 60, 3), np.uint8))
     write_image(tmp_path / "page/views.jpg", np.zeros((50, 60, 3), np.uint8))
@@ -53,8 +59,9 @@ def test_the_report_holds_what_lies_in_the_folders(root: Path, small_layout: Lay
     assert (report.checks, report.truth) == (CHECKS, TRUTH)
     assert "0.7°" in report.as_built
     assert "0.25 mm" in report.as_built
-    pictures = (report.before_after, report.part, report.residuals, report.frame, report.views)
-    assert [picture.size_px for picture in pictures] == [(60, height) for height in (20, 21, 22, 23, 50)]
+    assert report.focus is not None
+    pictures = (report.before_after, report.focus, report.part, report.residuals, report.frame, report.views)
+    assert [picture.size_px for picture in pictures] == [(60, height) for height in (20, 21, 22, 23, 24, 50)]
     suffix = RenderSettings().suffix
     assert report.frame.opens == f"set/frames/0001{suffix}"
     assert report.views.opens == "light_field/0001_views.png"

@@ -12,7 +12,7 @@ from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.html.templates import PageFile, PagePicture
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.pages.run_report import Report, index_html
+from mirrorcam.pages.run_report import Report, highlights, index_html
 
 VOID = {"meta", "img", "link", "br"}
 
@@ -51,11 +51,13 @@ def outline(page: str) -> Outline:
 def report(small_layout: Layout) -> Report:
     figures = {
         "grid_error": Metric(value=0.4, unit="1"),
+        "usable_efficiency_300mm": Metric(value=0.05, unit="of the sensor", lower_is_better=False),
         "pixel_efficiency_300mm": Metric(value=0.07, unit="of the sensor", lower_is_better=False),
     }
     better = {
         "grid_error": Metric(value=0.1, unit="1"),
         "pixel_efficiency_300mm": Metric(value=0.53, unit="of the sensor", lower_is_better=False),
+        "usable_efficiency_300mm": Metric(value=0.46, unit="of the sensor", lower_is_better=False),
     }
 
     def picture(name: str) -> PagePicture:
@@ -76,6 +78,7 @@ def report(small_layout: Layout) -> Report:
             "corners": Metric(value=40000, unit="1"),
         },
         before_after=picture("before_after"),
+        focus=picture("focus"),
         part=picture("part"),
         frame=picture("frame"),
         views=picture("views"),
@@ -94,13 +97,14 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
         "0.00412°",
         "0.0041°",
         "≤ 0.02°",
-        "53%",
+        "46%",
         f"480 {TIMES} 270",
         "20 frames",
     ):
         assert words in found.text
     expected = {
         "page/before_after.jpg",
+        "page/focus.jpg",
         "page/part.jpg",
         "page/frame.jpg",
         "page/views.jpg",
@@ -108,6 +112,19 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
         "set/frame.png",
     }
     assert expected | {"cad/mirror_holder.step", "metrics.json"} <= set(found.targets)
+
+
+def test_tiles_count_the_pixels_that_the_camera_can_use(report: Report) -> None:
+    pinhole = report.layout.replaced(camera=report.layout.camera.replaced(aperture_mm=0.0))
+    for layout, share, before in ((report.layout, "46%", "5%"), (pinhole, "53%", "7%")):
+        tiles = {tile.value: tile.text for tile in highlights(replace(report, layout=layout))}
+        assert tiles[share].endswith(f"at 300 mm, parabola {before}")
+
+
+def test_a_pinhole_has_no_picture_of_its_focus(report: Report) -> None:
+    page = outline(index_html(replace(report, focus=None)))
+    assert "page/focus.jpg" not in page.targets
+    assert "pinhole" not in page.text
 
 
 def test_the_page_needs_nothing_from_outside(report: Report) -> None:
