@@ -191,6 +191,11 @@ def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> st
         key = str(first["loc"][-1])
         meant = get_close_matches(key, sorted(names), n=1) if key not in names else []
         message = f"not known, did you mean {meant[0]}?" if meant else "not known"
+    if first["type"] == "union_tag_not_found":
+        message = f"{first['ctx']['discriminator']} is missing"
+    if first["type"] == "union_tag_invalid":
+        given = first["ctx"]
+        message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")
 

@@ -10,7 +10,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, Problem, overlap_problem
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.robustness import SAFE_SIGMAS
-from mirrorcam.optics.design.program.seeds import Seed, seed_of
+from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
 from mirrorcam.optics.design.program.separated_pairs import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
@@ -57,12 +57,20 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 
 
 def check_at_once(spec: DesignSpec) -> None:
-    """Refuse a depth nearer than the middles of the seed's mirrors, and mirrors so thick that they reach the pupil."""
+    """Refuse what needs no search.
+
+    A depth nearer than the middles of the seed's mirrors, gaps wider than the sensor, and mirrors so thick that they
+    reach the pupil.
+    """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
     beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
     if beyond_mm >= 0:
         raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm})
+    low, high = sensor_bounds(spec.camera)
+    beyond = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
+    if beyond >= 0:
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": beyond})
     # The optical axis meets its mirror at 90 degrees less half the fold: its cosine is the sine of half the fold.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     before_mm = 0.0

@@ -37,6 +37,11 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
         ),
         (
             "seen gap",
+            DesignSpec(scale_mm=0.001),
+            r"sub-images cannot be 0.5 mm apart, they come 0.498 mm too close",
+        ),
+        (
+            "seen gap",
             DesignSpec(rows=2, cols=2, seen_gap_mm=100.0),
             r"sub-images cannot be 100 mm apart, they come \d+(\.\d)? mm too close",
         ),

@@ -117,6 +117,8 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
             "60 markers are needed, DICT_4X4_50 has 50",
         ),
         ("cols == 8", "not valid TOML"),
+        ("cols = 8\n", "'kind' is missing"),
+        ('kind = "chess"\n', "'kind' is 'chess', expected one of 'checkerboard', 'charuco'"),
     ],
 )
 def test_board_files_are_refused_in_one_line(content: str, message: str, tmp_path: Path) -> None:
