@@ -57,7 +57,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             r"mirrors of 200 mm reach 53\.6 mm past the pupil",
         ),
     ],
-    ids=["depth", "overlap", "size", "spacing", "seen gap", "body", "occlusion"],
+    ids=["depth", "overlap", "size", "spacing", "gap beyond the sensor", "seen gap", "body", "occlusion"],
 )
 def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, message: str) -> None:
     with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:
