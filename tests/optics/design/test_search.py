@@ -70,6 +70,6 @@ def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, me
 def test_tolerances_that_no_design_survives_are_refused() -> None:
     with pytest.raises(InfeasibleDesign, match="devices as built, mirrors tilted by 20°"):
         design(DesignSpec(rows=1, cols=2, robust_tilt_deg=20.0))
-    with pytest.raises(InfeasibleDesign, match="and 3 sigma of tilts of 0° and offsets of 10 mm apart") as refused:
-        design(DesignSpec(rows=3, cols=1, robust_offset_mm=10.0))
+    with pytest.raises(InfeasibleDesign, match="and 3 sigma of tilts of 0° and offsets of 100 mm apart") as refused:
+        design(DesignSpec(rows=1, cols=2, robust_offset_mm=100.0))
     assert refused.value.constraint == "seen gap"
