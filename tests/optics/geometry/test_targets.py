@@ -99,7 +99,7 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("cols = 8\nrows = 7\nsquare_mm = 3.0\n", "'kind'"),
-        ('kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n', "'kind' is 'dots', expected one of 'checkerboard', 'charuco'"),
+        ('kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n', "'dots', expected one of 'checkerboard', 'charuco'"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\n', "checkerboard.square_mm: Field required"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = nan\n', "square_mm: Input should be a finite number"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\n', "marker_mm: not known"),
