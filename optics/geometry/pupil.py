@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.plate import inner_tangent
 
 if TYPE_CHECKING:
@@ -22,10 +21,6 @@ if TYPE_CHECKING:
 
 CHORDS = 32
 """Number of chords over which a part of the disc is integrated."""
-
-BORDER_STEPS = 4
-FARTHEST_PARTS = 10.0
-"""Ways from an edge to the middle of its outline, within which a border is that leaves anything."""
 
 FOCUS_MM = 500.0
 
@@ -123,26 +118,35 @@ def served_by(
         Shift (n,) of the points where rays meet the front, away from the foot of the pupil: to where they leave it.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
-    normal, nearness = mirror.normal_in_rig, 1.0 / focus_mm
-    corners = mirror.outline_in_rig_mm + mirror.front_mm * normal
-    inwards = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
-    inwards *= np.sign(((corners.mean(axis=0) - corners) * inwards).sum(axis=1))[:, None]
-    away = mirror.distance_mm - mirror.front_mm
-    # A ray a + t (r - a / focus) meets the plane at a height over each edge of (constant + slope . a) / a positive
-    # number: terms of second order in a cancel.
-    reach = (corners * inwards).sum(axis=1)
-    along, beside = rays @ normal, rays @ inwards.T
-    constant = along[:, None] * reach + away * beside
+    corners = mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig
+    edges = np.stack([corners, np.roll(corners, -1, axis=0)])
+    constant, slope, along_edges = passing(edges, corners.mean(axis=0), rays, 1.0 / focus_mm)
+    along = rays @ mirror.normal_in_rig
     if shift_mm is not None:
-        across = rays - along[:, None] * normal
+        across = rays - along[:, None] * mirror.normal_in_rig
         outwards = across / np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
-        constant -= (along * shift_mm)[:, None] * (outwards @ inwards.T)
-    slope = (
-        -(along + away * nearness)[:, None, None] * inwards[:, :2] + (beside - nearness * reach)[..., None] * normal[:2]
-    )
+        constant -= (along * shift_mm)[:, None] * (outwards @ np.cross(along_edges, mirror.normal_in_rig).T)
     length = np.linalg.norm(slope, axis=-1)
     towards = along < 0.0
     return HalfPlanes(slope / length[..., None], np.where(towards[:, None], constant / length, -np.inf))
+
+
+def passing(
+    edges_mm: FloatArray, within_mm: FloatArray, rays: FloatArray, nearness: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How far inside of edges (2, ..., m, 3), from end to end, rays from the pupil pass: constant + slope . place > 0.
+
+    The rays of the pixel of a chief ray (..., n, 3) run from a place p of the pupil along r - p * nearness: the triple
+    product of that with A - p and B - p is linear in p. Constants (..., n, m), slopes (..., n, m, 2), and vectors
+    (..., m, 3) along the edges, which run so that the inside, with `within_mm` (..., 3), is on the positive side.
+    """
+    sides = np.cross(edges_mm[0], edges_mm[1])
+    sign = np.sign(sides @ within_mm[..., None])
+    sides, along = sides * sign, (edges_mm[1] - edges_mm[0]) * sign
+    x, y = rays[..., 0, None], rays[..., 1, None]
+    dx, dy, dz = np.moveaxis(along[..., None, :, :], -1, 0)
+    slope = np.stack([y * dz - dy, dx - x * dz], axis=-1) - nearness * sides[..., None, :, :2]
+    return rays @ np.swapaxes(sides, -1, -2), slope, along
 
 
 def served_through(mirror: Mirror, normalized: FloatArray, focus_mm: float, passes: int = 1) -> HalfPlanes:
@@ -260,35 +264,3 @@ def _turned(
             ]
         ),
     )
-
-
-def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
-    """Corners (n, 2) of the part of a sub-image whose whole pupil the mirror serves, in normalized coordinates.
-
-    (0, 2) where there is none. Its borders, of which each is nearly straight, are drawn straight and run inside.
-    """
-    shown = mirror.usable_normalized
-    if pupil.radius_mm == 0.0 or len(shown) == 0:
-        return shown
-    apparent = mirror.apparent
-    on_mirror = apparent.replaced(outline_in_rig_mm=apparent.cut(shown))
-    middle = shown.mean(axis=0)
-    kept = shown
-    for k in range(len(shown)):
-        ends = np.stack([shown[k], shown[(k + 1) % len(shown)]])
-        parts = np.zeros(2)
-        for _ in range(BORDER_STEPS):  # of Newton's method towards the middle, along which the distance grows evenly
-            at, beside = (
-                served_by(on_mirror, ends + (parts + step)[:, None] * (middle - ends), pupil.focus_mm)
-                for step in (0.0, 1e-6)
-            )
-            slope = (beside.distance[:, k] - at.distance[:, k]) / 1e-6
-            parts += (pupil.radius_mm - at.distance[:, k]) / slope
-            if not (np.abs(parts) < FARTHEST_PARTS).all():
-                return np.zeros((0, 2))
-        inwards = middle - ends
-        first, second = ends + parts[:, None] * inwards
-        along = second - first
-        across = np.array([-along[1], along[0]])
-        kept = clipped(kept, (kept - first) @ across * np.sign(inwards[0] @ across))
-    return kept

@@ -17,7 +17,8 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, whole_pupil_outline
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
 
 POINTS_PER_EDGE = 32
 

@@ -22,6 +22,7 @@ UNITS = {
     "baseline_y_mm": "mm",
     "pixel_efficiency": "of the sensor",
     "overlap_iou": "of the union",
+    "usable_efficiency": "of the sensor",
     "fov_x_deg": "deg",
     "fov_y_deg": "deg",
     "off_sensor": "of the sub-images",
@@ -71,9 +72,9 @@ class DesignReference:
     def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
         """The figures (n,) of the devices, in the order of a report.
 
-        Grid error, baselines, pixel efficiency, overlap and field of view (at the farthest depth) are as in
-        `layout_metrics`, but in the view axes of the holder, where the plane at a depth does not move when the camera
-        does. Further:
+        Grid error, baselines, pixel efficiency, overlap, usable efficiency (not of a pinhole) and field of view (at the
+        farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where the plane at a depth does
+        not move when the camera does. Further:
 
         - `off_sensor`: fraction of the sub-images that lies outside the sensor.
         - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, which
@@ -85,15 +86,15 @@ class DesignReference:
 
         Light that one mirror takes from another is not subtracted.
         """
-        sensor_px = views.layout.camera.width_px * views.layout.camera.height_px
         figures = _grids(views)
         for depth_mm in (probe.depth_mm for probe in self.probes):
             regions, footprints = views.common_regions(depth_mm)
             unions = shapely.area(shapely.union_all(footprints, axis=1))
-            figures[f"pixel_efficiency_{depth_mm:g}mm"] = views.seen_px(regions, depth_mm).sum(axis=1) / sensor_px
+            figures[f"pixel_efficiency_{depth_mm:g}mm"] = views.pixel_efficiency(regions, depth_mm)
             figures[f"overlap_iou_{depth_mm:g}mm"] = shapely.area(regions) / np.where(unions > 0, unions, 1.0)
             if depth_mm == max(probe.depth_mm for probe in self.probes):
                 fields = _fields_of_view_deg(views, regions, depth_mm)
+        figures |= self._usable(views)
         figures |= {f"fov_{axis}_deg": field for axis, field in zip("xy", fields.T, strict=True)}
         shown, pictured = (shapely.area(parts).sum(axis=1) for parts in (views.sub_images, views.shown))
         figures["off_sensor"] = np.maximum(1.0 - shown / pictured, 0.0)
@@ -104,6 +105,17 @@ class DesignReference:
         regions, _ = views.common_regions(self.reference_mm)
         figures["usable_window"] = shapely.area(shapely.intersection(regions, self.window)) / self.window.area
         return figures
+
+    def _usable(self, views: BuiltViews) -> dict[str, FloatArray]:
+        """Pixel efficiency (n,) of pixels whose whole pupil is served by one mirror; none for a pinhole."""
+        pupil = views.layout.camera.pupil
+        if pupil.radius_mm == 0.0:
+            return {}
+        whole, depths_mm = views.through(pupil), [probe.depth_mm for probe in self.probes]
+        return {
+            f"usable_efficiency_{depth_mm:g}mm": whole.pixel_efficiency(whole.common_regions(depth_mm)[0], depth_mm)
+            for depth_mm in depths_mm
+        }
 
 
 def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:

@@ -7,7 +7,7 @@ plane at a depth does not move when the camera does. Regions are polygons in (x,
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -19,7 +19,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Devices, Perturbations, perturbed_camera, perturbed_mirrors
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
+from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outlines
 
 Polygons = NDArray[np.object_]
 Indices = NDArray[np.int64]
@@ -52,6 +54,8 @@ class BuiltViews:
         The part (n, m) of each outline that shows the scene.
     sub_images
         The part (n, m) of those that lies on the sensor and whose rays are reflected towards the scene.
+
+    `through` a pupil, the last two are those of the pixels whose whole pupil a mirror serves.
     """
 
     layout: Layout
@@ -63,6 +67,19 @@ class BuiltViews:
     outlines: Polygons
     shown: Polygons
     sub_images: Polygons
+
+    def through(self, pupil: Pupil) -> BuiltViews:
+        """The same devices, of whose pixels only those count whose whole pupil a mirror serves."""
+        if pupil.radius_mm == 0.0:
+            return self
+        flat = self.shown.ravel()
+        present = ~shapely.is_empty(flat)
+        normals = (self.normals @ self.view_from_camera).reshape(-1, 3)[present]
+        distances = np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1).ravel()[present] / 2.0
+        whole = np.full(flat.shape, Polygon(), dtype=np.object_)
+        whole[present] = shapely.polygons(whole_pupil_outlines(_corners(flat[present]), normals, distances, pupil))
+        shown = _whole(whole.reshape(self.shown.shape))
+        return replace(self, shown=shown, sub_images=_whole(shapely.intersection(shown, self.sub_images)))
 
     def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) via mirrors (...) of devices (...); NaN where not seen."""
@@ -112,6 +129,11 @@ class BuiltViews:
         areas = np.zeros(self.sub_images.shape)
         np.add.at(areas, of, crosses)
         return np.abs(areas)
+
+    def pixel_efficiency(self, regions: Polygons, depth_mm: float) -> FloatArray:
+        """Sensor pixels (n,) of all sub-images that see a region (n,) of the plane at a depth / all sensor pixels."""
+        sensor_px = self.layout.camera.width_px * self.layout.camera.height_px
+        return np.asarray(self.seen_px(regions, depth_mm).sum(axis=1) / sensor_px)
 
     def hidden(self) -> NDArray[np.bool_]:
         """Mask (n,) of the devices in which a mirror hides part of another from the camera: their outlines overlap."""
@@ -237,6 +259,13 @@ def _placed(polygons: Polygons, place: Callable[[FloatArray, Indices], FloatArra
         present, ring = np.unique(of, return_inverse=True)
         moved[present] = shapely.polygons(shapely.linearrings(place(points, of), indices=ring))
     return moved.reshape(polygons.shape)
+
+
+def _corners(polygons: Polygons) -> FloatArray:
+    """Corners (n, most, 2) of polygons (n,), none empty; those with fewer repeat their last."""
+    points, of = shapely.get_coordinates(polygons, return_index=True)
+    first, count = np.searchsorted(of, np.arange(len(polygons))), np.bincount(of) - 1
+    return np.asarray(points[first[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)])
 
 
 def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, segment_share, served_by, whole_pupil_outline
+from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, segment_share, served_by
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
@@ -83,25 +82,6 @@ def test_a_pinhole_is_served_or_not() -> None:
     part = disc_part(planes, 0.0)
     np.testing.assert_array_equal(part.share, [1.0, 0.0])
     np.testing.assert_array_equal(part.centroid, 0.0)
-
-
-def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) -> None:
-    pupil = Pupil(1.8, FOCUS_MM)
-    shares = []
-    for mirror in default_layout.mirrors:
-        outline = whole_pupil_outline(mirror, pupil)
-        middles = (outline + np.roll(outline, -1, axis=0)) / 2.0
-        for border in (outline, middles):
-            np.testing.assert_allclose(
-                served_by(mirror, border, FOCUS_MM).distance.min(axis=1), pupil.radius_mm, atol=1e-3
-            )
-        shares.append(Polygon(outline).area / Polygon(mirror.outline_normalized).area)
-    assert 0.8 < min(shares) < max(shares) < 0.95
-    np.testing.assert_array_equal(whole_pupil_outline(mirror, Pupil()), mirror.usable_normalized)
-
-
-def test_a_mirror_narrower_than_the_blur_serves_no_whole_pupil(default_layout: Layout) -> None:
-    assert len(whole_pupil_outline(default_layout.mirrors[0], Pupil(40.0, FOCUS_MM))) == 0
 
 
 def test_the_share_of_a_disc_is_that_of_its_area() -> None:

@@ -15,10 +15,12 @@ from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
-from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
-from mirrorcam.optics.geometry.pupil import PINHOLE
+from mirrorcam.optics.geometry.perturbations import Perturbations, draw_as_built, draw_perturbations
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.render_scenes.truth.light_rays import reflected
+from tests.optics.rim_rays import wholly_served
 
 DEPTHS_MM = (300.0, 500.0)
 
@@ -63,12 +65,61 @@ def test_a_device_without_a_fault_has_the_figures_of_its_design(fixture: str, re
     depths_mm = (350.0, 600.0)
     found, designed = figures(layout, exact(layout), depths_mm), evaluate(layout, depths_mm)
     shared = [name for name in found if name in designed]
-    assert len(shared) == 9
+    assert len(shared) == (11 if layout.camera.aperture_mm else 9)
     for name in shared:
         assert found[name] == pytest.approx(designed[name].value, rel=1e-9), name
     for name in set(found) - set(shared) - {"usable_window", "off_sensor"}:
         assert found[name] == 0.0, name
     assert found["off_sensor"] == pytest.approx(0.0, abs=1e-6) or fixture == "crooked_layout"
+
+
+@pytest.mark.parametrize("thickness_mm", [0.0, 1.5])
+def test_usable_efficiency_is_that_of_rays_from_the_rim(default_layout: Layout, thickness_mm: float) -> None:
+    """Pixels of a device, every 12th across and upwards, of which each mirror shows the point to the whole pupil.
+
+    Through glass, views are those of apparent mirrors, which count a little less.
+    """
+    mirrors = default_layout.mirrors
+    if thickness_mm:
+        mirrors = tuple(mirror.replaced(surface="second", thickness_mm=thickness_mm) for mirror in mirrors)
+    layout, tolerances = default_layout.replaced(mirrors=mirrors), Tolerances(tilt_deg=0.6, offset_mm=0.5)
+    device = draw_as_built(layout, tolerances, np.random.default_rng(5))
+    camera, pupil = device.camera, device.camera.pupil
+    assert pupil.aperture_mm > 1.0
+    across, upwards = (np.arange(5.5, size, 12.0) for size in (camera.width_px, camera.height_px))
+    pixels = np.stack(np.meshgrid(across, upwards), axis=-1).reshape(-1, 2)
+    shares = dict.fromkeys(DEPTHS_MM, 0.0)
+    for mirror in device.mirrors:
+        chief = camera.normalized_from_pixels(pixels)
+        chief = chief[wholly_served(mirror, chief, pupil)]
+        rays = np.column_stack([chief, np.ones(len(chief))])
+        _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        for depth_mm in DEPTHS_MM:
+            forward = device.view_from_rig[2]
+            steps = (depth_mm - start @ forward) / (direction @ forward)
+            points = (start + steps[:, None] * direction)[steps > 0.0]
+            for index, other in enumerate(device.mirrors):
+                seen = device.project(points, index)
+                on_sensor = ((seen > -0.5) & (seen < [camera.width_px - 0.5, camera.height_px - 0.5])).all(axis=1)
+                points, seen = points[on_sensor], seen[on_sensor]
+                points = points[wholly_served(other, camera.normalized_from_pixels(seen), pupil)]
+            shares[depth_mm] += len(points) / len(pixels)
+    found = figures(layout, draw_perturbations(tolerances, len(mirrors), 1, np.random.default_rng(5)))
+    for depth_mm, share in shares.items():
+        usable = found[f"usable_efficiency_{depth_mm:g}mm"]
+        assert usable == pytest.approx(share, abs=0.01 if thickness_mm else 0.002)
+        assert 0.03 < found[f"pixel_efficiency_{depth_mm:g}mm"] - usable < 0.1
+
+
+def test_all_pixels_of_a_pinhole_are_usable(default_layout: Layout) -> None:
+    pinhole = default_layout.replaced(camera=default_layout.camera.with_pupil(PINHOLE))
+    assert not any(name.startswith("usable_efficiency") for name in figures(pinhole, exact(pinhole)))
+
+
+def test_a_pupil_too_large_for_the_mirrors_leaves_nothing_in_common(default_layout: Layout) -> None:
+    wide = default_layout.replaced(camera=default_layout.camera.with_pupil(Pupil(40.0, 500.0)))
+    found = figures(wide, exact(wide))
+    assert found["usable_efficiency_300mm"] == found["usable_efficiency_500mm"] == 0.0
 
 
 def test_the_usable_window_is_what_the_decoder_finds_valid(default_layout: Layout) -> None:

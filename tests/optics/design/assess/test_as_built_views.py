@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -12,10 +13,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.design.assess.as_built_views import built_views
+from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Perturbations, draw_as_built, draw_perturbations
-from mirrorcam.optics.geometry.sub_images import fields_of_view
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 WITH_CAMERA = Tolerances(tilt_deg=0.6, offset_mm=0.5, sheet_thickness_mm=0.1)
@@ -64,16 +66,21 @@ def layout(request: pytest.FixtureRequest, default_layout: Layout, crooked_layou
 
 def assert_same_views(layout: Layout, perturbations: Perturbations, built: Layout) -> None:
     """The first device sees what `fields_of_view` finds of its layout (whose rig is that of the holder)."""
-    views, alone = built_views(layout, perturbations), fields_of_view(built)
+    views = built_views(layout, perturbations)
     assert_allclose(views.centres_mm[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
-    for depth_mm in DEPTHS_MM:
-        regions, footprints = views.common_regions(depth_mm)
-        region, seen = alone.common_region(depth_mm)
-        assert region.area > 100.0
-        assert regions[0].symmetric_difference(region).area < 1e-6 * region.area
-        assert_allclose(shapely.area(footprints[0]), shapely.area(seen), rtol=1e-9)
-        share = views.seen_px(regions, depth_mm)[0].sum() / (built.camera.width_px * built.camera.height_px)
-        assert share == pytest.approx(alone.pixel_efficiency(region, depth_mm), rel=1e-9)
+    for pupil, depth_mm in product((PINHOLE, Pupil(1.8, 500.0)), DEPTHS_MM):
+        assert_same_overlap(views.through(pupil), fields_of_view(built, pupil), depth_mm)
+
+
+def assert_same_overlap(views: BuiltViews, alone: FieldsOfView, depth_mm: float) -> None:
+    camera = views.layout.camera
+    regions, footprints = views.common_regions(depth_mm)
+    region, seen = alone.common_region(depth_mm)
+    assert region.area > 100.0
+    assert regions[0].symmetric_difference(region).area < 1e-6 * region.area
+    assert_allclose(shapely.area(footprints[0]), shapely.area(seen), rtol=1e-9)
+    share = views.seen_px(regions, depth_mm)[0].sum() / (camera.width_px * camera.height_px)
+    assert share == pytest.approx(alone.pixel_efficiency(region, depth_mm), rel=1e-9)
 
 
 def test_a_device_without_a_fault_sees_what_the_design_sees(layout: Layout) -> None:

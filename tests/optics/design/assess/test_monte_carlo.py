@@ -97,10 +97,10 @@ def test_the_camera_itself_is_no_better_in_a_better_holder(default_layout: Layou
 
 def test_a_hobby_printer_costs_efficiency_and_tells_which_tolerance_matters(default_layout: Layout) -> None:
     found = study(default_layout, Tolerances.hobby(), DEPTHS_MM, devices=60)
-    for depth_mm in (300, 500):
-        medians = [of[f"pixel_efficiency_{depth_mm}mm"].median for of in found.spreads.values()]
+    for name in (f"{kind}_efficiency_{depth_mm}mm" for kind in ("pixel", "usable") for depth_mm in (300, 500)):
+        medians = [of[name].median for of in found.spreads.values()]
         assert medians == sorted(medians, reverse=True)
-        assert medians[0] < found.spreads[1.0][f"pixel_efficiency_{depth_mm}mm"].nominal
+        assert medians[0] < found.spreads[1.0][name].nominal
     for of_cause in zip(*(shares.values() for shares in found.shares.values()), strict=True):
         assert sum(of_cause) == pytest.approx(1.0)
     tilt = found.shares["mirror tilt"]
