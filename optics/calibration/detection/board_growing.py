@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
-from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
@@ -67,7 +67,7 @@ def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: T
     found, look = _grown(picture, places, pixels, target, mirrored=mirrored)
     have = np.flatnonzero(np.isfinite(found[:, 0]))
     have = have[smooth(corners[have], found[have])]
-    warp = Warp.through(corners[have], found[have])
+    warp = Warp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
         return NONE
     ids, seen = _confirmed(picture, have, warp.expected(corners[have], found[have]), look, mirrored=mirrored)
@@ -121,7 +121,7 @@ def refine_board(
 ) -> RefinedCorners | None:
     """Refine the corners of a board with their common warp and ghost images; None where they have no common warp."""
     places = corner_places(target)[corners.ids]
-    warp = Warp.through(places, corners.pixels)
+    warp = Warp.through(places, corners.pixels, degree=QUINTIC)
     if warp is None:
         return None
     look = _first_appearance(places, corners.pixels, target)

@@ -1,4 +1,4 @@
-"""The map from a printed board to a picture: projective, with a smooth cubic correction."""
+"""The map from a printed board to a picture: projective, with a smooth polynomial correction."""
 
 from __future__ import annotations
 
@@ -12,34 +12,40 @@ from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorner
 from mirrorcam.optics.geometry.targets import Target
 
 MIN_POINTS = 4
-MIN_POINTS_FOR_CUBIC = 24
+CUBIC, QUINTIC = 3, 5  # degrees of the correction
+MIN_POINTS_OF_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
 OUTLIER_CELLS = 0.12  # between a corner and the map through the others
 
 
 @dataclass(frozen=True)
 class Warp:
-    """The map from a board's points, in squares from its top left, to pixels: projective, plus a smooth cubic.
+    """The map from a board's points, in squares from its top left, to pixels: projective, plus a smooth polynomial.
 
-    The cubic stands for what a lens, a bent board or mirror and a rolling shutter add; with few points it is left out.
+    The polynomial stands for what a lens, a bent board or mirror and a rolling shutter add; with few points it is left
+    out.
 
     Attributes
     ----------
     homography
         (3, 3), pixels from squares.
     middle, half
-        Centre (2,) and half extent, in squares, that the cubic's argument is normalised with.
-    cubic
-        Coefficients (10, 2), px.
+        Centre (2,) and half extent, in squares, that the polynomial's argument is normalised with.
+    polynomial
+        Coefficients (n, 2), px, by rising degree.
     """
 
     homography: FloatArray
     middle: FloatArray
     half: float
-    cubic: FloatArray
+    polynomial: FloatArray
 
     @classmethod
-    def through(cls, places: FloatArray, pixels: FloatArray) -> Warp | None:
-        """The warp of places (n, 2) in squares to pixels (n, 2), some of which may be wrong; None for too few."""
+    def through(cls, places: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> Warp | None:
+        """The warp of places (n, 2) in squares to pixels (n, 2), some of which may be wrong; None for too few.
+
+        A cubic may be extrapolated by a square or two. A quintic is for between the points: the second derivatives of
+        a cubic across a whole board are wrong by a tenth, which moves corners by .001 px.
+        """
         if len(places) < MIN_POINTS:
             return None
         off_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
@@ -48,33 +54,44 @@ class Warp:
             return None
         middle = places.mean(axis=0)
         half = max(float(np.abs(places - middle).max()), 1.0)
-        warp = cls(np.asarray(homography), middle, half, np.zeros((10, 2)))
-        return warp if len(places) < MIN_POINTS_FOR_CUBIC else warp._with_cubic(places, pixels, off_px)
+        warp = cls(np.asarray(homography), middle, half, np.zeros((1, 2)))
+        for most, points in MIN_POINTS_OF_DEGREE:
+            if most <= degree and len(places) >= points:
+                return warp._corrected(places, pixels, off_px, most)
+        return warp
 
-    def _with_cubic(self, places: FloatArray, pixels: FloatArray, off_px: float) -> Warp:
-        """The warp with its cubic fitted robustly (Cauchy weights), as some outliers remain."""
+    def _corrected(self, places: FloatArray, pixels: FloatArray, off_px: float, degree: int) -> Warp:
+        """The warp with a polynomial fitted robustly (Cauchy weights), as some outliers remain."""
         off = pixels - self.at(places)
-        terms = self._terms(places)
+        terms = self._terms(places, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(off, axis=1) / off_px) ** 2)
-        ridge = 1e-3 * np.eye(10)
-        cubic = np.zeros((10, 2))
+        ridge = 1e-3 * np.eye(terms.shape[1])
+        polynomial = np.zeros((terms.shape[1], 2))
         for _ in range(3):
             weighted = terms * weights[:, None]
-            cubic = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ off)
-            rest = np.linalg.norm(off - terms @ cubic, axis=1)
+            polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ off)
+            rest = np.linalg.norm(off - terms @ polynomial, axis=1)
             scale = max(3.0 * 1.4826 * float(np.median(rest)), 0.02)
             weights = 1.0 / (1.0 + (rest / scale) ** 2)
-        return replace(self, cubic=cubic)
+        return replace(self, polynomial=polynomial)
 
-    def _terms(self, places: FloatArray) -> FloatArray:
-        x, y = ((places - self.middle) / self.half).T
-        return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=1)
+    def _terms(self, places: FloatArray, degree: int) -> FloatArray:
+        """Powers (n, m) of normalised places up to a degree: 1, x, y, x^2, x y, y^2, ..."""
+        powers: FloatArray = np.ones((degree + 1, len(places), 2))
+        powers[1:] = (places - self.middle) / self.half
+        powers = np.cumprod(powers, axis=0)
+        parts = [powers[total - y, :, 0] * powers[y, :, 1] for total in range(degree + 1) for y in range(total + 1)]
+        return np.stack(parts, axis=1)
 
     def at(self, places: FloatArray) -> FloatArray:
         """Pixels (n, 2) of places (n, 2); NaN where they would lie behind the camera."""
         lifted = np.column_stack([places, np.ones(len(places))]) @ self.homography.T
         depth = np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan)
-        return lifted[:, :2] / depth + self._terms(places) @ self.cubic
+        return lifted[:, :2] / depth + self._terms(places, self._degree) @ self.polynomial
+
+    @property
+    def _degree(self) -> int:
+        return round((np.sqrt(8.0 * len(self.polynomial) + 1.0) - 3.0) / 2.0)
 
     def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives (n, 2, 2) of pixels by squares (columns: right, down), and half the second ones (n, 2, 3)."""

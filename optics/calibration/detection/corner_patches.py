@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.targets import Target
 HALF_CELLS = 0.5  # half the side of the compared patch, in cells
 MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
 SAMPLES = 17  # along each side of the patch
-PRINT_MODULATION = 0.7  # (white - black) / (white + black) of a print in a picture: stray light adds to black
+MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
 # Columns of the linear model of a patch: level, two slopes, contrast, edges that have crept, blur, shift, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(8, None)
@@ -44,6 +44,29 @@ class ExpectedCorners:
     def where(self, mask: NDArray[np.bool_]) -> ExpectedCorners:
         """The corners of a boolean mask (n,)."""
         return ExpectedCorners(*(getattr(self, field.name)[mask] for field in fields(self)))
+
+    @property
+    def squares_per_px(self) -> FloatArray:
+        """Derivatives (n, 2, 2) of squares by pixels."""
+        area = np.abs(np.linalg.det(self.cells))
+        return np.asarray(np.linalg.inv(np.where(area[:, None, None] > 1e-12, self.cells, np.eye(2))))
+
+    def skew_px(self, blur_px: FloatArray) -> FloatArray:
+        """How far off (n, 2) corners are found for being compared with a print that is blurred before it is bent.
+
+        The lens blurs the picture, where the cells behind the blur, of sigma `blur_px` (n,), differ in size: the same
+        edge, blurred on the print, is skewed in the picture. A profile erf(s + g s^2 / 2) fits one of erf(s) best at
+        g sigma^2 / 4, as its steepness squared has the variance sigma^2 / 2. Both edges of a corner are moved along
+        their normals, which solves to this.
+        """
+        squares_per_px = self.squares_per_px
+        per_normal = squares_per_px @ squares_per_px.transpose(0, 2, 1)
+        length = np.linalg.norm(squares_per_px, axis=2)
+        along = per_normal / length[:, None]  # squares (n, 2, 2) per px along the normal of each edge, in columns
+        x, y = along[:, 0], along[:, 1]
+        bent = squares_per_px @ (self.bends @ np.stack([x * x, x * y, y * y], axis=1))
+        squares = -0.5 * blur_px[:, None] ** 2 * np.diagonal(bent, axis1=1, axis2=2)
+        return np.asarray((self.cells @ squares[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -111,12 +134,13 @@ class LinearModel:
     scale: FloatArray
 
     @classmethod
-    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance) -> LinearModel:
+    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: FloatArray) -> LinearModel:
+        """The model of corners (n); `seen` (n, m) are the grey values where they are expected."""
         blurred = blurred_print(appearance.target, appearance.blur_cells)
         at = (expected.places[:, None] + patches.on_print + 1.0) * PX_PER_SQUARE - 0.5
         value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
         by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
-        squares_per_px = np.linalg.inv(np.where(patches.side_px[:, None, None] > 1e-6, expected.cells, np.eye(2)))
+        squares_per_px = expected.squares_per_px
         ghosts = [] if appearance.ghosts is None else _ghosts(blurred, at, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
@@ -124,12 +148,23 @@ class LinearModel:
         steep = np.linalg.norm(by_px, axis=2)
         # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
         # fading of a lens towards the rim would pull all corners inwards.
-        level = 1.0 + PRINT_MODULATION * value
+        level = 1.0 + _modulation(value, seen, patches.near) * value
         look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, laplacian]
         columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *ghosts], axis=2)
         scale = np.maximum(np.sqrt((columns**2).mean(axis=1)), 1e-9)
         columns /= scale[:, None]
         return cls(columns, scale)
+
+
+def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
+    """(white - black) / (white + black) of a print of values (n, m) in a picture: the median of patches (n)."""
+    weights = near / near.sum()
+    mean, level = value @ weights, seen @ weights
+    variance = (value * value) @ weights - mean**2
+    contrast = ((value * seen) @ weights - mean * level) / np.maximum(variance, 1e-9)
+    level = level - contrast * mean
+    shown = (contrast > 0.0) & (level > 0.0)
+    return float(np.clip(np.median(contrast[shown] / level[shown]), 0.0, 1.0)) if shown.any() else MODULATION
 
 
 def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:

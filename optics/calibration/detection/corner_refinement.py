@@ -149,7 +149,8 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         As many corners (n), with pixels NaN where the search diverged.
     """
     patches = Patches.around(expected)
-    model = LinearModel.of(expected, patches, appearance)
+    seen = sample(picture, expected.pixels[:, None] + patches.offsets_px)
+    model = LinearModel.of(expected, patches, appearance, seen)
     count, near = len(expected.places), patches.near
     found = np.array(expected.pixels, dtype=np.float64)
     explained, contrast = np.zeros(count), np.zeros(count)
@@ -158,7 +159,8 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
     for iteration in range(ITERATIONS):
-        seen = sample(picture, found[moving, None] + patches.offsets_px[moving])
+        if iteration:
+            seen = sample(picture, found[moving, None] + patches.offsets_px[moving])
         fit = _Fit.of(seen, model.columns[moving], model.scale[moving], weights[moving])
         move = fit.shift_px
         length = np.linalg.norm(move, axis=1)
@@ -172,5 +174,6 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         moving = moving[seen_at_all & (length > SETTLED_PX)] if iteration else moving[seen_at_all]
         if not len(moving):
             break
+    found -= expected.skew_px(blur * patches.side_px)
     found[~(contrast > 0)] = np.nan
     return RefinedCorners(found, sigma_px, contrast, explained, blur, strengths)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import CUBIC, QUINTIC, Warp, corner_places, typical_cell_px
 from mirrorcam.optics.geometry.targets import Charuco
 
 PLACES = corner_places(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
@@ -23,6 +23,14 @@ def curved(places: FloatArray) -> FloatArray:
     pixels = projected(places)
     off = pixels - [320.0, 240.0]
     return pixels - 4e-7 * np.sum(off**2, axis=1, keepdims=True) * off
+
+
+def strongly_curved(places: FloatArray) -> FloatArray:
+    """The same behind a lens whose distortion has a term of the fifth degree."""
+    pixels = projected(places)
+    off = (pixels - [480.0, 360.0]) / 500.0
+    radius2 = np.sum(off**2, axis=1, keepdims=True)
+    return pixels + 500.0 * off * radius2 * (0.05 - 0.08 * radius2)
 
 
 def test_places_count_squares_from_the_top_left_of_the_print() -> None:
@@ -66,6 +74,29 @@ def test_derivatives_are_finite_differences() -> None:
     second = (warp.at(PLACES + right) + warp.at(PLACES - right) - 2.0 * warp.at(PLACES)) / 0.05**2
     np.testing.assert_allclose(2.0 * bends[:, :, 0], second, atol=0.01)
     np.testing.assert_array_equal(warp.expected(PLACES, curved(PLACES)).cells, cells)
+
+
+def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
+    """Of a large board with noise, by the derivatives of the true map; a cubic does not."""
+    large = corner_places(Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4))
+    noise = np.random.default_rng(0).normal(0.0, 0.005, (len(large), 2))
+    errors = {}
+    for degree in (CUBIC, QUINTIC):
+        warp = Warp.through(large, strongly_curved(large) + noise, degree=degree)
+        assert warp is not None
+        off = warp.shapes(large)[1][:, :, [0, 2]]
+        for column, step in enumerate(0.01 * np.eye(2)):
+            true = strongly_curved(large + step) + strongly_curved(large - step) - 2.0 * strongly_curved(large)
+            off[:, :, column] -= true / (2.0 * 0.01**2)
+        errors[degree] = np.sqrt(np.mean(off**2))
+    assert errors[QUINTIC] < 0.008
+    assert errors[CUBIC] > 4.0 * errors[QUINTIC]
+
+
+def test_few_points_have_a_cubic_for_a_quintic() -> None:
+    warp = Warp.through(PLACES, curved(PLACES), degree=QUINTIC)
+    assert warp is not None
+    assert len(warp.polynomial) == 10
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:

@@ -6,6 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE
@@ -36,9 +37,10 @@ def corners(places: FloatArray = PLACES, cell_px: float = CELL_PX) -> ExpectedCo
     return ExpectedCorners(places, places * cell_px, cells, np.zeros((count, 2, 3)))
 
 
-def columns(expected: ExpectedCorners, look: Appearance = LOOK) -> FloatArray:
-    """Columns (n, m, c) of the model, unscaled."""
-    model = LinearModel.of(expected, Patches.around(expected), look)
+def columns(expected: ExpectedCorners, look: Appearance = LOOK, seen: FloatArray | None = None) -> FloatArray:
+    """Columns (n, m, c) of the model, unscaled, for grey values (n, m)."""
+    patches = Patches.around(expected)
+    model = LinearModel.of(expected, patches, look, np.zeros(patches.on_print.shape[:2]) if seen is None else seen)
     return model.columns * model.scale[:, None]
 
 
@@ -75,6 +77,40 @@ def test_columns_of_the_shift_are_the_derivatives_of_the_print() -> None:
         ahead, behind = (columns(corners(PLACES + sign * move))[..., CONTRAST] for sign in (1.0, -1.0))
         error = at[..., SHIFT][..., axis] - (ahead - behind) / (2.0 * step * CELL_PX)
         assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(at[..., SHIFT] ** 2))
+
+
+@pytest.mark.parametrize("modulation", [0.4, 0.9])
+def test_brightness_slopes_as_much_as_the_print_is_modulated(modulation: float) -> None:
+    """Light that fades by s to the right adds s u (1 + m value) to a picture of modulation m."""
+    u = Patches.around(corners()).u
+    value = columns(corners())[..., CONTRAST]
+    at = columns(corners(), seen=130.0 * (1.0 + modulation * value))
+    np.testing.assert_allclose(at[..., 1], u * (1.0 + modulation * value), atol=1e-6)
+
+
+def test_a_straight_map_skews_no_edge() -> None:
+    np.testing.assert_array_equal(corners().skew_px(np.ones(len(PLACES))), 0.0)
+
+
+def test_edges_are_skewed_as_a_shift_that_fits_them_best() -> None:
+    """Against the least squares of a shift, contrast and blur to the profile of an edge on a bent axis.
+
+    Level and slopes have no part in it: along the edge of a corner, black and white change sides.
+    """
+    cell_px, bend, sigma = 30.0, 0.6, 1.3
+    s = np.linspace(-8.0, 8.0, 4001)
+    # x px = cell t + bend t^2: places t of the edge's profile erf(t) on the print, seen at s px.
+    t = (np.sqrt(cell_px**2 + 4.0 * bend * s) - cell_px) / (2.0 * bend)
+    model, true = (ndtr(at / sigma) - 0.5 for at in (cell_px * t, s))
+    slope = np.gradient(model, s)
+    shift = -np.linalg.lstsq(np.stack([model, s * slope, slope], axis=1), true, rcond=None)[0][2]
+    bends = np.zeros((1, 2, 3))
+    bends[0, 0, 0] = bend
+    upright = ExpectedCorners(np.ones((1, 2)), np.zeros((1, 2)), cell_px * np.eye(2)[None], bends)
+    np.testing.assert_allclose(upright.skew_px(np.array([sigma])), [[shift, 0.0]], rtol=0.1)
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    turned = ExpectedCorners(upright.places, upright.pixels, turn @ upright.cells, turn @ bends)
+    np.testing.assert_allclose(turned.skew_px(np.array([sigma])), [shift * turn[:, 0]], rtol=0.1, atol=1e-9)
 
 
 def test_ghost_images_of_known_strength_belong_to_the_print_and_others_have_a_column_each() -> None:

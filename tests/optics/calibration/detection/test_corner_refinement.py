@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
-from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
 PLACES = corner_places(BOARD)
@@ -55,6 +56,40 @@ def test_brightness_slope_and_contrast_do_not_move_corners() -> None:
     seen = found(sloped, np.zeros(2))
     assert np.abs(seen.pixels - PIXELS).max() < 0.02
     np.testing.assert_allclose(seen.contrast, 32.0, rtol=0.1)
+
+
+@pytest.mark.parametrize("black", [20.0, 60.0])
+def test_light_that_fades_does_not_move_corners(black: float) -> None:
+    """Light that fades by 0.4 % a px, of prints with little and with much stray light."""
+    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
+    even = picture(contrast=180.0 - black) - 120.0 + (180.0 + black) / 2.0
+    faded = np.asarray(even * np.exp(-0.003 * u - 0.003 * v), dtype=np.float32)
+    moved = found(faded, np.zeros(2)).pixels - found(np.asarray(even, dtype=np.float32), np.zeros(2)).pixels
+    assert np.abs(moved.mean(axis=0)).max() < 5e-4
+
+
+def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> None:
+    """A picture in perspective, sampled eight times along each pixel, that is blurred as it is: not as the print is."""
+    board, size, cut, blur_px = Checkerboard(cols=12, rows=9, square_mm=12.0), (300, 400), 8, 2.5
+    px_from_squares = np.array([[28.0, 3.0, 40.0], [-2.0, 27.0, 30.0], [0.01, -0.006, 1.0]])
+    v, u = ((np.arange(length * cut) + 0.5) / cut - 0.5 for length in size)
+    rays = np.stack([*np.meshgrid(u, v), np.ones((len(v), len(u)))], axis=-1) @ np.linalg.inv(px_from_squares).T
+    x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
+    white = (np.floor(x) + np.floor(y)) % 2 == 1
+    white |= (x < 0) | (y < 0) | (x > board.cols) | (y > board.rows)
+    fine = cv2.GaussianBlur(np.asarray(40.0 + 160.0 * white, dtype=np.float32), (0, 0), blur_px * cut)
+    grey = np.asarray(fine.reshape(size[0], cut, size[1], cut).mean(axis=(1, 3)), dtype=np.float32)
+    places = corner_places(board)
+    lifted = np.column_stack([places, np.ones(len(places))]) @ px_from_squares.T
+    pixels = lifted[:, :2] / lifted[:, 2:]
+    warp = Warp.through(places, pixels, degree=QUINTIC)
+    assert warp is not None
+    shown = ((pixels > 25.0) & (pixels < np.array(size[::-1]) - 26.0)).all(axis=1)
+    corners = warp.expected(places, pixels).where(shown)
+    off = refine(grey, corners, Appearance(board, 0.0884)).pixels - pixels[shown]
+    assert np.abs(off.mean(axis=0)).max() < 5e-4
+    skew = corners.skew_px(np.full(len(off), blur_px)).mean(axis=0)
+    assert np.linalg.norm(off.mean(axis=0)) < 0.4 * np.linalg.norm(skew)
 
 
 def test_claimed_sigmas_cover_the_errors_of_noise() -> None:
