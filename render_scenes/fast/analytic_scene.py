@@ -117,7 +117,7 @@ class FastScene:
         With the three poses of a rolling shutter, the map to the print follows a parabola through their maps.
         """
         self._maps = [
-            tuple(map_to_print(view, pose, self._texels_from_board, self._pupil.focus_mm) for pose in poses)
+            tuple(map_to_print(view, pose, self._texels_from_board, self._pupil) for pose in poses)
             for view in self._views
         ]
 

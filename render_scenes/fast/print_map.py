@@ -8,6 +8,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import Pupil
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,11 @@ def front_distance_mm(mirror: Mirror) -> float:
 
 
 def map_to_print(
-    view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, focus_mm: float
+    view: VirtualView, rig_from_board: FloatArray, texels_from_board: FloatArray, pupil: Pupil
 ) -> PrintMap:
     """Map from a view to the print (3x3 `texels_from_board`) on a board at a rigid 4x4 pose in rig, mm.
 
-    The rays of the pupil meet at `focus_mm` along the axis.
+    The rays of the pupil meet at its focus along the axis.
     """
     board_from_rig = rig_from_board[:3, :3].T
     centre = board_from_rig @ (view.centre_in_rig_mm - rig_from_board[:3, 3])
@@ -78,20 +79,33 @@ def map_to_print(
     from_centre = meets_board(centre)
     # From the point a of the pupil, the ray starts at centre + turn a along turn (r - a / focus); terms of second order
     # in a cancel.
-    stretch = -turn[2, :2] / focus_mm if shown else np.zeros(2)
+    stretch = -turn[2, :2] / pupil.focus_mm if shown else np.zeros(2)
     upright = np.array([0.0, 0.0, 1.0])
     across = [
-        meets_board(turn[:, k]) + np.outer(origin * stretch[k] - from_centre[:, k] / focus_mm, upright)
+        meets_board(turn[:, k]) + np.outer(origin * stretch[k] - from_centre[:, k] / pupil.focus_mm, upright)
         for k in range(2)
     ]
+    nearness = -turn[2] / centre[2] if shown else np.zeros(3)
+    middle = _middle_of_defocus(nearness, pupil)
     return PrintMap(
-        from_centre + np.outer(origin, turn[2]),
-        depth,
-        meets_board(normal),
-        np.stack(across),
+        (from_centre + np.outer(origin, turn[2])) @ middle,
+        depth @ middle,
+        meets_board(normal) @ middle,
+        np.stack(across) @ middle,
         stretch,
-        -turn[2] / centre[2] if shown else np.zeros(3),
+        nearness,
     )
+
+
+def _middle_of_defocus(nearness: FloatArray, pupil: Pupil) -> FloatArray:
+    """The ray (3,) from a ray (3,), as a (3, 3): the mean of the rays through the whole pupil, seen from its middle.
+
+    From the point a of the pupil, the ray r meets a board of nearness n(r) where the ray r + a (n - 1 / focus) from the
+    middle does, n that of the latter: further out on the side where the board is more out of focus. The mean over the
+    pupil, of the diameter A, of the squares of a along an axis is A^2 / 16.
+    """
+    along = pupil.aperture_mm**2 / 16.0 * np.append(nearness[:2], 0.0)
+    return np.eye(3) + np.outer(along, nearness - np.array([0.0, 0.0, 1.0 / pupil.focus_mm]))
 
 
 def coefficients(to_print: PrintMap, steps: FloatArray, scale: float) -> list[float]:

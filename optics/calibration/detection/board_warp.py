@@ -77,9 +77,9 @@ class Warp:
 
     def _terms(self, places: FloatArray, degree: int) -> FloatArray:
         """Powers (n, m) of normalised places up to a degree: 1, x, y, x^2, x y, y^2, ..."""
-        powers: FloatArray = np.ones((degree + 1, len(places), 2))
+        powers = np.ones((degree + 1, len(places), 2))
         powers[1:] = (places - self.middle) / self.half
-        powers = np.cumprod(powers, axis=0)
+        np.cumprod(powers, axis=0, out=powers)
         parts = [powers[total - y, :, 0] * powers[y, :, 1] for total in range(degree + 1) for y in range(total + 1)]
         return np.stack(parts, axis=1)
 

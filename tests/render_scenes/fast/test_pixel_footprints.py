@@ -27,7 +27,7 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
     shown = [footprints for (footprints,) in pixel_footprints(camera, small.mirrors, 1, np.full(9, 0.92), Pupil())]
     ghost, picture, twice, thrice = (shown[start : start + 9] for start in range(0, len(shown), 9))
     for footprints in picture:
-        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)), 500.0)
+        to_print = map_to_print(views[footprints.view], pose, np.asarray(np.linalg.inv(board)), Pupil())
         rays = np.column_stack([footprints.x, footprints.y, np.ones(len(footprints.x))]).astype(np.float64).T
         texels = (to_print.print @ rays - footprints.slide_mm * (to_print.slide @ rays)) / (to_print.depth @ rays)
         at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])

@@ -7,6 +7,7 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.fast.print_map import coefficients, map_to_print, virtual_views
 
 TEXELS_FROM_BOARD = np.array([[4.0, 0.1, 12.0], [-0.1, 4.0, 7.0], [0.0, 0.0, 1.0]])
@@ -21,10 +22,15 @@ def rig_from_board() -> FloatArray:
     return pose
 
 
+def meets_board(start: FloatArray, along: FloatArray, rig_from_board: FloatArray) -> FloatArray:
+    """Point (3,) where a ray in rig meets the plane of the board."""
+    normal = rig_from_board[:3, 2]
+    return np.asarray(start + along * ((rig_from_board[:3, 3] - start) @ normal / (along @ normal)))
+
+
 def met(start: FloatArray, along: FloatArray, rig_from_board: FloatArray) -> FloatArray:
     """Texel (2,) where a ray in rig meets the print."""
-    normal = rig_from_board[:3, 2]
-    point = start + along * ((rig_from_board[:3, 3] - start) @ normal / (along @ normal))
+    point = meets_board(start, along, rig_from_board)
     board = rig_from_board[:3, :3].T @ (point - rig_from_board[:3, 3])
     return TEXELS_FROM_BOARD[:2, :2] @ board[:2] + TEXELS_FROM_BOARD[:2, 2]
 
@@ -34,23 +40,40 @@ def test_rays_of_the_pupil_meet_the_print_where_they_cut_its_plane(
     rig_from_board: FloatArray, pupil_mm: tuple[float, float]
 ) -> None:
     (view,), focus_mm = virtual_views(()), 500.0
-    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, focus_mm)
+    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, Pupil(0.0, focus_mm))
     ray, start = np.array([0.05, -0.08, 1.0]), np.array([*pupil_mm, 0.0])
     at = to_print.print @ ray + np.einsum("k,kij,j->i", pupil_mm, to_print.across, ray)
     depth = to_print.depth @ ray + to_print.stretch @ np.array(pupil_mm)
     np.testing.assert_allclose(at / depth, met(start, ray - start / focus_mm, rig_from_board), atol=2e-3)
 
 
+def test_out_of_focus_a_ray_is_the_middle_of_those_through_the_pupil(rig_from_board: FloatArray) -> None:
+    """The mean direction from the pupil's middle to where rays from all over it, 20 mm wide, meet the board."""
+    (view,), pupil = virtual_views(()), Pupil(20.0, 2000.0)
+    whole = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, pupil)
+    count = np.arange(400)
+    radius, angle = np.sqrt((count + 0.5) / 400.0) * pupil.radius_mm, count * np.pi * (3.0 - np.sqrt(5.0))
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(400)])
+    for ray in ([0.05, -0.08, 1.0], [-0.2, 0.1, 1.0]):
+        along = pupil.focus_mm * np.array(ray)
+        seen = np.array([meets_board(a, along - a, rig_from_board) for a in np.concatenate([points, -points])])
+        middle = np.array([*(seen[:, :2] / seen[:, 2:]).mean(axis=0), 1.0])
+        expected = met(np.zeros(3), middle, rig_from_board)
+        moved = float(np.linalg.norm(expected - met(np.zeros(3), along, rig_from_board)))
+        assert moved > 0.05
+        np.testing.assert_allclose(whole.print @ ray / (whole.depth @ ray), expected, atol=0.05 * moved)
+
+
 def test_a_board_seen_from_behind_is_never_before_the_camera(rig_from_board: FloatArray) -> None:
     (view,) = virtual_views(())
     turned = rig_from_board @ np.diag([1.0, -1.0, -1.0, 1.0])
-    depths = [map_to_print(view, pose, TEXELS_FROM_BOARD, 500.0).depth for pose in (rig_from_board, turned)]
+    depths = [map_to_print(view, pose, TEXELS_FROM_BOARD, Pupil()).depth for pose in (rig_from_board, turned)]
     assert sorted(float(depth[2]) > 0.0 for depth in depths) == [False, True]
 
 
 def test_a_coarser_level_has_half_the_texels(rig_from_board: FloatArray) -> None:
     (view,) = virtual_views(())
-    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, 500.0)
+    to_print = map_to_print(view, rig_from_board, TEXELS_FROM_BOARD, Pupil())
     ray = np.array([0.05, -0.08, 1.0])
     places = []
     for scale in (1.0, 0.5):
