@@ -13,15 +13,15 @@ import time
 
 import numpy as np
 
-from mirrorcam.optics.design.assess.as_built_views import built_views
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.monte_carlo import DEVICES
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
-from mirrorcam.optics.geometry.sub_images import fields_of_view
+from mirrorcam.optics.geometry.perturbations import draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 HOBBY = Tolerances.hobby()
@@ -32,22 +32,25 @@ ROBUST = {
 }
 
 
-def figures(layout: Layout, depths_mm: tuple[float, ...]) -> list[list[float]]:
-    """Design, median and 5 % quantile at each depth of the efficiency that its camera can use."""
-    pupil, random = layout.camera.pupil, np.random.default_rng(0)
-    devices = [layout, *(draw_as_built(layout, HOBBY, random) for _ in range(DEVICES))]
-    views = [fields_of_view(device, pupil) for device in devices]
-    found = []
+def drawn(layout: Layout, tolerances: Tolerances, devices: int) -> BuiltViews:
+    """The views of devices as built."""
+    return built_views(layout, draw_perturbations(tolerances, len(layout.mirrors), devices, np.random.default_rng(0)))
+
+
+def usable(views: BuiltViews, depth_mm: float) -> FloatArray:
+    """Efficiency (n,) that the cameras of devices can use at a depth."""
+    whole = views.through(views.layout.camera.pupil)
+    return whole.pixel_efficiency(whole.common_regions(depth_mm)[0], depth_mm)
+
+
+def row(layout: Layout, depths_mm: tuple[float, ...]) -> str:
+    """Grid error, usable efficiency of the design, its median and 5 % quantile, and how many devices hide mirrors."""
+    alone, devices = drawn(layout, Tolerances.none(), 1), drawn(layout, HOBBY, DEVICES)
+    cells = []
     for depth_mm in depths_mm:
-        shares = [view.pixel_efficiency(view.common_region(depth_mm)[0], depth_mm) for view in views]
-        found.append([shares[0], *np.percentile(shares[1:], [50.0, 5.0])])
-    return found
-
-
-def hidden(layout: Layout) -> float:
-    """The share of devices in which a mirror hides a part of another."""
-    drawn = draw_perturbations(HOBBY, len(layout.mirrors), DEVICES, np.random.default_rng(0))
-    return float(built_views(layout, drawn).hidden().mean())
+        values = usable(alone, depth_mm)[0], *np.percentile(usable(devices, depth_mm), [50.0, 5.0])
+        cells.append(" / ".join(f"{value:.3f}" for value in values))
+    return f"{grid_error(layout):.3f} | {' | '.join(cells)} | {devices.hidden().mean():.1%}"
 
 
 def main() -> None:
@@ -69,12 +72,7 @@ def main() -> None:
                 spec = DesignSpec(camera=camera, fold_deg=fold, tradeoff=tradeoff, **changes)
                 layout = design(spec)
                 took = time.perf_counter() - started
-                texts = [" / ".join(f"{v:.3f}" for v in values) for values in figures(layout, spec.depths_mm)]
-                print(
-                    f"| {fold:g}° | {tradeoff:g} | {name} | {grid_error(layout):.3f} | {texts[0]} | {texts[1]} "
-                    f"| {hidden(layout):.1%} | {took:.1f} |",
-                    flush=True,
-                )
+                print(f"| {fold:g}° | {tradeoff:g} | {name} | {row(layout, spec.depths_mm)} | {took:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

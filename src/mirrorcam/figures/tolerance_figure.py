@@ -17,15 +17,18 @@ from mirrorcam.optics.design.assess.monte_carlo import CAUSES, Study
 
 COLOURS = ("#4477aa", "#cc3311", "#228833", "#ddaa33", "#aa3377", "#777777")
 PANELS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("Pixel efficiency", "of the sensor", ("pixel_efficiency",)),
+    ("Pixel efficiency, of a pinhole", "of the sensor", ("pixel_efficiency",)),
+    ("Usable efficiency, of the whole pupil", "of the sensor", ("usable_efficiency",)),
     ("Overlap of the views", "of their union", ("overlap_iou",)),
     ("Grid error", "of a spacing", ("grid_error",)),
     ("Field of view", "deg", ("fov_x", "fov_y")),
-    ("Decoding with the design, not calibrated", "error, px", ("uncalibrated_error", "misregistration")),
+    ("Decoded with the design", "error, px", ("uncalibrated_error",)),
+    ("The same, between views", "error, px", ("misregistration",)),
     ("After calibration", "part", ("usable_window", "off_sensor")),
 )
-ACROSS = 3
-WIDTH_IN, HEAD_IN, PANEL_IN, BAR_IN = 15.0, 0.9, 3.9, 0.3
+"""Title, unit and figures; those of one unit have one scale."""
+ACROSS = 4
+WIDTH_IN, HEAD_IN, PANEL_IN, BAR_IN = 17.0, 0.9, 3.9, 0.3
 MARGIN_IN = {"left": 0.85, "right": 0.25, "bottom": 0.65, "top": 0.45}
 BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 
@@ -33,19 +36,29 @@ BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 def tolerance_figure(study: Study, path: Path) -> None:
     """Write a PNG: panels of figures over accuracy, median and 5 to 95 %, above the share that each tolerance has."""
     figures = [*study.spreads[1.0]]
-    rows = -(-len(PANELS) // ACROSS)
+    named = (
+        (*panel, [name for stem in stems for name in figures if name.startswith(stem)]) for *panel, stems in PANELS
+    )
+    panels = [(title, unit, names) for title, unit, names in named if names]
+    rows = -(-len(panels) // ACROSS)
     bars_in = BARS_IN["top"] + BAR_IN * len(figures) + BARS_IN["bottom"]
     height_in = HEAD_IN + PANEL_IN * rows + bars_in
     figure = Figure(figsize=(WIDTH_IN, height_in))
     figure.text(0.5, 1.0 - 0.3 / height_in, "What a maker can expect", ha="center", va="center", fontsize=16)
     drawn = f"{study.devices} devices; 1x is one standard deviation of {study.tolerances.workmanship}"
     figure.text(0.5, 1.0 - 0.66 / height_in, drawn, ha="center", va="center", fontsize=11)
-    for number, (title, unit, stems) in enumerate(PANELS):
+    by_unit: dict[str, list[Axes]] = {}
+    for number, (title, unit, names) in enumerate(panels):
         row, column = divmod(number, ACROSS)
         width_in = WIDTH_IN / ACROSS
         left_in, bottom_in = column * width_in, height_in - HEAD_IN - (row + 1) * PANEL_IN
         axes = _axes(figure, left_in, bottom_in, width_in, PANEL_IN, MARGIN_IN)
-        _over_accuracy(axes, study, title, unit, [name for stem in stems for name in figures if name.startswith(stem)])
+        _over_accuracy(axes, study, title, unit, names)
+        by_unit.setdefault(unit, []).append(axes)
+    for alike in by_unit.values():
+        highest = max(axes.get_ylim()[1] for axes in alike)
+        for axes in alike:
+            axes.set_ylim(top=highest)
     _shares(_axes(figure, 0.0, 0.0, WIDTH_IN, bars_in, BARS_IN), study, figures)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
