@@ -36,10 +36,11 @@ BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 def tolerance_figure(study: Study, path: Path) -> None:
     """Write a PNG: panels of figures over accuracy, median and 5 to 95 %, above the share that each tolerance has."""
     figures = [*study.spreads[1.0]]
-    named = (
-        (*panel, [name for stem in stems for name in figures if name.startswith(stem)]) for *panel, stems in PANELS
-    )
-    panels = [(title, unit, names) for title, unit, names in named if names]
+    panels = [
+        (title, unit, names)
+        for title, unit, stems in PANELS
+        if (names := [name for stem in stems for name in figures if name.startswith(stem)])
+    ]
     rows = -(-len(panels) // ACROSS)
     bars_in = BARS_IN["top"] + BAR_IN * len(figures) + BARS_IN["bottom"]
     height_in = HEAD_IN + PANEL_IN * rows + bars_in
