@@ -167,14 +167,22 @@ def fronts(workers: int) -> Fronts:
     both = next(iter(PROTOTYPE))
     for ratio, depths in WEIGHED.items():
         plain[both, f"fold 90 deg, weighed {ratio}"] = [
-            (designed, (DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0, tradeoff=tradeoff), both))
+            (
+                designed,
+                (
+                    DesignSpec(
+                        camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0, fold_deg=90.0, tradeoff=tradeoff
+                    ),
+                    both,
+                ),
+            )
             for tradeoff in TRADEOFFS
         ]
     more: list[Call] = [
         (
             partial(searched, checked=True),
             (
-                DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0),
+                DesignSpec(camera=PINHOLE_CAMERA, depths_mm=depths, spacing_mm=1.0, fold_deg=90.0),
                 neighbour_pairs(DesignSpec().arrangement),
             ),
         )

@@ -208,7 +208,7 @@ def print_folds(found: dict[int, list[Point]]) -> None:
 
 
 def main(workers: int, pictures: Path | None) -> None:
-    spec = DesignSpec(camera=Camera.c920().replaced(aperture_mm=0.0))
+    spec = DesignSpec(camera=Camera.c920().replaced(aperture_mm=0.0), fold_deg=90.0)
     layouts = {tradeoff: design(spec.replaced(tradeoff=tradeoff)) for tradeoff in (0.1, 0.3, 0.5, 0.9)}
     budgets = {tradeoff: budget_of(layout, spec.depths_mm) for tradeoff, layout in layouts.items()}
     print_budgets(budgets)

@@ -56,7 +56,7 @@ class Setup:
     """
 
     def __init__(self, frames: int = 20, base_frames: int = 10) -> None:
-        self.request = SetRequest(layout=design(DesignSpec()), frames=frames, base_frames=base_frames)
+        self.request = SetRequest(layout=design(DesignSpec(fold_deg=90.0)), frames=frames, base_frames=base_frames)
         layout, random = self.request.layout, self.request.random
         self.built: Layout = draw_as_built(layout, self.request.tolerances, random(Stream.AS_BUILT))
         self.corners_mm = self.request.target.corners_in_board_mm

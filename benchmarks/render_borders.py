@@ -272,7 +272,7 @@ def figure(by_sensor: dict[SensorName, list[Compared]]) -> Figure:
 
 
 def main(picture: Path | None) -> None:
-    layout = design(DesignSpec())
+    layout = design(DesignSpec(fold_deg=90.0))
     found = {sensor: compared(layout, sensor) for sensor in SHOWN}
     for sensor, strips in found.items():
         for strip in strips:

@@ -24,8 +24,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def default_layout() -> Layout:
-    """The nominal layout of the default spec: 3 x 3, C920, scale 80 mm."""
+    """The nominal layout of the default spec: 3 x 3, C920, scale 80 mm, fold 120 deg."""
     return Layout.load(ROOT / "tests" / "data" / "default_layout.json")
+
+
+@pytest.fixture(scope="session")
+def fold_90_layout() -> Layout:
+    """The nominal layout of the same spec with a fold of 90 deg, so that views look along y of the rig."""
+    return Layout.load(ROOT / "tests" / "data" / "fold_90_layout.json")
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,9 @@ def make_holder(plan: HolderPlan) -> Part:
     """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
     whole = one_piece(body_of(csg, plan), plan.wall_mm)
-    body = one_piece(csg.cut(whole, [*plan.grooves, *plan.hollows, *plan.slots]), plan.wall_mm)
+    # Grooves end at the walls, which stand right behind rims: what they cut out of a wall would have a ceiling.
+    grooved = csg.cut(whole, plan.grooves) + (whole ^ csg.solid(plan.walls))
+    body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
     radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
     with BuildPart() as holder:
         insert(brep(csg, body))

@@ -122,9 +122,11 @@ def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
     """The cut that keeps the head out of the holder, whose back is turned a little to the side."""
     ends: FloatArray = np.column_stack([np.zeros(2), head])
     mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
-    on_back = transform(mount_from_rig, ends)[:, 1]
-    low, high, wide = on_back.min(), on_back.max() + 1.0, half_width + 5.0
-    corners = np.array([(-wide, low, 0.0), (wide, low, 0.0), (wide, high, 0.0), (-wide, high, 0.0)])
+    on_back = transform(mount_from_rig, ends)
+    low, high = on_back[:, 1].min(), on_back[:, 1].max() + 1.0
+    # The middle of the mount need not be that of the holder's screws.
+    left, right = on_back[:, 0].mean() + np.array([-1.0, 1.0]) * (half_width + 5.0)
+    corners = np.array([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
     base: FloatArray = transform(holder.rig_from_mount, corners)
     away = holder.rig_from_mount[:3, 2]
     return Frustum(base, base - (2.0 * abs(away[0]) * half_width + 1.0) * away)

@@ -53,7 +53,7 @@ class DesignSpec(Value):
     )
     scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
     fold_deg: Annotated[float, FOLD_DEG.each] | Literal["auto"] = Field(
-        default=90.0,
+        default=120.0,
         description="angle from the camera's axis to the views' axis: auto, which chooses the best whole degree, or "
         f"{FOLD_DEG}",
     )

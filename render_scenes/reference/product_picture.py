@@ -1,5 +1,5 @@
 """Product picture of a device: from the front, where the lens is seen in every mirror, and from the side, on a seamless
-paper background between two soft boxes. World = rig frame, mm; its z is up.
+paper background between two soft boxes. World = rig frame, mm; up and forward are those of the views, which look level.
 """
 
 from __future__ import annotations
@@ -32,10 +32,14 @@ LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """An upright pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, where a pixel is `mm_per_px` wide."""
+    """A pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, where a pixel is `mm_per_px` wide.
+
+    Its pictures are upright: `up_in_rig` (3,) is up.
+    """
 
     eye_in_rig_mm: FloatArray
     middle_in_rig_mm: FloatArray
+    up_in_rig: FloatArray
     mm_per_px: float
     size_px: tuple[int, int]
     is_pinhole: ClassVar[bool] = True
@@ -45,7 +49,7 @@ class Viewpoint:
         """Right, down and forward as rows (3, 3)."""
         forward = self.middle_in_rig_mm - self.eye_in_rig_mm
         forward = forward / np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right = np.cross(forward, self.up_in_rig)
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(forward, right), forward])
 
@@ -61,21 +65,28 @@ class Viewpoint:
         return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(direction))
 
 
+def level_from_rig(layout: Layout) -> FloatArray:
+    """The rotation (3, 3) to axes in which the views look along y, and z is up: the rig's for a fold of 90 deg."""
+    right, down, forward = layout.view_from_rig
+    return np.array([right, forward, -down])
+
+
 def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
     """Viewpoints in the middle of the common field of all mirrors, and to the front, the side and above.
 
     A point that the camera sees in every mirror sees, in turn, the lens in every mirror.
     """
     points = np.concatenate([body.points for body in bodies])
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = (low + high) / 2.0
+    turn = level_from_rig(layout)
+    low, high = (points @ turn.T).min(axis=0), (points @ turn.T).max(axis=0)
+    middle = (low + high) / 2.0 @ turn
     depth_mm = 500.0 if layout.spec is None else max(layout.spec.depths_mm)
     eye = np.array([*common_bounds(layout, depth_mm).mean(axis=0), depth_mm]) @ layout.view_from_rig
     width, height = (SIZE_PX[0] - GAP_PX) // 2, SIZE_PX[1]
-    aside = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27])
+    aside = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27]) @ turn
     views = []
     for at in (eye, aside):
-        view = Viewpoint(np.asarray(at), middle, 1.0, (width, height))
+        view = Viewpoint(np.asarray(at), middle, turn[2], 1.0, (width, height))
         # As wide as the farthest point from the middle, seen from the eye.
         seen = (points - at) @ view.axes.T
         away = np.linalg.norm(middle - at)
@@ -115,7 +126,7 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     use_variant(colour=True)
     import mitsuba as mi
 
-    scene = mi.load_dict({"type": "scene", **_studio(bodies), **_shapes(bodies)})
+    scene = mi.load_dict({"type": "scene", **_studio(bodies, level_from_rig(layout)), **_shapes(bodies)})
     paths = integrator(PathOptions(lit=True, colour=True, max_bounces=5))
     pictures = []
     for view in viewpoints(layout, bodies):
@@ -175,11 +186,11 @@ def _lens(camera: DeviceBody) -> dict[str, Any]:
     return shapes
 
 
-def _studio(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
-    """Make paper under and behind the device, two soft boxes, and weak ambient light."""
+def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
+    """Make paper under and behind the device, two soft boxes, and weak ambient light; `level` (3, 3) levels the rig."""
     import mitsuba as mi
 
-    points = np.concatenate([body.points for body in bodies])
+    points = np.concatenate([body.points for body in bodies]) @ level.T
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2.0, float((high - low).max())
     back = low[1] - 1.2 * size
@@ -205,8 +216,8 @@ def _studio(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
     matte = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.78, 0.79, 0.80]}}
 
     def box(towards: tuple[float, float, float], wide: float, radiance: tuple[float, float, float]) -> dict[str, Any]:
-        place = middle + size * np.array(towards)
-        frame = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=middle.tolist(), up=[0, 0, 1])
+        place, target = (middle + size * np.array(towards)) @ level, middle @ level
+        frame = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=target.tolist(), up=level[2].tolist())
         return {
             "type": "rectangle",
             "to_world": frame @ mi.ScalarTransform4f().scale([wide * size, wide * size, 1.0]),
@@ -215,7 +226,7 @@ def _studio(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
         }
 
     return {
-        "paper": mesh("paper", corners, faces, {"type": "twosided", "bsdf": matte}, upright),
+        "paper": mesh("paper", corners @ level, faces, {"type": "twosided", "bsdf": matte}, upright @ level),
         "key": box((2.4, 2.0, 3.0), 0.9, (12.5, 12.2, 11.7)),
         "fill": box((-3.4, 2.4, 1.0), 1.2, (2.2, 2.3, 2.5)),
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.30, 0.31, 0.33]}},

@@ -13,9 +13,9 @@ LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
 
 
 @pytest.fixture(scope="session")
-def distorted_layout(default_layout: Layout) -> Layout:
-    """The default layout before a lens with every kind of distortion."""
-    return default_layout.replaced(camera=default_layout.camera.replaced(distortion=LENS))
+def distorted_layout(fold_90_layout: Layout) -> Layout:
+    """The layout of a fold of 90 deg before a lens with every kind of distortion."""
+    return fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(distortion=LENS))
 
 
 @pytest.fixture(scope="session")
@@ -31,9 +31,9 @@ def plates(distorted_layout: Layout) -> Layout:
 
 
 @pytest.fixture(scope="session")
-def small_layout(default_layout: Layout) -> Layout:
-    """The default layout with a sensor of 480 x 270 pixels: the same mirrors, quick to render."""
-    full = default_layout.camera
+def small_layout(fold_90_layout: Layout) -> Layout:
+    """The layout of a fold of 90 deg with a sensor of 480 x 270 pixels: the same mirrors, quick to render."""
+    full = fold_90_layout.camera
     camera = Camera(
         name="small",
         width_px=480,
@@ -43,7 +43,7 @@ def small_layout(default_layout: Layout) -> Layout:
         cx_px=(full.cx_px + 0.5) / 4.0 - 0.5,
         cy_px=(full.cy_px + 0.5) / 4.0 - 0.5,
     )
-    return default_layout.replaced(camera=camera)
+    return fold_90_layout.replaced(camera=camera)
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,13 @@ from typing import Literal
 import numpy as np
 import pytest
 from build123d import GeomType
+from manifold3d import Manifold
 from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
 from mirrorcam.cad.holder.screw_holes import POINT_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -104,6 +106,21 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
     # Nothing stands out of it: the part lies flat on the bed.
     corners = np.array([tuple(vertex) for vertex in part.vertices()]) @ away
     assert corners.max() == pytest.approx(float(np.array(tuple(outermost.center())) @ away))
+
+
+def test_grooves_cut_nothing_out_of_the_walls(fold_90_layout: Layout) -> None:
+    """A groove passes through its rim; a slot in the wall behind that would have a ceiling, which needs support."""
+    plan = plan_holder(fold_90_layout, HARDWARE)
+    wall, solid = PlanarCsg().solid(plan.walls), make_holder(plan).solid()
+    assert solid is not None
+    bites = [
+        np.asarray(bite.to_mesh64().vert_properties)[:, :3].mean(axis=0)
+        for groove in plan.grooves
+        for bite in (wall ^ Manifold.hull_points(np.vstack([groove.base, groove.top]))).decompose()
+        if bite.volume() > 1e-3
+    ]
+    assert len(bites) >= 4
+    assert all(solid.is_inside(tuple(middle)) for middle in bites)
 
 
 def test_sheets_that_nearly_touch_are_refused(make_flat_pair: Callable[..., Layout]) -> None:

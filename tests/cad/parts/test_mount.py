@@ -129,7 +129,9 @@ def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: P
         plan_mount(layout, holder, clip, soft)
 
 
-def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned) -> None:
+@pytest.mark.parametrize("off_mm", [-8.0, 0.0, 8.0])
+def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_mm: float) -> None:
+    """Also where the holder's screws are off the middle of the mount."""
     layout, holder, clip, _ = planned
     angle = np.deg2rad(2.0)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
@@ -146,7 +148,11 @@ def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned) -> No
     )
     holder = plan_holder(turned, HARDWARE)
     assert abs(holder.rig_from_mount[0, 2]) > 0.01
-    part = make_mount(plan_mount(turned, holder, clip, HARDWARE))
+    aside = holder.rig_from_mount.copy()
+    aside[:3, 3] -= off_mm * aside[:3, 0]
+    holder = replace(holder, rig_from_mount=aside)
+    mount = plan_mount(turned, holder, clip, HARDWARE)
+    part = make_mount(mount)
     assert part.is_valid
     away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     on_back = [
@@ -155,7 +161,12 @@ def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned) -> No
         if np.array(tuple(face.normal_at())) @ away < -1.0 + 1e-9
         and abs((np.array(tuple(face.center())) - origin) @ away) < 1e-6
     ]
-    assert sum(on_back) > 0.9 * 80.0 * 60.0
+    assert sum(on_back) > mount.section.width_mm * np.ptp(holder.holes_in_mount_mm[:, 1])
+    solid, along = part.solid(), holder.rig_from_mount[:3, :3]
+    assert solid is not None
+    for across_mm in np.linspace(-1.0, 1.0, 9) * (mount.half_width_mm - 0.1):
+        inside_holder = origin - origin[0] / along[0, 0] * along[:, 0] + across_mm * along[:, 0] - 0.05 * away
+        assert not solid.is_inside(tuple(inside_holder))
 
 
 @pytest.mark.slow

@@ -45,11 +45,11 @@ def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bea
 
 @pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 14.0), ("board_38", 6.5)])
 def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
-    default_layout: Layout, camera: str, longest_mm: float
+    fold_90_layout: Layout, camera: str, longest_mm: float
 ) -> None:
     hardware = HARDWARE.replaced(camera=read_camera(camera))
-    clip, holder = plan_clip(hardware), plan_holder(default_layout, hardware)
-    mount = plan_mount(default_layout, holder, clip, hardware)
+    clip, holder = plan_clip(hardware), plan_holder(fold_90_layout, hardware)
+    mount = plan_mount(fold_90_layout, holder, clip, hardware)
     scale = _scale(clip, mount.half_width_mm, hardware)
     radius, wall = hardware.screw.clearance_hole_mm / 2.0, hardware.printer.wall_mm
     top = clip.slide_z_mm + clip.travel_mm + radius + wall

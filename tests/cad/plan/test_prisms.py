@@ -60,10 +60,10 @@ def test_volumes() -> None:
     )
 
 
-def test_what_stands_in_the_light_is_refused_with_mirror_part_and_measure(default_layout: Layout) -> None:
-    light = keep_outs(default_layout, HARDWARE)
-    require_dark("box", [box((-5.0, -60.0, -5.0), (5.0, -50.0, 5.0))], default_layout, light)
-    middle = default_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
+def test_what_stands_in_the_light_is_refused_with_mirror_part_and_measure(fold_90_layout: Layout) -> None:
+    light = keep_outs(fold_90_layout, HARDWARE)
+    require_dark("box", [box((-5.0, -60.0, -5.0), (5.0, -50.0, 5.0))], fold_90_layout, light)
+    middle = fold_90_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
     wall = box(tuple(middle - np.array([3.0, -30.0, 3.0])), tuple(middle + np.array([3.0, 31.0, 3.0])))
     with pytest.raises(InputError, match=r"light of mirror 1-1 enters the wall by 1\d\.\d mm, expected it to pass"):
-        require_dark("wall", [wall], default_layout, light)
+        require_dark("wall", [wall], fold_90_layout, light)

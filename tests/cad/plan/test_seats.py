@@ -91,7 +91,8 @@ def test_light_between_pupil_mirror_and_scene_lies_in_the_cones(default_layout: 
     for index, mirror in enumerate(layout.mirrors):
         points = inside_points(mirror)
         outgoing = points @ mirror.reflection.T
-        scene = points + outgoing * ((depth - points[:, 1]) / outgoing[:, 1])[:, None]
+        forward = layout.view_from_rig[2]
+        scene = points + outgoing * ((depth - points @ forward) / (outgoing @ forward))[:, None]
         for share in (0.01, 0.5, 0.97):
             assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(points * share).all()
             assert reflected_beam(layout, index, HARDWARE).contains(points + share * (scene - points)).all()

@@ -34,6 +34,7 @@ def specs(counts: list[tuple[int, int]]) -> st.SearchStrategy[DesignSpec]:
     def made(
         count: tuple[int, int],
         scale_mm: float,
+        fold_deg: float,
         depths: tuple[float, ...],
         spacing: float,
         tradeoff: float,
@@ -43,6 +44,7 @@ def specs(counts: list[tuple[int, int]]) -> st.SearchStrategy[DesignSpec]:
             rows=count[0],
             cols=count[1],
             scale_mm=scale_mm,
+            fold_deg=fold_deg,
             depths_mm=tuple(round(scale_mm * depth, 1) for depth in depths),
             spacing_mm=round(spacing, 2),
             tradeoff=round(tradeoff, 2),
@@ -54,6 +56,7 @@ def specs(counts: list[tuple[int, int]]) -> st.SearchStrategy[DesignSpec]:
         made,
         st.sampled_from(counts),
         st.floats(40.0, 200.0).map(lambda scale: round(scale, 1)),
+        st.sampled_from([90.0, 105.0, 120.0]),
         depths,
         st.floats(0.0, 3.0),
         st.floats(0.0, 1.0),
@@ -91,7 +94,7 @@ def test_designs_of_any_size_carry_a_passing_verdict(spec: DesignSpec) -> None:
 @cache
 def sound(rows: int, cols: int) -> tuple[Layout, DesignSpec]:
     """A layout that keeps to its spec in all but what its views share, which is not what is damaged here."""
-    spec = DesignSpec(rows=rows, cols=cols, spacing_mm=0.5, min_edge_mm=0.0, min_area_mm2=0.0)
+    spec = DesignSpec(rows=rows, cols=cols, fold_deg=90.0, spacing_mm=0.5, min_edge_mm=0.0, min_area_mm2=0.0)
     return faceted_parabola(spec), spec
 
 

@@ -69,10 +69,10 @@ def test_outlines_move_with_their_mirrors(default_layout: Layout) -> None:
     ],
 )
 def test_what_cannot_be_built_is_refused_in_one_line(
-    default_layout: Layout, tolerances: Tolerances, named: str
+    fold_90_layout: Layout, tolerances: Tolerances, named: str
 ) -> None:
     with pytest.raises(InputError, match=named) as error:
-        draw_as_built(default_layout, tolerances, np.random.default_rng(0))
+        draw_as_built(fold_90_layout, tolerances, np.random.default_rng(0))
     assert "\n" not in str(error.value)
 
 

@@ -29,36 +29,36 @@ def pose() -> FloatArray:
     return mirrored_poses(BOARD, 1, tilt_deg=10.0, seed=3)[0]
 
 
-def test_boards_are_given_to_their_mirrors_in_any_order(default_layout: Layout, pose: FloatArray) -> None:
-    shown = boards_of(default_layout, BOARD, pose)
+def test_boards_are_given_to_their_mirrors_in_any_order(fold_90_layout: Layout, pose: FloatArray) -> None:
+    shown = boards_of(fold_90_layout, BOARD, pose)
     assert len(shown) >= 6
     shuffled = np.random.default_rng(1).permutation(list(shown))
-    found = assign([(shown[view],) for view in shuffled], default_layout, BOARD)
+    found = assign([(shown[view],) for view in shuffled], fold_90_layout, BOARD)
     assert [view for view, _ in found] == sorted(shown)
     for view, corners in found:
         assert corners is shown[view]
 
 
-def test_a_board_that_stands_elsewhere_is_left_out(default_layout: Layout) -> None:
+def test_a_board_that_stands_elsewhere_is_left_out(fold_90_layout: Layout) -> None:
     """One mirror shows a second board, 200 mm beside the first, and no corner of it where the first has it."""
     pose = mirrored_poses(WIDE, 1, tilt_deg=5.0, seed=3)[0]
     beside = pose.copy()
     beside[0, 3] += 200.0
-    shown, other = boards_of(default_layout, WIDE, pose), boards_of(default_layout, WIDE, beside)
+    shown, other = boards_of(fold_90_layout, WIDE, pose), boards_of(fold_90_layout, WIDE, beside)
     mirror = max(other, key=lambda view: len(other[view]) * (view in shown))
     boards = [(corners,) for view, corners in shown.items() if view != mirror]
-    found = dict(assign([*boards, (other[mirror],)], default_layout, WIDE))
+    found = dict(assign([*boards, (other[mirror],)], fold_90_layout, WIDE))
     assert set(found) == set(shown) - {mirror}
-    again = dict(assign([*boards, (shown[mirror],)], default_layout, WIDE))
+    again = dict(assign([*boards, (shown[mirror],)], fold_90_layout, WIDE))
     assert set(again) == set(shown)
 
 
-def test_boards_of_no_mirror_are_left_over_whole_and_once(default_layout: Layout, pose: FloatArray) -> None:
-    shown = boards_of(default_layout, BOARD, pose)
+def test_boards_of_no_mirror_are_left_over_whole_and_once(fold_90_layout: Layout, pose: FloatArray) -> None:
+    shown = boards_of(fold_90_layout, BOARD, pose)
     boards = [(corners,) for corners in shown.values()]
-    mirrors = default_layout.mirrors
-    without = default_layout.replaced(rows=3, cols=2, mirrors=tuple(m for n, m in enumerate(mirrors) if n % 3 < 2))
-    assert not len(unassigned_px(boards, assign(boards, default_layout, BOARD), default_layout))
+    mirrors = fold_90_layout.mirrors
+    without = fold_90_layout.replaced(rows=3, cols=2, mirrors=tuple(m for n, m in enumerate(mirrors) if n % 3 < 2))
+    assert not len(unassigned_px(boards, assign(boards, fold_90_layout, BOARD), fold_90_layout))
     unknown = [corners.pixels.mean(axis=0) for view, corners in shown.items() if view % 3 == 2]
     assert len(unknown) >= 2
     assert unassigned_px(boards, assign(boards, without, BOARD), without).tolist() == np.array(unknown).tolist()
@@ -69,9 +69,9 @@ def test_boards_of_no_mirror_are_left_over_whole_and_once(default_layout: Layout
 
 
 def test_parts_and_repetitions_of_the_board_of_a_mirror_are_not_left_over(
-    default_layout: Layout, pose: FloatArray
+    fold_90_layout: Layout, pose: FloatArray
 ) -> None:
-    shown = list(boards_of(default_layout, BOARD, pose).values())
+    shown = list(boards_of(fold_90_layout, BOARD, pose).values())
     largest = max(shown, key=len)
     others = [(board,) for board in shown if board is not largest]
     half = len(largest) // 2 + 1
@@ -83,25 +83,25 @@ def test_parts_and_repetitions_of_the_board_of_a_mirror_are_not_left_over(
         ([*others, (largest,), (again,)], 0),
         ([*others, (largest,), (beside,)], 1),
     ):
-        assert len(unassigned_px(boards, assign(boards, default_layout, BOARD), default_layout)) == count
+        assert len(unassigned_px(boards, assign(boards, fold_90_layout, BOARD), fold_90_layout)) == count
 
 
-def test_a_plain_board_is_numbered_as_in_the_largest_view(default_layout: Layout) -> None:
+def test_a_plain_board_is_numbered_as_in_the_largest_view(fold_90_layout: Layout) -> None:
     pose = mirrored_poses(PLAIN, 1, tilt_deg=10.0, seed=3)[0]
-    shown = boards_of(default_layout, PLAIN, pose)
+    shown = boards_of(fold_90_layout, PLAIN, pose)
     whole = {view: corners for view, corners in shown.items() if len(corners) == len(PLAIN.corners_in_board_mm)}
     assert len(whole) >= 2
     boards = []
     for number, corners in enumerate(whole.values()):
         turned = Corners(corners.ids, corners.pixels[::-1])
         boards.append((corners, turned) if number == 0 else (turned, corners))
-    found = assign(boards, default_layout, PLAIN)
+    found = assign(boards, fold_90_layout, PLAIN)
     rightly = [np.array_equal(corners.pixels, whole[view].pixels) for view, corners in found]
     assert len(found) == len(whole)
     assert all(rightly) or not any(rightly), "alike in all views"
 
 
-def test_nothing_is_given_to_nobody(default_layout: Layout) -> None:
-    assert assign([], default_layout, BOARD) == []
+def test_nothing_is_given_to_nobody(fold_90_layout: Layout) -> None:
+    assert assign([], fold_90_layout, BOARD) == []
     outside = Corners(np.arange(54), 5000.0 + 30.0 * np.random.default_rng(0).random((54, 2)))
-    assert assign([(outside,)], default_layout, BOARD) == []
+    assert assign([(outside,)], fold_90_layout, BOARD) == []

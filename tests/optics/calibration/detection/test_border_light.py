@@ -22,13 +22,13 @@ FRAMES = 12
 
 
 @pytest.fixture(scope="module")
-def halved(default_layout: Layout) -> Layout:
+def halved(fold_90_layout: Layout) -> Layout:
     """The default device with a camera of half as many pixels along each side."""
-    camera = default_layout.camera
+    camera = fold_90_layout.camera
     size = {"width_px": camera.width_px // 2, "height_px": camera.height_px // 2}
     numbers = {name: getattr(camera, name) / 2.0 for name in ("fx_px", "fy_px")}
     middle = {name: (getattr(camera, name) + 0.5) / 2.0 - 0.5 for name in ("cx_px", "cy_px")}
-    return default_layout.replaced(camera=camera.replaced(**size, **numbers, **middle).with_pupil(PUPIL))
+    return fold_90_layout.replaced(camera=camera.replaced(**size, **numbers, **middle).with_pupil(PUPIL))
 
 
 @pytest.fixture(scope="module")
@@ -79,14 +79,14 @@ def test_the_pupil_is_found_from_rendered_frames(halved: Layout, lights: list[Bo
     assert seen.nearness == pytest.approx(1.0 / PUPIL.focus_mm, abs=3.0 * seen.nearness_sigma)
 
 
-def test_points_off_the_sensor_are_unknown_and_short_borders_left_out(default_layout: Layout) -> None:
-    right = max(float(default_layout.outline_px(index)[:, 0].max()) for index in range(9))
-    camera = default_layout.camera.replaced(width_px=int(right) + 10).with_pupil(PINHOLE)
-    found = borders(default_layout.replaced(camera=camera))
+def test_points_off_the_sensor_are_unknown_and_short_borders_left_out(fold_90_layout: Layout) -> None:
+    right = max(float(fold_90_layout.outline_px(index)[:, 0].max()) for index in range(9))
+    camera = fold_90_layout.camera.replaced(width_px=int(right) + 10).with_pupil(PINHOLE)
+    found = borders(fold_90_layout.replaced(camera=camera))
     size = np.array([camera.width_px, camera.height_px])
     for border in found:
         inside = np.asarray(np.isfinite(border.pixels).all(axis=2))
         assert inside[:, len(border.out_px) // 2].all()
         assert ((border.pixels[inside] >= 0.0) & (border.pixels[inside] <= size - 1.0)).all()
     assert any(np.isnan(border.pixels).any() for border in found)
-    assert len(found) <= sum(len(mirror.outline_in_rig_mm) for mirror in default_layout.mirrors)
+    assert len(found) <= sum(len(mirror.outline_in_rig_mm) for mirror in fold_90_layout.mirrors)

@@ -59,8 +59,8 @@ def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> SeenPupil:
 
 
 @pytest.mark.parametrize(("true", "seed"), [(Pupil(1.8, 500.0), 1), (Pupil(2.4, 900.0), 2), (Pupil(1.2, 300.0), 3)])
-def test_diameter_and_focus_are_found_within_their_uncertainty(default_layout: Layout, true: Pupil, seed: int) -> None:
-    seen = found(default_layout, true, seed, Pupil(1.8, 500.0))
+def test_diameter_and_focus_are_found_within_their_uncertainty(fold_90_layout: Layout, true: Pupil, seed: int) -> None:
+    seen = found(fold_90_layout, true, seed, Pupil(1.8, 500.0))
     assert abs(seen.aperture_mm - true.aperture_mm) < 2.5 * seen.aperture_sigma_mm
     assert abs(seen.nearness - 1.0 / true.focus_mm) < 2.5 * seen.nearness_sigma
     assert seen.aperture_sigma_mm < 0.04 * true.aperture_mm
@@ -68,8 +68,8 @@ def test_diameter_and_focus_are_found_within_their_uncertainty(default_layout: L
     assert not seen.is_pinhole
 
 
-def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(default_layout: Layout) -> None:
-    seen = found(default_layout, Pupil(0.0, 500.0), 4, Pupil(1.8, 500.0))
+def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(fold_90_layout: Layout) -> None:
+    seen = found(fold_90_layout, Pupil(0.0, 500.0), 4, Pupil(1.8, 500.0))
     assert seen.is_pinhole
     assert not seen.shows_focus
     assert seen.aperture_mm < 0.15
@@ -77,20 +77,20 @@ def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(default_layout: La
     assert seen.nearness_sigma > 0.9 * NEARNESS_SIGMA
 
 
-def test_few_borders_and_dim_ones_tell_nothing(default_layout: Layout) -> None:
+def test_few_borders_and_dim_ones_tell_nothing(fold_90_layout: Layout) -> None:
     random = np.random.default_rng(5)
-    lights = [light(default_layout, border, Pupil(1.8, 500.0), random) for border in borders(default_layout)[:4]]
-    assert seen_pupil(default_layout, lights) is None
+    lights = [light(fold_90_layout, border, Pupil(1.8, 500.0), random) for border in borders(fold_90_layout)[:4]]
+    assert seen_pupil(fold_90_layout, lights) is None
     dim = [BorderLight(each.border, 0.02 * each.light, each.sigma) for each in lights] * 3
-    assert seen_pupil(default_layout, dim) is None
+    assert seen_pupil(fold_90_layout, dim) is None
 
 
-def test_a_border_that_shows_something_else_is_left_out(default_layout: Layout) -> None:
+def test_a_border_that_shows_something_else_is_left_out(fold_90_layout: Layout) -> None:
     random, true = np.random.default_rng(6), Pupil(1.8, 500.0)
-    lights = [light(default_layout, border, true, random) for border in borders(default_layout)]
-    clean = seen_pupil(default_layout, lights)
-    wide = light(default_layout, lights[4].border, Pupil(4.0, 500.0), random)
-    spoilt = seen_pupil(default_layout, [*lights[:4], wide, *lights[5:]])
+    lights = [light(fold_90_layout, border, true, random) for border in borders(fold_90_layout)]
+    clean = seen_pupil(fold_90_layout, lights)
+    wide = light(fold_90_layout, lights[4].border, Pupil(4.0, 500.0), random)
+    spoilt = seen_pupil(fold_90_layout, [*lights[:4], wide, *lights[5:]])
     assert clean is not None
     assert spoilt is not None
     assert spoilt.borders == clean.borders - 1

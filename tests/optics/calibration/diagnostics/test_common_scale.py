@@ -54,59 +54,59 @@ def sigmas_off(layout: Layout, scale: float, *, tolerances: float, with_edges: b
 @pytest.mark.parametrize("tolerances", [1.0, 2.0])
 @pytest.mark.parametrize("with_edges", [True, False])
 def test_no_device_is_taken_for_a_board_of_another_size(
-    default_layout: Layout, tolerances: float, with_edges: bool
+    fold_90_layout: Layout, tolerances: float, with_edges: bool
 ) -> None:
-    off = sigmas_off(default_layout, 1.0, tolerances=tolerances, with_edges=with_edges)
+    off = sigmas_off(fold_90_layout, 1.0, tolerances=tolerances, with_edges=with_edges)
     assert np.abs(off).max() < ALARM_SIGMAS
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.05])
-def test_squares_five_percent_wrong_are_found_where_edges_are_seen(default_layout: Layout, scale: float) -> None:
-    off = sigmas_off(default_layout, scale, tolerances=1.0, with_edges=True)
+def test_squares_five_percent_wrong_are_found_where_edges_are_seen(fold_90_layout: Layout, scale: float) -> None:
+    off = sigmas_off(fold_90_layout, scale, tolerances=1.0, with_edges=True)
     assert (np.abs(off) > ALARM_SIGMAS).all()
     assert (np.sign(off) == np.sign(scale - 1.0)).all()
-    assert (np.abs(sigmas_off(default_layout, scale, tolerances=1.0, with_edges=False)) > ALARM_SIGMAS).mean() > 0.7
+    assert (np.abs(sigmas_off(fold_90_layout, scale, tolerances=1.0, with_edges=False)) > ALARM_SIGMAS).mean() > 0.7
 
 
-def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(default_layout: Layout) -> None:
+def test_a_badly_built_device_is_not_taken_for_a_wrong_square_size(fold_90_layout: Layout) -> None:
     for seed in range(20):
         random = np.random.default_rng(seed)
-        centres = default_layout.virtual_centres_in_rig_mm
+        centres = fold_90_layout.virtual_centres_in_rig_mm
         moved = centres + 4.0 * random.standard_normal(centres.shape)  # mirrors tilted by 1.4 deg and 2 mm off
-        assert scale_doubt(default_layout, moved, [], 12.0)[0] == ()
+        assert scale_doubt(fold_90_layout, moved, [], 12.0)[0] == ()
 
 
-def test_a_mirror_cut_too_short_does_not_hide_the_scale(default_layout: Layout) -> None:
+def test_a_mirror_cut_too_short_does_not_hide_the_scale(fold_90_layout: Layout) -> None:
     random = np.random.default_rng(0)
-    built = draw_as_built(default_layout, Tolerances.hobby(), random)
-    edges = edges_of(default_layout, built, 1.05, random)
+    built = draw_as_built(fold_90_layout, Tolerances.hobby(), random)
+    edges = edges_of(fold_90_layout, built, 1.05, random)
     short = {
         number: SeenEdge(e.line, e.off_px, e.off_mm - 3.0, e.middle_in_rig_mm, e.outward_in_rig)
         for number, e in edges[0].items()
     }
-    found = common_scale(default_layout, 1.05 * built.virtual_centres_in_rig_mm, [short, *edges[1:]])
+    found = common_scale(fold_90_layout, 1.05 * built.virtual_centres_in_rig_mm, [short, *edges[1:]])
     assert found.factor == pytest.approx(1.05, abs=0.01)
     assert found.factor - 1.0 > ALARM_SIGMAS * found.sigma
 
 
-def test_the_scale_is_noted_then_an_alarm_then_refused(default_layout: Layout) -> None:
-    centres = default_layout.virtual_centres_in_rig_mm
-    assert scale_doubt(default_layout, centres, [], 20.0) == ((), ())
-    alarms, notes = scale_doubt(default_layout, 1.025 * centres, [], 20.0)
+def test_the_scale_is_noted_then_an_alarm_then_refused(fold_90_layout: Layout) -> None:
+    centres = fold_90_layout.virtual_centres_in_rig_mm
+    assert scale_doubt(fold_90_layout, centres, [], 20.0) == ((), ())
+    alarms, notes = scale_doubt(fold_90_layout, 1.025 * centres, [], 20.0)
     assert alarms == ()
     assert notes[0].startswith("the board's squares look like 19.5")
-    alarms, notes = scale_doubt(default_layout, 0.95 * centres, [], 20.0)
+    alarms, notes = scale_doubt(fold_90_layout, 0.95 * centres, [], 20.0)
     assert notes == ()
     assert alarms[0].startswith("the board's squares look like 21.0")
     assert "board.toml says square_mm = 20: all lengths come out 0.9" in alarms[0]
     with pytest.raises(InputError, match=r"squares look like 16\.\d+ \+- \S+ mm, board.toml says square_mm = 20"):
-        scale_doubt(default_layout, 1.2 * centres, [], 20.0)
+        scale_doubt(fold_90_layout, 1.2 * centres, [], 20.0)
 
 
-def test_a_camera_that_sits_elsewhere_is_no_scale(default_layout: Layout) -> None:
+def test_a_camera_that_sits_elsewhere_is_no_scale(fold_90_layout: Layout) -> None:
     """A pupil moved by t moves every virtual centre by -2 (n.t) n, and the scale stays 1."""
-    centres = default_layout.virtual_centres_in_rig_mm
+    centres = fold_90_layout.virtual_centres_in_rig_mm
     normals = -centres / np.linalg.norm(centres, axis=1, keepdims=True)
     shift = np.array([0.4, -0.3, 0.5])
-    found = common_scale(default_layout, centres - 2.0 * (normals @ shift)[:, None] * normals)
+    found = common_scale(fold_90_layout, centres - 2.0 * (normals @ shift)[:, None] * normals)
     assert abs(found.factor - 1.0) < 2.0 * found.sigma

@@ -34,8 +34,8 @@ BASE_PARALLEL = direct_poses(BOARD, 5, tilt_deg=0.0, seed=2)
 
 
 @pytest.fixture(scope="module")
-def truth(default_layout: Layout) -> Layout:
-    return as_built(default_layout, seed=1)
+def truth(fold_90_layout: Layout) -> Layout:
+    return as_built(fold_90_layout, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -93,13 +93,13 @@ def with_focal(truth: Layout, factor: float) -> Layout:
     return truth.replaced(camera=camera.replaced(fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px))
 
 
-def test_good_input_passes_untouched(good: Views, default_layout: Layout) -> None:
-    screened = screen(good.seen, good.base, default_layout, CORNERS)
+def test_good_input_passes_untouched(good: Views, fold_90_layout: Layout) -> None:
+    screened = screen(good.seen, good.base, fold_90_layout, CORNERS)
     assert screened.notes == ()
     assert screened.widened == 1.0
     assert [len(o) for o in screened.seen] == [len(o) for o in good.seen]
     assert [len(o) for o in screened.base] == [len(o) for o in good.base]
-    _, notes = solved(good.seen, good.base, default_layout)
+    _, notes = solved(good.seen, good.base, fold_90_layout)
     assert notes == ()
 
 
@@ -116,29 +116,29 @@ def test_good_input_passes_untouched(good: Views, default_layout: Layout) -> Non
     ],
 )
 def test_few_or_parallel_poses_give_looser_bounds_that_are_true(
-    mirrored: list[FloatArray], base: list[FloatArray], note: str, default_layout: Layout
+    mirrored: list[FloatArray], base: list[FloatArray], note: str, fold_90_layout: Layout
 ) -> None:
     """The squared error over many devices and noises is what the covariance says, within four of its own sigmas."""
     total, numbers = 0.0, 0
     for seed in range(4):
-        truth = as_built(default_layout, seed=seed)
+        truth = as_built(fold_90_layout, seed=seed)
         views = views_of(truth, BOARD, mirrored, base, seed=seed)
-        solution, notes = solved(views.seen, views.base, default_layout)
+        solution, notes = solved(views.seen, views.base, fold_90_layout)
         assert any(n.startswith(note) for n in notes) if note else notes == ()
         squared, count = nees(solution, truth)
         total, numbers = total + squared, numbers + count
     assert total / numbers == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / numbers))
 
 
-def test_one_picture_given_several_times_counts_once(good: Views, default_layout: Layout) -> None:
-    once, _ = solved(good.seen[:1], good.base, default_layout)
-    often, notes = solved(good.seen[:1] * 4, good.base, default_layout)
+def test_one_picture_given_several_times_counts_once(good: Views, fold_90_layout: Layout) -> None:
+    once, _ = solved(good.seen[:1], good.base, fold_90_layout)
+    often, notes = solved(good.seen[:1] * 4, good.base, fold_90_layout)
     assert notes[:3] == tuple(f"frame {n}: the same picture as frame 0, not used" for n in (1, 2, 3))
     np.testing.assert_allclose(often.covariance, once.covariance, rtol=1e-9)
 
 
-def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, default_layout: Layout) -> None:
-    found = calibrate_corners(good.seen, good.base, default_layout, 1.05 * CORNERS, level="joint")
+def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, fold_90_layout: Layout) -> None:
+    found = calibrate_corners(good.seen, good.base, fold_90_layout, 1.05 * CORNERS, level="joint")
     square_mm = float(CORNERS[0, 0])
     assert found.diagnostics is not None
     (alarm,) = found.diagnostics.mismatches
@@ -148,28 +148,28 @@ def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, d
     assert check_solution(found, view_figures(found)).advice[0].startswith("Correct the board or layout")
 
 
-def test_swapped_rows_and_columns_are_refused(good: Views, default_layout: Layout) -> None:
+def test_swapped_rows_and_columns_are_refused(good: Views, fold_90_layout: Layout) -> None:
     swapped = Charuco(cols=BOARD.rows, rows=BOARD.cols, square_mm=BOARD.square_mm, marker_mm=BOARD.marker_mm)
     with pytest.raises(InputError, match="are rows, columns and markers those of"):
-        screen(good.seen, good.base, default_layout, swapped.corners_in_board_mm)
+        screen(good.seen, good.base, fold_90_layout, swapped.corners_in_board_mm)
 
 
-def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     for factor in (1.01, 1.3):
         other = views_of(with_focal(truth, factor), BOARD, [], BASE, seed=5)
         with pytest.raises(
             InputError, match=r"show a focal length of 1[34]\d\d\.\d px, frames without 1[37]\d\d\.\d px"
         ):
-            screen(good.seen, other.base, default_layout, CORNERS)
+            screen(good.seen, other.base, fold_90_layout, CORNERS)
 
 
 def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
-    good: Views, truth: Layout, default_layout: Layout
+    good: Views, truth: Layout, fold_90_layout: Layout
 ) -> None:
     drifted = views_of(with_focal(truth, 1.003), BOARD, [], BASE, seed=5)
-    screened = screen(good.seen, drifted.base, default_layout, CORNERS)
+    screened = screen(good.seen, drifted.base, fold_90_layout, CORNERS)
     assert screened.widened > consistency.DRIFT_NOTED
-    solution, notes = solved(good.seen, drifted.base, default_layout)
+    solution, notes = solved(good.seen, drifted.base, fold_90_layout)
     assert any("disagree about the camera" in note for note in notes)
     squared, count = nees(solution, truth)
     narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.widened**2), truth)
@@ -177,23 +177,23 @@ def test_a_little_change_of_focus_widens_the_bounds_until_they_are_true(
     assert squared < 1.4 * count
 
 
-def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(default_layout: Layout) -> None:
+def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(fold_90_layout: Layout) -> None:
     """A plate or a bend that the layout leaves out biases the intrinsics; model selection deals with it."""
-    truth = as_built(default_layout, seed=1)
+    truth = as_built(fold_90_layout, seed=1)
     bent = tuple(mirror.replaced(curvature_per_m=[0.1, 0.05, 0.0]) for mirror in truth.mirrors)
     second_surface = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)
     for mirrors in (bent, second_surface):
         views = views_of(truth.replaced(mirrors=mirrors), BOARD, MIRRORED, BASE, seed=1)
-        screened = screen(views.seen, views.base, default_layout, CORNERS)
+        screened = screen(views.seen, views.base, fold_90_layout, CORNERS)
         assert screened.notes == ()
         assert screened.widened == 1.0
 
 
-def test_all_pictures_of_another_camera_calibrate_that_camera_and_say_so(truth: Layout, default_layout: Layout) -> None:
+def test_all_pictures_of_another_camera_calibrate_that_camera_and_say_so(truth: Layout, fold_90_layout: Layout) -> None:
     zoomed = with_focal(truth, 1.15)
     for base in (BASE, []):
         views = views_of(zoomed, BOARD, MIRRORED, base, seed=3)
-        solution, notes = solved(views.seen, views.base, default_layout)
+        solution, notes = solved(views.seen, views.base, fold_90_layout)
         assert any("+15% from the layout's" in note for note in notes)
         squared, count = nees(solution, zoomed)
         assert squared / count == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / count))
@@ -203,33 +203,33 @@ def second_board(truth: Layout) -> list[Observations]:
     return views_of(truth, BOARD, mirrored_poses(BOARD, 6, tilt_deg=30.0, seed=77), [], seed=9).seen
 
 
-def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, default_layout: Layout) -> None:
+def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     mixed = exchanged(good.seen, second_board(truth), [3], [2])
-    solution, notes = solved(mixed, good.base, default_layout)
+    solution, notes = solved(mixed, good.base, fold_90_layout)
     assert len(notes) == 1
     assert notes[0].startswith("frame 3, mirror 0-2: shows the board elsewhere")
     squared, count = nees(solution, truth)
     assert squared < 2.0 * count
 
 
-def test_a_frame_torn_between_two_boards_is_left_out(good: Views, truth: Layout, default_layout: Layout) -> None:
+def test_a_frame_torn_between_two_boards_is_left_out(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     mixed = exchanged(good.seen, second_board(truth), [3], [4, 5, 6, 7, 8])
-    solution, notes = solved(mixed, good.base, default_layout)
+    solution, notes = solved(mixed, good.base, fold_90_layout)
     assert any(note.startswith("frame 3") for note in notes)
     squared, count = nees(solution, truth)
     assert squared < 2.0 * count
 
 
-def test_two_boards_throughout_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+def test_two_boards_throughout_are_refused(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     other = second_board(truth)
     with pytest.raises(InputError, match="views show the board elsewhere than the others of their frames"):
-        screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, default_layout, CORNERS)
+        screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, fold_90_layout, CORNERS)
     with pytest.raises(InputError, match="mirror 1-1 shows the board elsewhere than the other views in 6 of 6 frames"):
-        screen(exchanged(good.seen, other, range(6), [4]), good.base, default_layout, CORNERS)
+        screen(exchanged(good.seen, other, range(6), [4]), good.base, fold_90_layout, CORNERS)
 
 
 def test_corners_of_two_boards_within_views_are_refused_or_left_out(
-    good: Views, truth: Layout, default_layout: Layout
+    good: Views, truth: Layout, fold_90_layout: Layout
 ) -> None:
     random = np.random.default_rng(0)
 
@@ -242,16 +242,16 @@ def test_corners_of_two_boards_within_views_are_refused_or_left_out(
 
     other = second_board(truth)
     with pytest.raises(InputError, match="where no flat board of this drawing has them"):
-        screen([mingled(a, b, 0.4) for a, b in zip(good.seen, other, strict=True)], good.base, default_layout, CORNERS)
+        screen([mingled(a, b, 0.4) for a, b in zip(good.seen, other, strict=True)], good.base, fold_90_layout, CORNERS)
     seen = [mingled(good.seen[0], other[0], 0.2), *good.seen[1:]]
-    solution, notes = solved(seen, good.base, default_layout)
+    solution, notes = solved(seen, good.base, fold_90_layout)
     assert all("frame 0, mirror" in note for note in notes)
     assert notes
     squared, count = nees(solution, truth)
     assert squared < 2.0 * count
 
 
-def test_two_mirrors_without_a_direct_view_are_refused(good: Views, truth: Layout, default_layout: Layout) -> None:
+def test_two_mirrors_without_a_direct_view_are_refused(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     """Turned about the line where their planes meet, they show the same: the claim, then the refusal."""
     a, b = (mirror.virtual_centre_in_rig_mm for mirror in truth.mirrors[:2])
     line = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
@@ -272,16 +272,16 @@ def test_two_mirrors_without_a_direct_view_are_refused(good: Views, truth: Layou
         there = (boards - point) @ turn  # boards turned back
         assert np.allclose(there @ combined.T + point, boards @ linear.T + shift)
 
-    pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
+    pair = fold_90_layout.replaced(rows=1, cols=2, mirrors=fold_90_layout.mirrors[:2])
     seen = [o.where(o.view < 2) for o in good.seen]
     with pytest.raises(InputError, match="2 mirrors without a direct view of the board, expected 3 or more"):
         screen(seen, good.base, pair, CORNERS)
 
 
-def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, default_layout: Layout) -> None:
+def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, fold_90_layout: Layout) -> None:
     unseen = [o.where(o.view != 8) for o in good.seen]
     with pytest.raises(InputError, match="mirror 2-2 shows 0 corners in 6 frames, expected 20"):
-        screen(unseen, good.base, default_layout, CORNERS)
+        screen(unseen, good.base, fold_90_layout, CORNERS)
     blank = [Observations.none()] * 3
     with pytest.raises(InputError, match="no corner of the board found in any of 3 frames"):
-        screen(blank, good.base, default_layout, CORNERS)
+        screen(blank, good.base, fold_90_layout, CORNERS)

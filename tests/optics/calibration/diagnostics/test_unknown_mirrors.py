@@ -21,10 +21,10 @@ BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=14.0)
 
 
 @pytest.fixture(scope="module")
-def views(default_layout: Layout) -> Views:
+def views(fold_90_layout: Layout) -> Views:
     """What a device of 3 x 3 mirrors shows."""
     mirrored, direct = (poses(BOARD, 8, tilt_deg=25.0, seed=2) for poses in (mirrored_poses, direct_poses))
-    return views_of(as_built(default_layout, seed=1), BOARD, mirrored, direct, seed=1)
+    return views_of(as_built(fold_90_layout, seed=1), BOARD, mirrored, direct, seed=1)
 
 
 def part_of(layout: Layout, columns: set[int]) -> Layout:
@@ -39,17 +39,17 @@ def detected(seen: Observations, layout: Layout) -> DetectedFrame:
     return DetectedFrame(Observations.join(rows), unassigned_px(boards, assigned, layout))
 
 
-def test_the_layout_of_the_device_raises_nothing(views: Views, default_layout: Layout) -> None:
-    found = unknown_mirrors(default_layout, [detected(seen, default_layout) for seen in views.seen])
+def test_the_layout_of_the_device_raises_nothing(views: Views, fold_90_layout: Layout) -> None:
+    found = unknown_mirrors(fold_90_layout, [detected(seen, fold_90_layout) for seen in views.seen])
     assert (found.frames, found.alarms, found.notes, found.question, found.metrics) == (0, (), (), "", {})
     assert str(found.explained("not sharp")) == "not sharp"
 
 
 @pytest.mark.parametrize("columns", [{0, 1}, {0, 2}])
 def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
-    columns: set[int], views: Views, default_layout: Layout
+    columns: set[int], views: Views, fold_90_layout: Layout
 ) -> None:
-    layout = part_of(default_layout, columns)
+    layout = part_of(fold_90_layout, columns)
     frames = [detected(seen, layout) for seen in views.seen]
     unknown = unknown_mirrors(layout, frames)
     corners = [frame.corners for frame in frames]
@@ -66,8 +66,8 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
     assert verdict.advice[0].startswith("Correct the board or layout")
 
 
-def test_what_else_is_amiss_follows_from_it(views: Views, default_layout: Layout) -> None:
-    layout = part_of(default_layout, {0, 1})
+def test_what_else_is_amiss_follows_from_it(views: Views, fold_90_layout: Layout) -> None:
+    layout = part_of(fold_90_layout, {0, 1})
     frames = [detected(seen, layout) for seen in views.seen]
     unknown = unknown_mirrors(layout, frames)
     none_in_first = [frame.corners.where(frame.corners.view > 0) for frame in frames]
@@ -75,26 +75,26 @@ def test_what_else_is_amiss_follows_from_it(views: Views, default_layout: Layout
         calibrate_corners(none_in_first, views.base, layout, BOARD.corners_in_board_mm, unknown=unknown)
 
 
-def test_a_layout_with_more_mirrors_is_asked_about(views: Views, default_layout: Layout) -> None:
+def test_a_layout_with_more_mirrors_is_asked_about(views: Views, fold_90_layout: Layout) -> None:
     frames = [DetectedFrame(seen.where(seen.view % 3 < 2)) for seen in views.seen]
-    unknown = unknown_mirrors(default_layout, frames)
+    unknown = unknown_mirrors(fold_90_layout, frames)
     assert unknown.alarms == ()
     corners = [frame.corners for frame in frames]
     with pytest.raises(InputError, match=r"mirror 0-2 shows 0 corners .* show 3 x 2 mirrors\? the layout has 3 x 3"):
-        calibrate_corners(corners, views.base, default_layout, BOARD.corners_in_board_mm, unknown=unknown)
+        calibrate_corners(corners, views.base, fold_90_layout, BOARD.corners_in_board_mm, unknown=unknown)
 
 
-def test_one_board_too_many_is_noted(views: Views, default_layout: Layout) -> None:
+def test_one_board_too_many_is_noted(views: Views, fold_90_layout: Layout) -> None:
     frames = [DetectedFrame(seen) for seen in views.seen]
     frames[3] = DetectedFrame(views.seen[3], np.array([[5.0, 6.0]]))
-    found = unknown_mirrors(default_layout, frames)
+    found = unknown_mirrors(fold_90_layout, frames)
     assert found.notes == ("frame 3 at pixel (5, 6): a board that belongs to no mirror of the layout",)
     assert (found.frames, found.alarms) == (1, ())
     # A board that its mirror shows at another place than expected is no unknown mirror's.
-    middle = default_layout.outline_px(4).mean(axis=0)
+    middle = fold_90_layout.outline_px(4).mean(axis=0)
     without = [seen.where(seen.view != 4) for seen in views.seen]
     misplaced = [DetectedFrame(seen, middle[None]) for seen in without]
-    assert unknown_mirrors(default_layout, misplaced).frames == 0
+    assert unknown_mirrors(fold_90_layout, misplaced).frames == 0
 
 
 def grid_of(rows: int, cols: int, scatter: float) -> FloatArray:

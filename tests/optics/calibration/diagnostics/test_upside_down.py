@@ -31,15 +31,15 @@ def shown(target: Target, truth: Layout, nominal: Layout, *, upside_down: bool) 
 
 
 @pytest.mark.parametrize("target", [MARKED, PLAIN])
-def test_pictures_that_are_upside_down_fit_once_they_are_turned(target: Target, default_layout: Layout) -> None:
-    truth = as_built(default_layout, seed=1)
-    seen = shown(target, truth, default_layout, upside_down=True)
+def test_pictures_that_are_upside_down_fit_once_they_are_turned(target: Target, fold_90_layout: Layout) -> None:
+    truth = as_built(fold_90_layout, seed=1)
+    seen = shown(target, truth, fold_90_layout, upside_down=True)
     with pytest.raises(InputError):
-        screen(seen, [], default_layout, target.corners_in_board_mm)
-    assert fits_upside_down(seen, default_layout, target)
+        screen(seen, [], fold_90_layout, target.corners_in_board_mm)
+    assert fits_upside_down(seen, fold_90_layout, target)
 
 
-def test_other_pictures_do_not(default_layout: Layout) -> None:
-    seen = shown(MARKED, as_built(default_layout, seed=1), default_layout, upside_down=False)
-    assert not fits_upside_down(seen, default_layout, MARKED)
-    assert not fits_upside_down([Observations.none()], default_layout, MARKED)
+def test_other_pictures_do_not(fold_90_layout: Layout) -> None:
+    seen = shown(MARKED, as_built(fold_90_layout, seed=1), fold_90_layout, upside_down=False)
+    assert not fits_upside_down(seen, fold_90_layout, MARKED)
+    assert not fits_upside_down([Observations.none()], fold_90_layout, MARKED)

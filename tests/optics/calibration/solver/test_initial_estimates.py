@@ -76,20 +76,20 @@ def test_the_pose_before_a_mirror_puts_the_images_corners_back() -> None:
     )
 
 
-def test_the_best_pose_is_that_of_the_view_that_explains_all(default_layout: Layout) -> None:
+def test_the_best_pose_is_that_of_the_view_that_explains_all(fold_90_layout: Layout) -> None:
     (pose,) = mirrored_poses(BOARD, 1, tilt_deg=20.0, seed=2)
-    mirrors = default_layout.mirrors[:3]
+    mirrors = fold_90_layout.mirrors[:3]
     views = [(mirror, seen(pose, mirror.virtual_centre_in_rig_mm)) for mirror in mirrors]
     np.testing.assert_allclose(best_pose(CAMERA, views, CORNERS), pose, atol=0.01)
     scrambled = Corners(EVERY, np.random.default_rng(0).permutation(views[0][1].pixels))
     np.testing.assert_allclose(best_pose(CAMERA, [(mirrors[0], scrambled), *views[1:]], CORNERS), pose, atol=0.01)
 
 
-def test_a_first_estimate_of_exact_corners_is_exact(default_layout: Layout) -> None:
+def test_a_first_estimate_of_exact_corners_is_exact(fold_90_layout: Layout) -> None:
     poses = mirrored_poses(BOARD, 3, tilt_deg=20.0, seed=3)
-    views = views_of(default_layout, BOARD, poses, [], noise_px=0.0)
+    views = views_of(fold_90_layout, BOARD, poses, [], noise_px=0.0)
     rows = Observations.join([o.shifted(frame) for frame, o in enumerate(views.seen)])
-    found = first_estimate(rows, default_layout.camera, default_layout, CORNERS)
+    found = first_estimate(rows, fold_90_layout.camera, fold_90_layout, CORNERS)
     np.testing.assert_allclose(found.rig_from_board, poses, atol=0.02)
 
 

@@ -114,7 +114,7 @@ def test_views_in_one_place_are_no_grid(two_rectangles: Layout) -> None:
 
 
 def test_a_depth_nearer_than_the_mirrors_is_refused() -> None:
-    layout = faceted_parabola(DesignSpec())
+    layout = faceted_parabola(DesignSpec(fold_deg=90.0))
     with pytest.raises(InputError, match=r"depth 20 mm is nearer than the mirrors, which reach 47\.\d mm"):
         evaluate(layout, [20.0])
 
@@ -219,7 +219,7 @@ def test_sizes_of_mirrors() -> None:
 
 
 def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
-    plain = faceted_parabola(DesignSpec(rows=2, cols=2, spacing_mm=3.0))
+    plain = faceted_parabola(DesignSpec(rows=2, cols=2, spacing_mm=3.0, fold_deg=90.0))
 
     def behind(thickness_mm: float) -> Layout:
         second = [

@@ -14,6 +14,7 @@ from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import blocked_light, length_inside_mm, sampled
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -162,9 +163,11 @@ def test_views_without_a_common_region_fail(default_layout: Layout) -> None:
     assert verify(broken, spec)["common_area_300mm"].value == 0.0
 
 
-def test_a_depth_among_the_mirrors_fails(default_layout: Layout) -> None:
-    reach_mm = max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in default_layout.mirrors)
-    verdict = verify(default_layout, spec_of(default_layout).replaced(depths_mm=(40.0, 500.0)))
+def test_a_depth_among_the_mirrors_fails() -> None:
+    spec = DesignSpec(fold_deg=90.0, depths_mm=(40.0, 500.0))
+    layout = faceted_parabola(spec)
+    reach_mm = max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in layout.mirrors)
+    verdict = verify(layout, spec)
     assert {name for name, metric in verdict.items() if not metric.passed} == {"beyond_depth_mm", "common_area_40mm"}
     assert verdict["beyond_depth_mm"].value == pytest.approx(reach_mm - 40.0)
 
@@ -179,8 +182,8 @@ def test_a_depth_among_the_mirrors_fails(default_layout: Layout) -> None:
         ({"cols": 4, "rows": 2}, 2),
         ({"camera": Camera.c920().replaced(fx_px=1300.0)}, 1),
         ({"sides": 6}, 0),
-        ({"fold_deg": 90.0 + 1e-6}, 1),
-        ({"fold_deg": 90.0 + 1e-8}, 0),
+        ({"fold_deg": 120.0 + 1e-6}, 1),
+        ({"fold_deg": 120.0 + 1e-8}, 0),
     ],
 )
 def test_what_is_not_as_asked_is_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:

@@ -36,7 +36,7 @@ def test_what_is_kept_besides_comes_last_so_that_a_solution_still_fits() -> None
     [
         {},
         {"fold_deg": 110.0, "sides": 6},
-        {"surface": "second", "thickness_mm": 3.0},
+        {"surface": "second", "thickness_mm": 3.0, "fold_deg": 90.0},
         {"camera": Camera.c920().replaced(distortion=[-0.1, 0.02, 0.001, -0.001, 0.0], cx_px=940.0)},
     ],
     ids=["plain", "fold", "second surface", "distorted"],

@@ -173,7 +173,7 @@ def test_tiles_of_any_corners_are_rectangles_with_broken_edges(sides: int) -> No
 @pytest.mark.parametrize(("rows", "cols"), SIZES)
 @pytest.mark.parametrize("scale_mm", [40.0, 120.0])
 def test_parabola_of_any_size_is_in_order(rows: int, cols: int, scale_mm: float) -> None:
-    layout = faceted_parabola(DesignSpec(rows=rows, cols=cols, scale_mm=scale_mm, sides=6))
+    layout = faceted_parabola(DesignSpec(rows=rows, cols=cols, scale_mm=scale_mm, fold_deg=90.0, sides=6))
     assert {len(mirror.outline_in_rig_mm) for mirror in layout.mirrors} == {4}
     assert_allclose(layout.virtual_centres_in_rig_mm[:, 1], -scale_mm)
     x, y, _ = np.moveaxis(layout.virtual_centres_in_view_mm, -1, 0)
