@@ -24,7 +24,7 @@ def metrics_of(spec: DesignSpec) -> dict[str, Metric]:
 
 
 def main(workers: int) -> None:
-    specs = [DesignSpec(scale_mm=scale, depths_mm=depths) for depths in DEPTHS_MM for scale in SCALES_MM]
+    specs = [DesignSpec(scale_mm=scale, depths_mm=depths, fold_deg=90.0) for depths in DEPTHS_MM for scale in SCALES_MM]
     print("depths, mm    scale  circles, px  best focus, mm  circle then, px  largest aperture, mm")
     for spec, metrics in zip(specs, call_all([(metrics_of, (spec,)) for spec in specs], workers), strict=True):
         circles = " / ".join(f"{metrics[f'circle_of_confusion_{depth:g}mm'].value:.1f}" for depth in spec.depths_mm)
