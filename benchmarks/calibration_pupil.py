@@ -4,7 +4,7 @@ Sets come from `mirrorcam render LAYOUT --sensor c920 --seed N`, of either rende
 nominal layout and board alone before its truth is read. Prints
 
 - corners found minus true ones, along the normal of the nearest edge of the sub-image, inwards, by their distance from
-  it: of the corners that the calibration uses;
+  it, and along the line from the principal point: of the corners that the calibration uses;
 - errors of normals, of frames left out, and of all parameters of camera and mirrors in terms of their covariance (NEES
   per parameter: 1 where it is right);
 - the diameter of the pupil and the distance in focus, and how many standard deviations they are off. For several sets,
@@ -36,10 +36,15 @@ FAR_PX = 1.0
 
 @dataclass(frozen=True)
 class Corners:
-    """Corners (n): distance from the nearest edge, and the error along its normal, inwards, px."""
+    """Corners (n): distance from the nearest edge, and the error along its normal, inwards, px.
+
+    `outwards` and its standard deviation are the error away from the principal point, px, where tan of the field angle
+    is 1, if it is proportional to that.
+    """
 
     distance_px: FloatArray
     off_px: FloatArray
+    outwards: tuple[float, float]
 
     def told(self) -> None:
         """Print the errors by distance."""
@@ -50,6 +55,7 @@ class Corners:
                 rms = float(np.sqrt(np.mean(off**2)))
                 where = f"{low:g} to {high:g} px from an edge"
                 print(f"    {where:28} {len(off):6d} corners, mean {off.mean():+.4f} +- {spread:.4f}, rms {rms:.4f} px")
+        print(f"    away from the middle, at tan 1: {self.outwards[0]:+.5f} +- {self.outwards[1]:.5f} px")
 
 
 def near_edges(calibration: Calibration, true: Layout, truth_px: FloatArray, numbers: list[int]) -> Corners:
@@ -65,7 +71,12 @@ def near_edges(calibration: Calibration, true: Layout, truth_px: FloatArray, num
         distance[rows] = shapely.distance(edge, points)
         inwards = (at[rows] - foot) / np.maximum(distance[rows], 1e-9)[:, None]
         off[rows] = ((seen.pixels[rows] - at[rows]) * inwards).sum(axis=1)
-    return Corners(distance, off)
+    camera = true.camera
+    tangent = (at - [camera.cx_px, camera.cy_px]) / camera.fx_px
+    error = np.where(np.abs(off)[:, None] < FAR_PX, seen.pixels - at, 0.0)
+    square = float(np.sum(tangent**2))
+    outwards = float(np.sum(error * tangent)) / square, float(np.sqrt(np.mean(error**2) / square))
+    return Corners(distance, off, outwards)
 
 
 def nees(calibration: Calibration, true: Layout) -> float:

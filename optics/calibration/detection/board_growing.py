@@ -97,8 +97,10 @@ def _grown(
         tries[new] += 1
         expected = warp.expected(corners[new], warp.at(corners[new]))
         ids, seen = _confirmed(picture, new, expected, look, mirrored=mirrored)
+        first = np.isnan(found[:, 0]).all()
         found[ids] = seen.pixels
-        if len(ids):
+        # The last corners are few, some of them false, and would blur the print that all are compared with.
+        if len(ids) >= (1 if first else MIN_CORNERS):
             look = replace(look, blur_cells=float(np.median(seen.blur_cells)))
         have = np.flatnonzero(np.isfinite(found[:, 0]))
         if len(have) >= MIN_CORNERS:

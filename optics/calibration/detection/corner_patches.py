@@ -15,6 +15,7 @@ HALF_CELLS = 0.5  # half the side of the compared patch, in cells
 MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
 SAMPLES = 17  # along each side of the patch
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
+LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # of ink that reflects at least a fortieth of what paper does
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
 # Columns of the linear model of a patch: level, two slopes, contrast, edges that have crept, blur, shift, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(8, None)
@@ -164,7 +165,9 @@ def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
     contrast = ((value * seen) @ weights - mean * level) / np.maximum(variance, 1e-9)
     level = level - contrast * mean
     shown = (contrast > 0.0) & (level > 0.0)
-    return float(np.clip(np.median(contrast[shown] / level[shown]), 0.0, 1.0)) if shown.any() else MODULATION
+    if not shown.any():
+        return MODULATION
+    return float(np.clip(np.median(contrast[shown] / level[shown]), LEAST_MODULATION, MOST_MODULATION))
 
 
 def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:
