@@ -178,7 +178,7 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
 
 
 @pytest.mark.parametrize(
-    ("pattern", "worst_error", "least_efficiency"), [(Pattern.hexagonal(1), 0.05, 0.5), (Pattern.ring(6), 0.12, 0.45)]
+    ("pattern", "worst_error", "least_efficiency"), [(Pattern.hexagonal(1), 0.055, 0.55), (Pattern.ring(6), 0.12, 0.45)]
 )
 def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float) -> None:
     spec = DesignSpec(pattern=pattern)
@@ -206,7 +206,9 @@ def test_five_by_five() -> None:
 
 
 def test_tradeoff_trades_efficiency_for_the_grid() -> None:
-    figures = [designed(DesignSpec(rows=2, cols=2, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)]
+    figures = [
+        designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)
+    ]
     errors = [metrics["grid_error"].value for metrics in figures]
     shares = [
         metrics["usable_efficiency_300mm"].value + metrics["usable_efficiency_500mm"].value for metrics in figures

@@ -17,7 +17,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
     [
         (
             "depth",
-            DesignSpec(depths_mm=(10.0, 500.0)),
+            DesignSpec(depths_mm=(10.0, 500.0), fold_deg=90.0),
             r"10 mm is nearer than the mirrors, they reach [\d.]+ mm past it",
         ),
         (
