@@ -29,7 +29,7 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
     np.testing.assert_array_equal(whole_pupil_outline(mirror, Pupil()), mirror.usable_normalized)
 
 
-@pytest.mark.parametrize(("thickness_mm", "within_px"), [(0.0, 0.05), (1.5, 5.0)])
+@pytest.mark.parametrize(("thickness_mm", "within_px"), [(0.0, 0.05), (1.5, 8.0)])
 def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
     default_layout: Layout, thickness_mm: float, within_px: float
 ) -> None:
