@@ -29,7 +29,7 @@ from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 
-FOLDS_DEG: tuple[float | Literal["auto"], ...] = (90.0, 125.0, "auto")
+FOLDS_DEG: tuple[float | Literal["auto"], ...] = (90.0, 120.0, "auto")
 OBJECTIVES: tuple[Literal["overlap", "depth"], ...] = ("overlap", "depth")
 SHOWN = ("usable_efficiency", "fov", "grid_error", "baseline", "depth_sigma", "longest_edge")
 
