@@ -24,7 +24,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
-LIMITS_S = {(3, 3): 1.5, (5, 5): 15.0}
+LIMITS_S = {(3, 3): 2.0, (5, 5): 10.0}
 RUNS = {(3, 3): 9, (5, 5): 5}
 GROWTH = ((1, 2), (2, 2), (2, 3), (3, 3), (3, 5), (4, 4), (5, 5), (6, 6), (7, 7))
 GROWTH_RUNS = 3
