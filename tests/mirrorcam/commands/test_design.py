@@ -58,9 +58,9 @@ def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.Ca
     assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
 
 
-def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(default_layout: Layout) -> None:
+def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(fold_90_layout: Layout) -> None:
     def remark(**fields: float) -> str:
-        layout = default_layout.replaced(camera=default_layout.camera.replaced(**fields))
+        layout = fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(**fields))
         return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
 
     past = "in focus at 500 mm, circles of confusion reach 3.12 px, more than 2 px: focus at 402 mm leaves 1.92 px"
@@ -94,7 +94,7 @@ def test_nothing_is_written_where_no_layout_meets_the_spec(
 
 
 def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
-    assert_refused(tmp_path, "design --depths-mm 20 --out design", "infeasible design, depth constraint")
+    assert_refused(tmp_path, "design --fold-deg 90 --depths-mm 20 --out design", "infeasible design, depth constraint")
 
 
 def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:

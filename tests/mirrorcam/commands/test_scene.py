@@ -35,12 +35,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture
-def here(default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to work in, with the default layout before a sensor of 240 x 136 pixels."""
-    full = default_layout.camera
+def here(fold_90_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, with a layout of views square to the camera before a sensor of 240 x 136 pixels."""
+    full = fold_90_layout.camera
     focal = {"fx_px": full.fx_px / 8.0, "fy_px": full.fy_px / 8.0}
     camera = Camera(width_px=240, height_px=136, cx_px=119.5, cy_px=67.5, **focal)
-    default_layout.replaced(camera=camera).save(tmp_path / "layout.json")
+    fold_90_layout.replaced(camera=camera).save(tmp_path / "layout.json")
     text = "v 0 0 0\nv 10 0 0\nv 0 60 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     (tmp_path / "a.obj").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)

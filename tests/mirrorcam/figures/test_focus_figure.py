@@ -17,13 +17,13 @@ from tests.optics.seeing_mirrors import two_rectangles
 DEPTHS_MM = (300.0, 500.0)
 
 
-def test_worst_marks_are_the_figures_of_the_layout(default_layout: Layout, tmp_path: Path) -> None:
+def test_worst_marks_are_the_figures_of_the_layout(fold_90_layout: Layout, tmp_path: Path) -> None:
     path = tmp_path / "focus.png"
-    axes = drawn(lambda: focus_figure(default_layout, DEPTHS_MM, path), path).axes[0]
+    axes = drawn(lambda: focus_figure(fold_90_layout, DEPTHS_MM, path), path).axes[0]
     marks = np.array([line.get_ydata() for line in axes.lines if line.get_marker() == "o"])
     curves = [line for line in axes.lines if line.get_linewidth() == 1.6]
     assert len(marks) == len(curves) == 6
-    found = focus_metrics(fields_of_view(default_layout), DEPTHS_MM)
+    found = focus_metrics(fields_of_view(fold_90_layout), DEPTHS_MM)
     given = [found[f"circle_of_confusion_{depth:g}mm"].value for depth in DEPTHS_MM]
     assert marks[:3].max(axis=0) == pytest.approx(given)
     assert marks[3:].max() == pytest.approx(found["circle_at_best_focus_px"].value)
