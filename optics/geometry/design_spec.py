@@ -72,16 +72,16 @@ class DesignSpec(Value):
     min_edge_mm: float = GAP_MM.field(3.0, "shortest edge of a mirror that can be cut")
     min_area_mm2: float = AREA_MM2.field(20.0, "smallest area of a mirror that can be cut and glued")
     tradeoff: float = Field(
-        default=0.3, ge=0, le=1, description="from 0 (pixel efficiency alone) to 1 (a regular grid of views alone)"
+        default=0.3, ge=0, le=1, description="from 0 (usable pixels alone) to 1 (a regular grid of views alone)"
     )
     objective: Literal["overlap", "depth"] = Field(
         default="overlap",
-        description="overlap: most pixels that all views share; depth: least standard deviation of depth, with no less "
-        "pixels and field of view than the design for overlap",
+        description="overlap: most pixels that all views share; depth: least standard deviation of depth, with 99 % "
+        "of the pixels and of the field of view of the design for overlap",
     )
     robust_tilt_deg: float = TOLERANCE_DEG.field(
         0.0,
-        "standard deviation of mirrors' tilts, about each of two axes, in the devices as built whose mean pixel "
+        "standard deviation of mirrors' tilts, about each of two axes, in the devices as built whose mean usable "
         "efficiency is optimised; 0: that of the design alone",
     )
     robust_offset_mm: float = TOLERANCE_MM.field(

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import Program
@@ -43,7 +44,10 @@ class Draft:
         program = Program()
         fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
         low, high = sensor_bounds(spec.camera)
-        centres = [program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH) for centre in seed.centres]
+        centres = [
+            program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH)
+            for centre in _spread(seed.centres, spec.arrangement.steps)
+        ]
         corners = [
             program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
             for polygon in seed.corners
@@ -91,6 +95,20 @@ class Draft:
     def add(self, term: Term, parts: list[Indices], given: list[ArrayLike]) -> None:
         """Add a term on the fold and `parts`, whose first parameters are `optics`."""
         self.program.add(term, [self.fold, *parts], [self.optics, *given])
+
+
+def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
+    """Centres (n, 3), moved apart along an axis along which the seed of a pattern hardly spreads them by its steps.
+
+    Where tiles lie side by side of views on a slant, there would be no spacing to divide the grid error by.
+    """
+    moved = centres.copy()
+    for axis, along in enumerate(steps.T):
+        if along.any():
+            spacing = moved[:, axis] @ along / (along @ along)
+            if spacing < constraints.LEAST_GRID_SPACING / 2.0:
+                moved[:, axis] += (constraints.LEAST_GRID_SPACING - spacing) * along
+    return moved
 
 
 def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:

@@ -66,6 +66,10 @@ def run(options: DesignOptions) -> int:
             with long_work("design", f"{options.spec.arrangement.text} mirrors"):
                 found = write_design(options.spec, folder)
             study = _study(found.optimised, options, folder) if options.tolerance else None
+    spec = found.optimised.spec
+    if options.spec.fold_deg == "auto" and spec is not None:
+        unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
+        say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}
     columns["optimised"] = found.optimised
     focus = {name: _focus(layout) for name, layout in columns.items()}
@@ -81,7 +85,8 @@ def run(options: DesignOptions) -> int:
         say("design", f"no faceted parabola to compare with: {found.no_parabola}")
     if remark := out_of_focus(found.optimised):
         say("design", remark)
-    say("design", f"{options.out / 'layout.json'} and {options.out / 'before_after.png'} written")
+    written = ", ".join(name for name in FILES[:4] if (options.out / name).exists())
+    say("design", f"{written} written to {options.out}")
     if study is not None:
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
