@@ -8,6 +8,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, images_in_rig
 
 CIRCLE_LIMIT_PX = 2.0
@@ -66,3 +67,24 @@ def focus_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, 
     least_px = float(circles_px(camera, every, best_mm).max())
     found["circle_at_best_focus_px"] = Metric(value=least_px, unit="px", limit=CIRCLE_LIMIT_PX)
     return found
+
+
+def focus_figures(layout: Layout) -> dict[str, Metric]:
+    """The figures of the camera's focus among the metrics of a layout; a pinhole has none."""
+    return {name: metric for name, metric in layout.metrics.items() if name.startswith(("circle", "best_focus"))}
+
+
+def out_of_focus(layout: Layout) -> str:
+    """What to do where a circle of confusion at a working depth exceeds the limit; nothing where none does."""
+    figures = focus_figures(layout)
+    if not figures:
+        return ""
+    least = figures["circle_at_best_focus_px"]
+    worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
+    if least.limit is None or worst <= least.limit:
+        return ""
+    at = f"in focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
+    best = f"focus at {figures['best_focus_mm'].value:.0f} mm leaves {least.value:.3g} px"
+    smaller_mm = layout.camera.aperture_mm * least.limit / least.value
+    advice = best if least.passed else f"{best}, with an aperture of {smaller_mm:.3g} mm {least.limit:g} px"
+    return f"{at}, more than {least.limit:g} px: {advice}"

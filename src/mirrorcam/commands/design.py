@@ -27,8 +27,6 @@ GROUPS = {
     "mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
 """Titles of the groups of the table, each with the prefixes of the names of its figures."""
-FOCUS = ("circle", "best_focus")
-"""Prefixes of the names of figures of the camera's focus, which have a table of their own: one of them has a limit."""
 FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
@@ -57,6 +55,7 @@ class DesignOptions(Value):
 
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
+    from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
     from mirrorcam.workflow.design_files import write_design
     from mirrorcam.workflow.output_folder import output_folder
 
@@ -72,7 +71,7 @@ def run(options: DesignOptions) -> int:
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}
     columns["optimised"] = found.optimised
-    focus = {name: _focus(layout) for name, layout in columns.items()}
+    focus = {name: focus_figures(layout) for name, layout in columns.items()}
     others = {
         column: {name: metric for name, metric in layout.metrics.items() if name not in focus[column]}
         for column, layout in columns.items()
@@ -91,26 +90,6 @@ def run(options: DesignOptions) -> int:
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
     return 0
-
-
-def _focus(layout: Layout) -> dict[str, Metric]:
-    return {name: metric for name, metric in layout.metrics.items() if name.startswith(FOCUS)}
-
-
-def out_of_focus(layout: Layout) -> str:
-    """What to do where a circle of confusion at a working depth exceeds the limit; nothing where none does."""
-    figures = _focus(layout)
-    if not figures:
-        return ""
-    least = figures["circle_at_best_focus_px"]
-    worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
-    if least.limit is None or worst <= least.limit:
-        return ""
-    at = f"in focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
-    best = f"focus at {figures['best_focus_mm'].value:.0f} mm leaves {least.value:.3g} px"
-    smaller_mm = layout.camera.aperture_mm * least.limit / least.value
-    advice = best if least.passed else f"{best}, with an aperture of {smaller_mm:.3g} mm {least.limit:g} px"
-    return f"{at}, more than {least.limit:g} px: {advice}"
 
 
 def _study(layout: Layout, options: DesignOptions, folder: Path) -> Study:

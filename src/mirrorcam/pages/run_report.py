@@ -9,6 +9,7 @@ from pathlib import Path
 from mirrorcam.optics.base.figure_texts import TIMES, label_text, number_word, sentence_case, value_text, values_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, render
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.design.assess.focus import out_of_focus
 from mirrorcam.optics.geometry.layout import Layout
 
 TEMPLATES = Path(__file__).parent
@@ -47,6 +48,11 @@ class Report:
         return {name: metric for name, metric in {**self.checks, **self.truth}.items() if metric.limit is not None}
 
     @property
+    def out_of_focus(self) -> str:
+        """What to do about circles of confusion past their limit; nothing where none is."""
+        return out_of_focus(self.layout)
+
+    @property
     def failed(self) -> tuple[str, ...]:
         """Names of the figures past their limits."""
         return tuple(name for name, metric in self.limited.items() if not metric.passed)
@@ -67,13 +73,15 @@ def highlights(report: Report) -> list[Tile]:
     width, height = report.view_size_px
     tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
     # A camera with an aperture can use only pixels whose whole pupil a mirror serves.
-    counted = "usable_efficiency_" if report.layout.camera.aperture_mm > 0.0 else "pixel_efficiency_"
+    counted, what = "pixel_efficiency_", "of the sensor"
+    if report.layout.camera.aperture_mm > 0.0:
+        counted, what = "usable_efficiency_", "of the sensor, usable by the whole lens,"
     for name, metric in report.layout.metrics.items():
         if name.startswith(counted):
             before = report.parabola.metrics.get(name)
             versus = f", parabola {before.value:.0%}" if before else ""
             depth = name.removeprefix(counted).replace("mm", " mm")
-            tiles.append(Tile(f"{metric.value:.0%}", f"of the sensor shows the common scene at {depth}{versus}"))
+            tiles.append(Tile(f"{metric.value:.0%}", f"{what} shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
         if name in report.truth:
             tiles.append(Tile(value_text(report.truth[name], digits=2), text))

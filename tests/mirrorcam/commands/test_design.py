@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import main, pattern_from_text
-from mirrorcam.commands.design import out_of_focus
 from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -56,18 +55,6 @@ def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.Ca
     lines = capsys.readouterr().out.splitlines()
     headers, titles, said = 3, 5, 4
     assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
-
-
-def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(fold_90_layout: Layout) -> None:
-    def remark(**fields: float) -> str:
-        layout = fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(**fields))
-        return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
-
-    past = "in focus at 500 mm, circles of confusion reach 3.12 px, more than 2 px: focus at 402 mm leaves 1.92 px"
-    assert remark() == past
-    assert remark(aperture_mm=3.6).endswith("focus at 402 mm leaves 3.84 px, with an aperture of 1.88 mm 2 px")
-    assert remark(focus_mm=402.0) == ""
-    assert remark(aperture_mm=0.0) == ""
 
 
 def test_a_spec_without_a_parabola_is_designed_all_the_same(

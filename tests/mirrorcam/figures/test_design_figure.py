@@ -60,9 +60,9 @@ def test_virtual_cameras_are_drawn_in_their_colour(picture: Path) -> None:
 
 def test_figures_are_those_of_the_metrics(default_layout: Layout) -> None:
     assert _figures(faceted_parabola(DesignSpec(fold_deg=90.0)), [300.0, 500.0]) == (
-        "grid error 0.275 of a spacing, pixel efficiency 12% at 300 mm, 25% at 500 mm"
+        "grid error 0.275 of a spacing, usable pixels 8% at 300 mm, 19% at 500 mm"
     )
-    shares = [default_layout.metrics[f"pixel_efficiency_{depth}mm"].value for depth in (300, 500)]
+    shares = [default_layout.metrics[f"usable_efficiency_{depth}mm"].value for depth in (300, 500)]
     text = _figures(default_layout, [300.0, 400.0, 500.0])
     assert f"{min(shares):.0%} to " in text
     assert text.endswith("at 300 to 500 mm")

@@ -7,8 +7,10 @@ import pytest
 from scipy.optimize import fsolve, minimize_scalar
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, focus_metrics
+from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, focus_metrics, out_of_focus
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, vertices
@@ -116,3 +118,15 @@ def test_a_depth_at_which_views_share_nothing_has_no_circle() -> None:
         "best_focus_mm",
         "circle_at_best_focus_px",
     }
+
+
+def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(fold_90_layout: Layout) -> None:
+    def remark(**fields: float) -> str:
+        layout = fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(**fields))
+        return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
+
+    past = "in focus at 500 mm, circles of confusion reach 3.12 px, more than 2 px: focus at 402 mm leaves 1.92 px"
+    assert remark() == past
+    assert remark(aperture_mm=3.6).endswith("focus at 402 mm leaves 3.84 px, with an aperture of 1.88 mm 2 px")
+    assert remark(focus_mm=402.0) == ""
+    assert remark(aperture_mm=0.0) == ""
