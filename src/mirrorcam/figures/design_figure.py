@@ -206,7 +206,9 @@ def _side(axes: Axes, layout: Layout) -> None:
         _outline(axes, outline[:, [2, 1]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
     _virtual_cameras(axes, layout, 2, 1)
     axes.plot(0.0, 0.0, "^", color=CAMERA, markersize=10)
-    axes.annotate("camera", (0.0, 0.0), (9, 0), textcoords="offset points", va="center", fontsize=9, color=CAMERA)
+    axes.annotate(
+        "camera", (0.0, 0.0), (-9, 0), textcoords="offset points", ha="right", va="center", fontsize=9, color=CAMERA
+    )
     axes.margins(0.06)
     handles = [Line2D([], [], color=MIRROR, label="mirror"), Line2D([], [], color=RAY, label="chief ray")]
     _finish(axes, "From the side", "z mm (towards the scene)", "y mm (down)", handles)
