@@ -118,7 +118,10 @@ def test_light_field_features_are_more_and_righter_than_pairs(
 def test_on_a_rendered_scene_the_limits_hold(tmp_path: Path) -> None:
     from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
 
-    render_tabletop(TabletopRequest(layout=Layout.load(LAYOUT), seed=23, spp=32), tmp_path / "scene")
+    render_tabletop(
+        TabletopRequest(layout=Layout.load(LAYOUT.with_name("fold_90_layout.json")), seed=23, spp=32),
+        tmp_path / "scene",
+    )
     recorded = read_recording(tmp_path / "scene")
     light_field = recorded.decoder.decode(recorded.frame)
     marked = np.zeros(4, dtype=int)
