@@ -158,8 +158,8 @@ def common_region(layout: Layout, depth_mm: float) -> tuple[Polygon, list[Polygo
     return fields_of_view(layout).common_region(depth_mm)
 
 
-def pixel_efficiency(layout: Layout, depth_mm: float) -> float:
-    """Sensor pixels, over all sub-images, that see the region common to all views at a depth / all pixels."""
-    views = fields_of_view(layout)
+def pixel_efficiency(layout: Layout, depth_mm: float, pupil: Pupil = PINHOLE) -> float:
+    """Sensor pixels, over all sub-images, whose whole pupil sees the region common to all views at a depth / all."""
+    views = fields_of_view(layout, pupil)
     region, _ = views.common_region(depth_mm)
     return views.pixel_efficiency(region, depth_mm)

@@ -26,7 +26,7 @@ from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view
+from mirrorcam.optics.geometry.sub_images import FieldsOfView
 
 NOISE_GREY = 2.2
 """Noise of a C920 at half its range: 8000 electrons, 0.8 grey levels read noise, 8 bits."""
@@ -48,17 +48,17 @@ ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
 """Directions and lengths of frequencies; the largest length in standard deviations of the contrast of sharp pixels."""
 
 
-def depth_sigma_metrics(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Expected standard deviation of depth at each depth: the mean over the region that all whole pupils show.
+def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
+    """Expected standard deviation of depth at each depth: the mean over the region that all views show.
 
-    A depth at which the views share nothing is left out.
+    Views are those of whole pupils, for the pixels that the camera can use. A depth at which they share nothing is left
+    out.
     """
-    views = fields_of_view(layout, layout.camera.pupil)
     found = {}
     for depth_mm in depths_mm:
         places = _places(views, depth_mm)
         if len(places):
-            sigma = depth_sigma_mm(layout, places)
+            sigma = depth_sigma_mm(views.layout, places)
             found[f"depth_sigma_{depth_mm:g}mm"] = Metric(value=float(sigma.mean()), unit="mm")
     return found
 

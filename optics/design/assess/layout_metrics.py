@@ -106,15 +106,14 @@ def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
     }
 
 
-def _usable(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def _usable(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """Pixel efficiency of pixels whose whole pupil is served by one mirror, and their part of the sub-images.
 
     None for a pinhole, of which all pixels are.
     """
-    camera = layout.camera
+    layout, camera = views.layout, views.layout.camera
     if camera.aperture_mm == 0.0:
         return {}
-    views = fields_of_view(layout, camera.pupil)
     whole, all_px = (
         sum(_area_px(camera, shown) for shown in sub_images(layout, pupil)) for pupil in (camera.pupil, PINHOLE)
     )
@@ -230,11 +229,11 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     ------
     InputError : a depth is nearer than the mirrors, or the views lie in one place.
     """
-    views = fields_of_view(layout)
+    views, whole = (fields_of_view(layout, pupil) for pupil in (PINHOLE, layout.camera.pupil))
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
-    metrics |= _usable(layout, depths_mm)
+    metrics |= _usable(whole, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
@@ -242,6 +241,6 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     metrics |= _depth_range(views, depths_mm)
     metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
-    metrics |= depth_sigma_metrics(layout, depths_mm)
+    metrics |= depth_sigma_metrics(whole, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

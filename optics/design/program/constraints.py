@@ -191,15 +191,19 @@ def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> t
     return ca.sumsqr(residual) / len(centres) / prod(spacings) ** (2.0 / len(spacings)), spacings
 
 
+def given_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
+    """Squared grid error of a term's next unknowns, virtual centres; requires spacings that are positive."""
+    error, spacings = squared_grid_error([term.unknown(3) for _ in arrangement.names], arrangement)
+    for spacing in spacings:
+        term.require(spacing - LEAST_GRID_SPACING)
+    return error
+
+
 @lru_cache
 def grid_term(arrangement: Arrangement) -> Term:
     """Virtual centres near a grid or pattern whose spacings are positive. Parameter: weight of its squared error."""
     term = TermBuilder()
-    centres, weight = [term.unknown(3) for _ in arrangement.names], term.parameter()
-    error, spacings = squared_grid_error(centres, arrangement)
-    for spacing in spacings:
-        term.require(spacing - LEAST_GRID_SPACING)
-    term.minimise(weight * error)
+    term.minimise(term.parameter() * given_grid_error(term, arrangement))
     return term.built()
 
 

@@ -8,10 +8,9 @@ import casadi as ca
 import numpy as np
 
 from mirrorcam.optics.design.program.constraints import (
-    LEAST_GRID_SPACING,
     REGION_CORNERS,
+    given_grid_error,
     region_directions,
-    squared_grid_error,
 )
 from mirrorcam.optics.design.program.mirror_variables import reflected, view_from_rig
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
@@ -102,9 +101,5 @@ def field_of_view_term(count: int) -> Term:
 def grid_limit_term(arrangement: Arrangement) -> Term:
     """Virtual centres at most so far from a grid or pattern, whose spacings are positive. Parameter: largest error."""
     term = TermBuilder()
-    centres, most = [term.unknown(3) for _ in arrangement.names], term.parameter()
-    error, spacings = squared_grid_error(centres, arrangement)
-    for spacing in spacings:
-        term.require(spacing - LEAST_GRID_SPACING)
-    term.require(most**2 - error)
+    term.require(term.parameter() ** 2 - given_grid_error(term, arrangement))
     return term.built()

@@ -21,7 +21,7 @@ from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid, grid_error
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, seen_px
+from mirrorcam.optics.geometry.sub_images import common_region, pixel_efficiency, seen_px
 
 MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777777", "#228833", "#333333"
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
@@ -105,18 +105,12 @@ def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths
 
 
 def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
-    shares = [_usable(layout, depth_mm) for depth_mm in depths_mm]
+    shares = [pixel_efficiency(layout, depth_mm, layout.camera.pupil) for depth_mm in depths_mm]
     if len(shares) > DEPTHS_PER_ROW:
         efficiency = f"{min(shares):.0%} to {max(shares):.0%} at {depths_mm[0]:g} to {depths_mm[-1]:g} mm"
     else:
         efficiency = ", ".join(f"{share:.0%} at {depth:g} mm" for share, depth in zip(shares, depths_mm, strict=True))
     return f"grid error {grid_error(layout):.3f} of a spacing, usable pixels {efficiency}"
-
-
-def _usable(layout: Layout, depth_mm: float) -> float:
-    """Sensor pixels whose whole pupil sees the region common to all views, as a part of all pixels."""
-    views = fields_of_view(layout, layout.camera.pupil)
-    return views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
 
 
 def _share_limits(column: Sequence[Axes]) -> None:
@@ -240,7 +234,7 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
         _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
     axes.margins(0.04)
     axes.autoscale_view()
-    share, overlap = _usable(layout, depth_mm), region.area / union_all(footprints).area
+    share, overlap = pixel_efficiency(layout, depth_mm, layout.camera.pupil), region.area / union_all(footprints).area
     title = f"{depth_mm:g} mm: {share:.0%} of the pixels usable, IoU {overlap:.2f}"
     handles = [
         Line2D([], [], color=MIRROR, label="one view"),

@@ -16,6 +16,7 @@ from mirrorcam.optics.design.assess.depth_sigma import (
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing
 
 F_PX = 1360.38
@@ -70,7 +71,10 @@ def test_unequal_views_have_the_information_of_all_amplitudes_and_the_depth() ->
 
 def test_it_grows_with_depth_and_with_blur(default_layout: Layout) -> None:
     def sigma(layout: Layout) -> list[float]:
-        return [metric.value for metric in depth_sigma_metrics(layout, (300.0, 500.0)).values()]
+        return [
+            metric.value
+            for metric in depth_sigma_metrics(fields_of_view(layout, layout.camera.pupil), (300.0, 500.0)).values()
+        ]
 
     near, far = sigma(default_layout)
     assert far > 1.5 * near
@@ -79,4 +83,4 @@ def test_it_grows_with_depth_and_with_blur(default_layout: Layout) -> None:
 
 
 def test_it_is_left_out_where_views_share_nothing() -> None:
-    assert depth_sigma_metrics(upright_views(80.0, 100.0), (DEPTH_MM,)) == {}
+    assert depth_sigma_metrics(fields_of_view(upright_views(80.0, 100.0)), (DEPTH_MM,)) == {}
