@@ -45,7 +45,7 @@ def predicted_mirrored(
         out = fold == part
         number = np.cumsum(~out) - 1
         rows = observations.where(~out[observations.frame])
-        kept = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
+        kept = replace(rows, frame=number[rows.frame])
         fitted = fit(replace(start, rig_from_board=start.rig_from_board[~out]), kept, model).estimate
         board = Board.rigid(model.board.shaped(fitted.shape))
         held = Model((), thickness=False, curvature=False, board=board, mirrors=False)

@@ -91,7 +91,7 @@ class Setup:
         centres = self.built.virtual_centres_in_rig_mm.reshape(-1, 3)
         selected = select_model(Estimate(self.built.camera, centres, self.poses), seen, self.corners_mm)
         estimate = selected.solution.estimate
-        metrics = held_out_metrics(estimate, seen, selected.model, mirrored_frames=self.request.frames)
+        metrics = held_out_metrics(selected.solution, seen, selected.model, mirrored_frames=self.request.frames)
         held_out = np.sqrt(np.mean([metrics[f"held_out_rms_{axis}_px"].value ** 2 for axis in "xy"]))
         found = estimate.virtual_centres_in_rig_mm
         return Calibrated(found / np.linalg.norm(found, axis=1, keepdims=True), float(held_out))

@@ -261,7 +261,7 @@ def _concluded(
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
-    metrics |= held_out_metrics(solution.estimate, observations, selection.model, mirrored_frames=mirrored_frames)
+    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
     return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
 

@@ -72,9 +72,8 @@ def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: T
         return NONE
     ids, seen = _confirmed(picture, have, warp.expected(corners[have], found[have]), look, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
-    ids, pixels = ids[good], seen.pixels[good]
-    good = smooth(corners[ids], pixels)
-    return Corners(ids[good].astype(np.int64), pixels[good])
+    board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
+    return board.where(smooth(corners[board.ids], board.pixels))
 
 
 def _grown(

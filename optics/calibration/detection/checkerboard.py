@@ -51,7 +51,7 @@ def spread_out(corners: Corners) -> Corners:
         across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
         if across / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
             return corners
-    return Corners(corners.ids[:0], corners.pixels[:0])
+    return corners.where(np.zeros(len(corners), dtype=bool))
 
 
 def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[FloatArray]:

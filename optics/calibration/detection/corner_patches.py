@@ -126,6 +126,20 @@ class Patches:
         offsets = offsets + np.stack([x * x, x * y, y * y], axis=2) @ expected.bends.transpose(0, 2, 1)
         return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px)
 
+    @property
+    def noise_gain(self) -> FloatArray:
+        """Standard deviation (n,) of a smooth mean of samples, relative to that of independent samples.
+
+        Interpolated samples less than two pixels apart share pixels: averaged over their places between pixels, the
+        covariance of two is the cubic B-spline of their distance. Along either axis, samples `h` px apart thus have
+        sum_k B(k h) / B(0) times the variance that independent ones had.
+        """
+        half = np.minimum(HALF_CELLS * self.side_px, MAX_HALF_PX)
+        apart = np.maximum(2.0 * half / (SAMPLES - 1), 1e-6)[:, None] * np.arange(SAMPLES)
+        far = np.clip(2.0 - apart, 0.0, None) ** 3 / 6.0
+        share = np.where(apart < 1.0, 2.0 / 3.0 - apart**2 + apart**3 / 2.0, far)
+        return np.asarray(2.0 * share.sum(axis=1) / share[:, 0] - 1.0)
+
 
 @dataclass(frozen=True)
 class LinearModel:

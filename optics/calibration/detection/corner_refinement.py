@@ -40,7 +40,7 @@ class RefinedCorners:
     pixels
         Positions (n, 2); NaN where the search diverged.
     sigma_px
-        Standard deviations (n,) by the noise around the corner, along the worse axis.
+        Standard deviations (n,) per axis, the root mean square of both, by the noise around the corner.
     contrast
         White less black, in grey levels (n,).
     explained
@@ -67,13 +67,14 @@ class RefinedCorners:
 class _Fit:
     """Weighted least squares of the grey values `seen` (n, m): coefficients (n, c), residuals (n, m), noise (n,).
 
-    `inverse` (n, c, c) is that of the normal matrix of the scaled columns, `scale` (n, c) undoes the scaling.
+    `spread` (n, 2, 2) is the covariance of the coefficients of the shift for noise of variance 1, which is independent
+    between samples, `scale` (n, c) undoes the scaling of the columns.
     """
 
     seen: FloatArray
     rest: FloatArray
     coefficients: FloatArray
-    inverse: FloatArray
+    spread: FloatArray
     scale: FloatArray
     noise: FloatArray
 
@@ -86,7 +87,9 @@ class _Fit:
         rest = seen - (columns @ scaled[:, :, None])[:, :, 0]
         # Noise by the median, so that a part that is covered does not hide itself.
         noise = np.asarray(1.4826 * np.median(np.abs(rest), axis=1), dtype=np.float64)
-        return cls(seen, rest, scaled / scale, inverse, scale, noise)
+        # The weights are not inverse variances, so that the covariance is the inverse only for equal ones.
+        shift = inverse[:, SHIFT] @ weighted.transpose(0, 2, 1) / scale[:, SHIFT, None]
+        return cls(seen, rest, scaled / scale, shift @ shift.transpose(0, 2, 1), scale, noise)
 
     @property
     def contrast(self) -> FloatArray:
@@ -100,9 +103,10 @@ class _Fit:
 
     @property
     def sigma_px(self) -> FloatArray:
-        spread = self.inverse[:, SHIFT, SHIFT] / (self.scale[:, SHIFT, None] * self.scale[:, None, SHIFT])
+        """For noise that is independent between samples (n,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.sqrt(np.linalg.eigvalsh(spread)[:, 1]) * self.noise / np.abs(self.contrast))
+            variance = np.trace(self.spread, axis1=1, axis2=2) / 2.0
+            return np.asarray(np.sqrt(variance) * self.noise / np.abs(self.contrast))
 
     @property
     def ghost_strengths(self) -> FloatArray:
@@ -174,6 +178,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         moving = moving[seen_at_all & (length > SETTLED_PX)] if iteration else moving[seen_at_all]
         if not len(moving):
             break
+    sigma_px *= patches.noise_gain
     found -= expected.skew_px(blur * patches.side_px)
     found[~(contrast > 0)] = np.nan
     return RefinedCorners(found, sigma_px, contrast, explained, blur, strengths)

@@ -47,7 +47,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
 def direct_view(grey: Grey, target: Target) -> Observations:
     """Corners that the bare camera sees, as frame 0; those of the largest board where there are several."""
     for numberings in find_boards(grey, target, mirrored=False, most=1):
-        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels)
+        return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels, numberings[0].sigma_px)
     return Observations.none()
 
 
@@ -60,7 +60,7 @@ def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
     assigned = assign(boards, layout, target)
     for index, corners in assigned:
         seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[index], target)
-        views.append(Observations.of_view(0, index, seen.ids, seen.pixels))
+        views.append(Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px))
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 

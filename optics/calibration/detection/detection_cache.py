@@ -25,10 +25,10 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Observation
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
-FIELDS = ("view", "corner", "pixels")
+FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
 MOST_BYTES = 10_000_000
-"""Bytes of the largest file: a corner takes 32."""
+"""Bytes of the largest file: a corner takes 40."""
 
 
 @cache
@@ -54,8 +54,8 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame 
         if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
-            view, corner, pixels = (np.asarray(file[field]) for field in FIELDS)
-            seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels)
+            view, corner, pixels, sigma_px = (np.asarray(file[field]) for field in FIELDS)
+            seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
             frame = DetectedFrame(seen, file[UNASSIGNED])
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
         return None  # incomplete, or of another program: detected again

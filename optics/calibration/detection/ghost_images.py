@@ -48,21 +48,20 @@ def refine_with_ghost_images(
     if not mirror.is_second_surface:
         return corners
     whole = _inside(corners, camera, _passed(mirror, max(PASSES)))
-    corners = Corners(corners.ids[whole], corners.pixels[whole])
+    corners = corners.where(whole)
     ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
     free = None if ghosts is None else refine_board(picture, corners, target, ghosts, fit_strengths=True)
     if ghosts is None or free is None:
-        return Corners(corners.ids[:0], corners.pixels[:0])
+        return corners.where(np.zeros(len(corners), dtype=bool))
     if len(corners) >= MIN_CORNERS_FOR_STRENGTH:
         factors = np.clip(np.median(free.ghost_strengths, axis=0), 0.0, MAX_STRENGTH)
         ghosts = GhostImages(ghosts.offsets_px, ghosts.strengths * factors)
     seen = refine_board(picture, corners, target, ghosts, blur_cells=float(np.median(free.blur_cells)))
     if seen is None:
-        return Corners(corners.ids[:0], corners.pixels[:0])
-    found = np.isfinite(seen.pixels).all(axis=1)
-    ids, pixels = corners.ids[found], seen.pixels[found]
-    good = smooth(corner_places(target)[ids], pixels)
-    return Corners(ids[good], pixels[good])
+        return corners.where(np.zeros(len(corners), dtype=bool))
+    found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
+    refined = Corners(corners.ids, seen.pixels, seen.sigma_px).where(found)
+    return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels))
 
 
 def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> GhostImages | None:

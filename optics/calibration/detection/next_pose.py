@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -146,8 +146,8 @@ class NextPosePlanner:
     def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
         """Fisher information (g, g) on the globals in a picture at about this pose, with the pose itself unknown."""
         estimate = Estimate.of(self._layout.camera, self._layout.mirrors, pose[None])
-        normal = normal_equations(estimate, Grouped.of(picture, self._model), self._model)
-        return normal.reduced(0.0)[0] / NOISE_PX**2
+        noisy = replace(picture, sigma_px=np.full(len(picture), NOISE_PX))
+        return normal_equations(estimate, Grouped.of(noisy, self._model), self._model).reduced(0.0)[0]
 
     def _pose(self, picture: Observations) -> FloatArray | None:
         """The board's pose by the layout; None where no view shows enough corners."""

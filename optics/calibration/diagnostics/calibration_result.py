@@ -55,6 +55,19 @@ class Calibration:
     notes: tuple[str, ...]
     diagnostics: Diagnostics | None = None
 
+    @property
+    def corner_sigma_px(self) -> FloatArray:
+        """Standard deviation (n,) of each corner, per axis, as the residuals of all of them scale it."""
+        if "residual_scale" in self.metrics:
+            return self.metrics["residual_scale"].value * self.observations.sigma_px
+        relative = self.observations.standardised(self.residuals_px)[self.inliers]
+        return float(np.sqrt(np.mean(relative**2))) * self.observations.sigma_px
+
+    @property
+    def standardised(self) -> FloatArray:
+        """Residuals (n, 2) in standard deviations of each corner."""
+        return self.residuals_px / self.corner_sigma_px[:, None]
+
     @classmethod
     def of(
         cls,
@@ -138,6 +151,7 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         "corners": Metric(value=len(used), unit="1"),
         "outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
         "sigma_px": Metric(value=solution.sigma_px, unit="px"),
+        "residual_scale": Metric(value=solution.scale, unit="1"),
         "iterations": Metric(value=solution.iterations, unit="1"),
     }
     for view in np.unique(observations.view):
@@ -171,7 +185,7 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
 
 
 def held_out_metrics(
-    start: Estimate, observations: Observations, model: Model, *, mirrored_frames: int
+    solution: Solution, observations: Observations, model: Model, *, mirrored_frames: int
 ) -> dict[str, Metric]:
     """Errors of predicting every fifth mirrored frame by a calibration without these; only their poses are fitted.
 
@@ -179,13 +193,15 @@ def held_out_metrics(
     """
     if mirrored_frames <= HOLD_OUT_EVERY:
         return {}
-    out = np.zeros(len(start.rig_from_board), dtype=bool)
+    out = np.zeros(len(solution.estimate.rig_from_board), dtype=bool)
     out[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    left = held_out(start, observations, model, out)
+    left = held_out(solution.estimate, observations, model, out)
+    rms_sigmas = float(np.sqrt(np.mean(solution.standardised[solution.inliers] ** 2)))
     spatial = spatial_rms_mm(left.estimate, left.observations, left.inliers, left.board)
     return {
         "held_out_rms_x_px": Metric(value=left.rms_px[0], unit="px"),
         "held_out_rms_y_px": Metric(value=left.rms_px[1], unit="px"),
+        "held_out_scale": Metric(value=left.rms_sigmas / rms_sigmas, unit="1"),
         "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
         "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
     }

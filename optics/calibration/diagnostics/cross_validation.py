@@ -42,13 +42,17 @@ class HeldOut:
         """Root mean square residual (2,) per axis over the inliers."""
         return np.sqrt(np.mean(self.residuals[self.inliers] ** 2, axis=0))
 
+    @property
+    def rms_sigmas(self) -> float:
+        """Root mean square residual of the inliers in standard deviations of the corners, as the observations state."""
+        return float(np.sqrt(np.mean(self.observations.standardised(self.residuals)[self.inliers] ** 2)))
+
 
 def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray) -> tuple[Observations, Estimate]:
     """The rows and poses of some frames (f,), renumbered from 0."""
     number = np.cumsum(frames) - 1
     rows = observations.where(frames[observations.frame])
-    renumbered = Observations(number[rows.frame], rows.view, rows.corner, rows.pixels)
-    return renumbered, replace(estimate, rig_from_board=estimate.rig_from_board[frames])
+    return replace(rows, frame=number[rows.frame]), replace(estimate, rig_from_board=estimate.rig_from_board[frames])
 
 
 def _poses_alone(estimate: Estimate, board: Board) -> tuple[Estimate, Model]:

@@ -47,11 +47,12 @@ class CorrelatedErrors:
 def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
     """Compare the scores of whole frames with those that independent errors of the inliers would have.
 
-    Let G be the derivatives by the free globals, less what the frame's pose explains of them, N_f = G_f^T G_f, and N
-    the sum of N_f. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
-    sigma^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1, sum |s_f|^2 / sigma^2 has the mean
-    g - sum tr N_f^2 and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated
-    by a scaled chi squared distribution.
+    Residuals r and their derivatives are standardised. Let G be the derivatives by the free globals, less what the
+    frame's pose explains of them, N_f = G_f^T G_f, and N the sum of N_f. At the minimum, independent errors give the
+    scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1,
+    sum |s_f|^2 / scale^2 has the mean g - sum tr N_f^2 and the variance
+    2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated by a scaled chi squared
+    distribution.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
@@ -59,7 +60,10 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))
     places = [names.index(name) for name in solution.parameters]
-    r, by_global, by_twist = residuals_with_jacobians(solution.estimate, rows, model.board)
+    r, by_global, by_twist = (
+        found / rows.sigma_px.reshape(-1, *[1] * (found.ndim - 1))
+        for found in residuals_with_jacobians(solution.estimate, rows, model.board)
+    )
     scores, squares = [], []
     for frame in np.unique(rows.frame):
         of = rows.frame == frame
@@ -71,7 +75,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     scale = 1.0 / np.sqrt(np.diag(np.sum(squares, axis=0)))
     values, vectors = np.linalg.eigh(np.sum(squares, axis=0) * np.outer(scale, scale))
     white = scale[:, None] * vectors / np.sqrt(values)
-    squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.sigma_px**2
+    squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.scale**2
     n = white.T @ np.array(squares) @ white
     n2 = n @ n
     mean = len(places) - float(np.trace(n2.sum(axis=0)))

@@ -36,9 +36,10 @@ class FreeViews:
     parameters
         Number of parameters that they have more.
     rms_px
-        Root mean square residual per axis with free virtual cameras.
+        Root mean square residual per axis with free virtual cameras, of a typical corner.
     unexplained_px
-        Root mean square per axis that only they explain, less the expected effect of as many parameters on noise.
+        Root mean square per axis that only they explain, less the expected effect of as many parameters on noise,
+        likewise.
     chance
         Probability of so large an improvement by noise alone (F test).
     """
@@ -69,17 +70,18 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     added = 6 * (mirrors - held) - 3 * mirrors
     if added <= 0:
         raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
-    planes = float(np.sum(solution.residuals[solution.inliers] ** 2))
+    planes = float(np.sum(solution.standardised[solution.inliers] ** 2))
     left = _minimum(solution.estimate, rows, model, held)
     spare = 2 * len(rows) - len(solution.parameters) - added - 6 * len(frames)
     if spare <= 0:
         raise UndeterminedError(f"{len(rows)} corners are too few for free virtual cameras")
     variance = left / spare
     drop = max(planes - left, 0.0)
+    typical_px = float(np.median(rows.sigma_px))
     return FreeViews(
         parameters=added,
-        rms_px=float(np.sqrt(left / (2 * len(rows)))),
-        unexplained_px=float(np.sqrt(max(drop - added * variance, 0.0) / (2 * len(rows)))),
+        rms_px=typical_px * float(np.sqrt(left / (2 * len(rows)))),
+        unexplained_px=typical_px * float(np.sqrt(max(drop - added * variance, 0.0) / (2 * len(rows)))),
         chance=float(f_distribution.sf(drop / added / variance, added, spare)),
     )
 
@@ -94,7 +96,7 @@ class _Views:
 
 
 def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
-    """The sum of squares at the minimum over virtual cameras, poses, intrinsics and board modes of the model."""
+    """The standardised sum of squares at the minimum over virtual cameras, poses, intrinsics and modes of the board."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))
     kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
@@ -127,7 +129,7 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
 def _linearised(
     estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], held: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), derivatives by the globals and each view's rotation and shift (n, 2, g), and by the twist.
+    """Standardised residuals (n, 2), their derivatives by the globals, rotations and shifts (n, 2, g), and the twist.
 
     The derivatives by pose and board neglect the views' rotations: these are far below a degree, so that the steps
     still converge, and the residuals are exact.
@@ -151,7 +153,8 @@ def _linearised(
         moves[number, :, 6 * view + k] = by_turn[:, :, k]
         moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
     every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
-    return pixels - rows.pixels, every, by_twist
+    sigma = rows.sigma_px[:, None, None]
+    return rows.standardised(pixels - rows.pixels), every / sigma, by_twist / sigma
 
 
 def _step(

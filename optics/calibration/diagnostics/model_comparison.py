@@ -35,9 +35,9 @@ class ModelComparison:
     rms_px
         Root mean square residual per axis over the inliers.
     sigma_px
-        Standard deviation of a residual, which accounts for the number of unknowns.
+        Standard deviation of a residual of a typical corner, which accounts for the number of unknowns.
     drop
-        Decrease of the sum of squares on the same corners, in units of sigma^2.
+        Decrease of the sum of squared standardised residuals of the same corners, in units of their variance.
     chance
         Probability of such a decrease by noise alone (F test of the likelihood ratio).
     information_gain
@@ -96,10 +96,11 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     rows = larger.solution.inliers
     seen = observations.where(rows)
     # Simulated corners without noise would turn rounding errors into significance.
-    floor = 2 * len(seen) * NEGLIGIBLE_PX**2
-    squares = float(np.sum(larger.solution.residuals[rows] ** 2)) + floor
+    floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / seen.sigma_px) ** 2))
+    squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
     at_smaller = _at_minimum(smaller, observations, rows)
-    squares_smaller = float(np.sum(residuals(at_smaller, seen, smaller.model.board) ** 2)) + floor
+    left = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
+    squares_smaller = float(np.sum(left**2)) + floor
     added = len(larger.solution.parameters) - len(smaller.solution.parameters)
     spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
@@ -134,19 +135,20 @@ def cross_validated(
     if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
         return comparison
     fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
-    squares = []
+    squares, rms_px = [], []
     for fitted in (larger, smaller):
         try:
             left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
         except UndeterminedError:
             return comparison
-        squares.append(np.bincount(seen.frame, weights=np.sum(left**2, axis=1)))
+        squares.append(np.bincount(seen.frame, weights=np.sum(seen.standardised(left) ** 2, axis=1)))
+        rms_px.append(float(np.sqrt(np.mean(left**2))))
     gains = squares[1] - squares[0]
     error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     gain = float(gains.sum()) / error if error > 0.0 else 0.0
     return replace(
         comparison,
-        held_out_rms_px=float(np.sqrt(squares[0].sum() / (2 * len(seen)))),
+        held_out_rms_px=rms_px[0],
         held_out_gain=gain,
         supported=gain > MIN_GAIN_SIGMAS,
     )

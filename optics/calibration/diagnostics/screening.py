@@ -12,6 +12,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
 from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
@@ -31,7 +32,7 @@ class ScreenedFrames:
     Attributes
     ----------
     seen, base
-        Corners by frame, with and without mirrors.
+        Corners by frame, with and without mirrors, with standard deviations that follow the noise of each view.
     notes
         What was left out, one sentence each.
     widened
@@ -85,7 +86,7 @@ def screen(
 
     mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
     consistency.every_mirror_shown(mirrored, len(seen), layout.mirror_names)
-    mirrored, widened, further = _agreeing(mirrored, direct, names, layout, corners_in_board_mm)
+    mirrored, direct, widened, further = _agreeing(mirrored, direct, names, layout, corners_in_board_mm)
     return ScreenedFrames(
         seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
         base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
@@ -100,8 +101,11 @@ def _agreeing(
     names: Sequence[str],
     layout: Layout,
     corners_in_board_mm: FloatArray,
-) -> tuple[Observations, float, tuple[str, ...]]:
-    """The mirrored views that agree with each other, the widening by the direct ones, and notes."""
+) -> tuple[Observations, Observations, float, tuple[str, ...]]:
+    """The mirrored views that agree with each other, the direct ones, the widening by these, and notes.
+
+    The standard deviations of both follow the noise of each view.
+    """
     free = joint_model(corners_in_board_mm)
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
@@ -109,23 +113,30 @@ def _agreeing(
     paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
-    kept, notes = consistency.agreeing_views(
-        packed, residuals(estimate, packed, free.board), [names[n] for n in numbers], layout.mirror_names
-    )
-    mirrored = mirrored.where(kept)
+    left = residuals(estimate, packed, free.board)
+    kept, notes = consistency.agreeing_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
+    mirrored = with_noise_of_views(mirrored.where(kept), left[kept])
     if not len(direct):
-        return mirrored, 1.0, notes
+        return mirrored, direct, 1.0, notes
+    direct = with_noise_of_views(direct, _direct_residuals(_packed(direct), estimate, layout, free))
     still = np.isin(numbers, mirrored.frame)
     estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
     ratio = _least_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
     notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-    return mirrored, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
+    return mirrored, direct, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
+
+
+def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
+    """Residuals (n, 2) px of frames without mirrors to a robust fit of their own, from the camera of an estimate."""
+    start = initial_estimates.first_estimate(direct, estimate.camera, layout, free.board.corners_in_board_mm)
+    alone, _ = start_robustly(start, direct, replace(free, mirrors=False))
+    return residuals(alone, direct, free.board)
 
 
 def _packed(observations: Observations) -> Observations:
     """The same rows with the frames numbered from 0 without a gap."""
     _, frame = np.unique(observations.frame, return_inverse=True)
-    return Observations(frame, observations.view, observations.corner, observations.pixels)
+    return replace(observations, frame=frame)
 
 
 def _least_disagreement(
@@ -162,10 +173,14 @@ def _camera_disagreement(
     poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
     common, _ = minimise(replace(with_mirrors, rig_from_board=poses), both, model)
     return consistency.camera_disagreement(
-        [residuals(with_mirrors, mirrored, model.board), residuals(without, direct, model.board)],
-        residuals(common, both, model.board),
+        [_standardised(with_mirrors, mirrored, model), _standardised(without, direct, model)],
+        _standardised(common, both, model),
         unknowns=len(model.parameters(len(layout.mirrors))) + len(INTRINSIC_NAMES) + 6 * len(poses),
     )
+
+
+def _standardised(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
+    return observations.standardised(residuals(estimate, observations, model.board))
 
 
 def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple[Observations, Estimate]:
@@ -173,7 +188,7 @@ def _cleaned(observations: Observations, start: Estimate, model: Model) -> tuple
     if not (observations.view != DIRECT).any():
         model = replace(model, mirrors=False, thickness=False, curvature=False)
     estimate, _ = start_robustly(start, observations, model)
-    size = np.abs(residuals(estimate, observations, model.board)).max(axis=1)
+    size = np.abs(_standardised(estimate, observations, model)).max(axis=1)
     calm = observations.where(size <= DROP_SIGMAS * 1.4826 * np.median(size))
     estimate, _ = minimise(estimate, calm, model)
     return calm, estimate

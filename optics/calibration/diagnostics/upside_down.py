@@ -47,5 +47,5 @@ def _turned(frame: Observations, layout: Layout, target: Target) -> Observations
         boards.append(tuple(numberings))
     found = assign(boards, layout, target)
     return Observations.join(
-        [Observations.of_view(0, mirror, corners.ids, corners.pixels) for mirror, corners in found]
+        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in found]
     )

@@ -56,13 +56,6 @@ class Verdict:
     checks: tuple[Check, ...]
 
 
-def sigma_px(calibration: Calibration) -> float:
-    """The standard deviation of a residual, as the fit found it."""
-    if "sigma_px" in calibration.metrics:
-        return calibration.metrics["sigma_px"].value
-    return float(np.sqrt(np.mean(calibration.residuals_px[calibration.inliers] ** 2)))
-
-
 def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
     """An alarm of the diagnostics forbids the use; a figure past its limit calls for an inspection."""
     checks = (
@@ -106,11 +99,9 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
 
 
 def _noise_checks(calibration: Calibration) -> list[Check]:
-    used = calibration.residuals_px[calibration.inliers]
-    sigma = sigma_px(calibration)
     outliers = float((~calibration.inliers).mean())
-    beyond = float((np.abs(used) > 3.0 * sigma).mean())
-    means = [cell_means(calibration, int(view), sigma) for view in np.unique(calibration.observations.view)]
+    beyond = float((np.abs(calibration.standardised[calibration.inliers]) > 3.0).mean())
+    means = [cell_means(calibration, int(view)) for view in np.unique(calibration.observations.view)]
     systematic = np.concatenate([cells.systematic for cells in means])
     most = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
     return [
@@ -138,7 +129,9 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
 
 def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
     """Check that all views and both axes fit alike, as noise does: an error of one view can hide in the rms of all."""
-    rms = {(view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_px, strict=True)}
+    rms = {
+        (view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_sigmas, strict=True)
+    }
     seen = {place: value for place, value in rms.items() if np.isfinite(value)}
     worst, best = max(seen, key=lambda place: seen[place]), min(seen, key=lambda place: seen[place])
     ratio = seen[worst] / seen[best]
@@ -155,9 +148,8 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
 def _diagnostic_checks(calibration: Calibration) -> list[Check]:
     diagnostics, metrics = calibration.diagnostics, calibration.metrics
     checks = []
-    if "held_out_rms_x_px" in metrics and "rms_x_px" in metrics:
-        fit, out = (np.linalg.norm([metrics[f"{n}_{a}_px"].value for a in "xy"]) for n in ("rms", "held_out_rms"))
-        ratio = float(out / fit)
+    if "held_out_scale" in metrics:
+        ratio = metrics["held_out_scale"].value
         checks.append(
             Check(
                 "RMS of held-out frames, relative to that of the fit",

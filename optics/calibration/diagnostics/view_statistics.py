@@ -23,6 +23,9 @@ SYSTEMATIC_CHANCE = 0.01
 class ViewFigures:
     """One view (a mirror's index, or DIRECT) in figures.
 
+    `rms_px` and `rms_sigmas` (2,) are the root mean square residual per axis, in pixels and in standard deviations of
+    the corners.
+
     DIRECT is called "direct view" where a picture shows the board both directly and in a mirror, and "bare
     camera" where it was photographed without mirrors.
 
@@ -37,6 +40,7 @@ class ViewFigures:
     outliers: int
     frames: int
     rms_px: FloatArray
+    rms_sigmas: FloatArray
     outline_px: FloatArray
     cells_px: FloatArray
     cell_counts: NDArray[np.int64]
@@ -86,13 +90,18 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
         corners=int(used.sum()),
         outliers=int((of_view & ~inliers).sum()),
         frames=len(frames),
-        rms_px=np.sqrt(np.mean(calibration.residuals_px[used] ** 2, axis=0)) if used.any() else np.full(2, np.nan),
+        rms_px=_rms(calibration.residuals_px[used]),
+        rms_sigmas=_rms(calibration.standardised[used]),
         outline_px=outline,
         cells_px=cells,
         cell_counts=np.array(inside, dtype=np.int64),
         distances_mm=np.array([distance for distance, _ in met]),
         tilts_deg=np.array([tilt for _, tilt in met]),
     )
+
+
+def _rms(residuals: FloatArray) -> FloatArray:
+    return np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.full(2, np.nan)
 
 
 def _name(calibration: Calibration, view: int) -> str:
@@ -149,19 +158,20 @@ class CellMeans:
     systematic: NDArray[np.bool_]
 
 
-def cell_means(calibration: Calibration, view: int, sigma_px: float) -> CellMeans:
-    """Mean residuals of one view in square cells.
+def cell_means(calibration: Calibration, view: int) -> CellMeans:
+    """Mean residuals of one view in square cells, weighted by the inverse variances of the corners.
 
-    The squared mean of n residuals over sigma^2 / n has a chi-square distribution of two degrees of freedom; a cell is
+    The square of such a mean over its variance has a chi-square distribution of two degrees of freedom; a cell is
     systematic where that exceeds what has a chance of `SYSTEMATIC_CHANCE`.
     """
     used = calibration.inliers & (calibration.observations.view == view)
     pixels, residuals = calibration.observations.pixels[used], calibration.residuals_px[used]
     cell_px = calibration.layout.camera.width_px / ARROWS_ACROSS
-    _, cell, count = np.unique(np.floor(pixels / cell_px), axis=0, return_inverse=True, return_counts=True)
-    sums = np.zeros((2, len(count), 2))
-    np.add.at(sums[0], cell.ravel(), pixels)
-    np.add.at(sums[1], cell.ravel(), residuals)
-    at, mean = sums / count[:, None]
-    squared = np.sum(mean**2, axis=1) * count / sigma_px**2
+    weights = calibration.corner_sigma_px[used, None] ** -2.0
+    _, cell = np.unique(np.floor(pixels / cell_px), axis=0, return_inverse=True)
+    sums = np.zeros((int(cell.max(initial=-1)) + 1, 5))
+    np.add.at(sums, cell.ravel(), np.hstack([weights, weights * pixels, weights * residuals]))
+    total = sums[:, :1]
+    at, mean = sums[:, 1:3] / total, sums[:, 3:] / total
+    squared = np.sum(mean**2, axis=1) * total[:, 0]
     return CellMeans(at, mean, squared > -2.0 * np.log(SYSTEMATIC_CHANCE))

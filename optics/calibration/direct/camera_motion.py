@@ -7,6 +7,7 @@ is seen directly or in mirrors, so that the whole static scene determines it. Mo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -47,7 +48,7 @@ def stabilised(observations: Observations, camera: Camera, turns: FloatArray) ->
     """The corners where they would be if the camera had not rotated by `turns` (f, 3) since the first frame."""
     back = Rotation.from_rotvec(turns[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", back, camera.unproject(observations.pixels))
-    return Observations(observations.frame, observations.view, observations.corner, camera.project(rays))
+    return replace(observations, pixels=camera.project(rays))
 
 
 def _tracked(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:

@@ -195,7 +195,7 @@ def _assign(boards: list[list[_PosedBoard]], centres: FloatArray) -> tuple[Obser
             places = [_in_rig(option, view, centres) for option in options]
             best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
             corners = options[best].corners
-            parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels))
+            parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels, corners.sigma_px))
         poses.append(
             reference.matrix if first == DIRECT else initial_estimates.before_mirror(reference.matrix, centres[first])
         )

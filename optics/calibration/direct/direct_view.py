@@ -171,7 +171,7 @@ def select_model_with_free_board(flat: Fitted, observations: Observations) -> tu
 
 
 def _squares(solution: Solution) -> float:
-    return float(np.sum(solution.residuals**2))
+    return float(np.sum(solution.standardised**2))
 
 
 def _with_plates(plain: Fitted, observations: Observations) -> tuple[Fitted, ModelComparison]:
@@ -211,5 +211,5 @@ def _confirmed(pictures: Sequence[Grey], solution: Solution, target: Checkerboar
                 continue
             corners = confirm(picture, predicted, target)
             if len(corners):
-                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels))
+                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
     return Observations.join(parts)

@@ -52,19 +52,26 @@ class Solution:
         Which rows took part (n,).
     iterations
         Number of linearisations.
+    standardised
+        The residuals (n, 2) in standard deviations of the corners, as the observations state them.
+    scale
+        Standard deviation of a standardised residual, by the degrees of freedom: 1 where the stated standard deviations
+        are right, and the model is.
     sigma_px
-        Standard deviation of a residual, by the degrees of freedom.
+        Standard deviation of a residual of a typical corner, the median.
     parameters
         Names (g,) of the free globals.
     covariance
-        Covariance (g, g) of the free globals, with the board's poses marginalised: sigma_px^2 times the inverse of the
+        Covariance (g, g) of the free globals, with the board's poses marginalised: scale^2 times the inverse of the
         reduced normal matrix.
     """
 
     estimate: Estimate
     residuals: FloatArray
     inliers: BoolArray
+    standardised: FloatArray
     iterations: int
+    scale: float
     sigma_px: float
     parameters: tuple[str, ...]
     covariance: FloatArray
@@ -104,23 +111,25 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     for stage in [replace(model, thickness=False)] * (model.thickness and model.curvature) + [model]:
         estimate, steps = start_robustly(estimate, observations, stage)
         iterations += steps
-    r = residuals(estimate, observations, model.board)
+    r = observations.standardised(residuals(estimate, observations, model.board))
     inliers = np.ones(len(observations), dtype=bool)
-    sigma = _robust_sigma(r)
+    scale = _robust_scale(r)
     while True:
-        inliers &= ~_outliers(r, observations.view, inliers, sigma)
+        inliers &= ~_outliers(r, observations.view, inliers, scale)
         kept = observations.where(inliers)
         spare = 2 * len(kept) - unknowns
         if spare <= 0:
             raise UndeterminedError(f"{len(kept)} corners for {unknowns} unknowns, expected more")
         estimate, steps = minimise(estimate, kept, model)
         iterations += steps
-        r = residuals(estimate, observations, model.board)
-        sigma = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
-        if not _outliers(r, observations.view, inliers, sigma).any():
+        r_px = residuals(estimate, observations, model.board)
+        r = observations.standardised(r_px)
+        scale = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
+        if not _outliers(r, observations.view, inliers, scale).any():
             break
-    covariance = sigma**2 * _inverse_information(estimate, kept, model)
-    return Solution(estimate, r, inliers, iterations, sigma, parameters, covariance)
+    covariance = scale**2 * _inverse_information(estimate, kept, model)
+    sigma_px = scale * float(np.median(kept.sigma_px))
+    return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance)
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
@@ -146,13 +155,13 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, sigma: float) -> BoolArray:
+def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
     norm = np.abs(r).max(axis=1)
-    found = inliers & (norm > FIND_SIGMAS * sigma)
-    return inliers & np.isin(view, view[found]) & (norm > DROP_SIGMAS * sigma)
+    found = inliers & (norm > FIND_SIGMAS * scale)
+    return inliers & np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale)
 
 
-def _robust_sigma(r: FloatArray) -> float:
+def _robust_scale(r: FloatArray) -> float:
     return max(1.4826 * float(np.median(np.abs(r))), 1e-9)
 
 
@@ -192,12 +201,12 @@ def start_robustly(start: Estimate, observations: Observations, model: Model) ->
     r = _residuals_at_start(estimate, grouped, model)
     previous, iterations = np.inf, 0
     while iterations < MAX_ITERATIONS:
-        sigma = _robust_sigma(r)
-        if sigma > SETTLED * previous:
+        scale = _robust_scale(r)
+        if scale > SETTLED * previous:
             break
-        previous = sigma
+        previous = scale
         iterations += 1
-        loss = _Huber(HUBER_SCALE * sigma)
+        loss = _Huber(HUBER_SCALE * scale)
         normal = normal_equations(estimate, grouped, model, loss.root_weights(r))
         found = _descend(estimate, grouped, model, normal, damping, loss, loss(r))
         if found is None:
@@ -219,18 +228,18 @@ def _squares(r: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Huber:
-    """Huber's loss: the squared length of a corner's residual up to `reach_px`, linear beyond."""
+    """Huber's loss: the squared length of a corner's standardised residual up to `reach`, linear beyond."""
 
-    reach_px: float
+    reach: float
 
     def __call__(self, r: FloatArray) -> float:
         norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
-        return float(np.sum(np.where(norm <= self.reach_px, norm**2, self.reach_px * (2.0 * norm - self.reach_px))))
+        return float(np.sum(np.where(norm <= self.reach, norm**2, self.reach * (2.0 * norm - self.reach))))
 
     def root_weights(self, r: FloatArray) -> FloatArray:
         """Square roots (n,) of the weights for which the weighted squares of r (2, n) have the loss's gradient."""
         norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
-        return np.sqrt(self.reach_px / np.maximum(norm, self.reach_px))
+        return np.sqrt(self.reach / np.maximum(norm, self.reach))
 
 
 @dataclass
@@ -268,7 +277,7 @@ def _descend(
         except np.linalg.LinAlgError:
             damping.rejected()
             continue
-        if predicted <= 2 * len(grouped.order) * ROUNDING_PX**2:
+        if predicted <= 2.0 * grouped.per_variance * ROUNDING_PX**2:
             return None
         trial = _trial(estimate, model, step_global, step_poses)
         if trial is not None:

@@ -27,6 +27,7 @@ ROWS_AT_ONCE = 4096
 class Chunk:
     """Corners (n,) of whole groups (k,), all seen directly or all in mirrors, with their pixels (2, n).
 
+    `per_sigma` (n,) is the inverse of their standard deviations, by which residuals and derivatives are multiplied.
     `edges` (k + 1) are the groups' first rows within the chunk; `runs` are frames with their first and last row.
     """
 
@@ -34,6 +35,7 @@ class Chunk:
     corner: IntArray
     view: IntArray
     pixels: FloatArray
+    per_sigma: FloatArray
     edges: list[int]
     runs: list[tuple[int, int, int]]
     group_frame: IntArray
@@ -53,6 +55,7 @@ class Chunk:
             observations.corner[taken],
             view,
             np.ascontiguousarray(observations.pixels[taken].T),
+            1.0 / observations.sigma_px[taken],
             [*starts.tolist(), len(taken)],
             list(zip(frame[firsts].tolist(), firsts.tolist(), lasts.tolist(), strict=True)),
             frame[starts],
@@ -66,10 +69,14 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Grouped:
-    """Observations in groups of one frame and one view each, direct views first; `order` (n,) are their rows."""
+    """Observations in groups of one frame and one view each, direct views first; `order` (n,) are their rows.
+
+    `per_variance` is the sum of the inverse variances of the corners.
+    """
 
     order: IntArray
     chunks: list[Chunk]
+    per_variance: float
 
     @classmethod
     def of(cls, observations: Observations, model: Model) -> Grouped:
@@ -85,7 +92,7 @@ class Grouped:
             if end or bounds[group + 1] - bounds[first] > at_once:
                 chunks.append(Chunk.of(observations, order, bounds[first : group + 1]))
                 first = group
-        return cls(order, chunks)
+        return cls(order, chunks, float(np.sum(observations.sigma_px**-2.0)))
 
 
 @dataclass(frozen=True)
@@ -184,7 +191,7 @@ class Places:
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of a chunk's pixels: by the pose (6), the residual itself (1), by the free globals.
+    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the pose (6), the residual (1), by the free globals.
 
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the plate thickness, and the
     modes.
@@ -206,6 +213,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     for part in parts:
         columns[start : start + part.shape[1]] = part.transpose(1, 0, 2)
         start += part.shape[1]
+    columns *= chunk.per_sigma
     return columns
 
 
@@ -229,12 +237,15 @@ def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArra
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
-    """Predicted minus observed pixels (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen."""
+    """Standardised residuals (2, n) of the rows in `grouped.order`; NaN where a corner cannot be seen.
+
+    These are predicted minus observed pixels, in standard deviations of the corners.
+    """
     found = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
         _, seen = _in_rig(estimate, chunk, corners)
         if not chunk.direct:
             seen = images(seen, mirrors_of_views(estimate, chunk.view)).image_mm
-        found[:, chunk.rows] = estimate.camera.project(seen.T).T - chunk.pixels
+        found[:, chunk.rows] = (estimate.camera.project(seen.T).T - chunk.pixels) * chunk.per_sigma
     return found

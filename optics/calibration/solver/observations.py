@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -19,15 +19,38 @@ IntArray = NDArray[np.int64]
 MIN_CORNERS = 6
 
 
+def _unknown_sigma() -> FloatArray:
+    return np.empty(0)
+
+
 @dataclass(frozen=True)
 class Corners:
-    """Corners of one target in one image: ids on the target (n,) and pixels (n, 2)."""
+    """Corners of one target in one image.
+
+    Attributes
+    ----------
+    ids
+        On the target (n,).
+    pixels
+        Where they were found (n, 2).
+    sigma_px
+        Standard deviations of the pixels (n,), per axis, up to a common factor. Default: equal, 1.
+    """
 
     ids: IntArray
     pixels: FloatArray
+    sigma_px: FloatArray = field(default_factory=_unknown_sigma)
+
+    def __post_init__(self) -> None:
+        if self.sigma_px.size == 0:
+            object.__setattr__(self, "sigma_px", np.ones(len(self.ids)))
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def where(self, mask: NDArray[np.bool_]) -> Self:
+        """The corners of a boolean mask (n,)."""
+        return type(self)(self.ids[mask], self.pixels[mask], self.sigma_px[mask])
 
 
 @dataclass(frozen=True)
@@ -44,29 +67,37 @@ class Observations:
         Id on the target (n,).
     pixels
         Where the corner was found (n, 2).
+    sigma_px
+        Standard deviations of the pixels (n,), per axis, up to a factor that all rows share. Default: equal, 1.
 
     Raises
     ------
     ValueError
-        Where shapes do not match, a pixel is not finite, or rows are not sorted by frame.
+        Where shapes do not match, a pixel is not finite, a standard deviation is not positive, or rows are not sorted
+        by frame.
     """
 
     frame: IntArray
     view: IntArray
     corner: IntArray
     pixels: FloatArray
+    sigma_px: FloatArray = field(default_factory=_unknown_sigma)
 
     def __post_init__(self) -> None:
         rows = len(self.frame)
-        for field in fields(self):
-            array = np.array(getattr(self, field.name), dtype=np.float64 if field.name == "pixels" else np.int64)
-            expected = (rows, 2) if field.name == "pixels" else (rows,)
+        if self.sigma_px.size == 0:
+            object.__setattr__(self, "sigma_px", np.ones(rows))
+        for name in (each.name for each in fields(self)):
+            array = np.array(getattr(self, name), dtype=np.float64 if name in {"pixels", "sigma_px"} else np.int64)
+            expected = (rows, 2) if name == "pixels" else (rows,)
             if array.shape != expected:
-                raise ValueError(f"{field.name} has shape {array.shape}, expected {expected}")
+                raise ValueError(f"{name} has shape {array.shape}, expected {expected}")
             array.flags.writeable = False
-            object.__setattr__(self, field.name, array)
+            object.__setattr__(self, name, array)
         if not np.isfinite(self.pixels).all():
             raise ValueError("pixels hold a value that is NaN or infinite, expected finite numbers")
+        if not (np.isfinite(self.sigma_px) & (self.sigma_px > 0.0)).all():
+            raise ValueError("sigma_px holds a value that is not positive and finite")
         if (np.diff(self.frame) < 0).any():
             raise ValueError("observations are not sorted by frame")
 
@@ -86,9 +117,12 @@ class Observations:
         return cls(empty, empty, empty, np.empty((0, 2)))
 
     @classmethod
-    def of_view(cls, frame: int, view: int, corner: IntArray, pixels: FloatArray) -> Self:
-        """The corners (n,) of one view in one frame at pixels (n, 2)."""
-        return cls(np.full(len(corner), frame), np.full(len(corner), view), corner, pixels)
+    def of_view(
+        cls, frame: int, view: int, corner: IntArray, pixels: FloatArray, sigma_px: FloatArray | None = None
+    ) -> Self:
+        """The corners (n,) of one view in one frame at pixels (n, 2), with their standard deviations (n,)."""
+        sigmas = np.ones(len(corner)) if sigma_px is None else sigma_px
+        return cls(np.full(len(corner), frame), np.full(len(corner), view), corner, pixels, sigmas)
 
     @classmethod
     def join(cls, parts: list[Self]) -> Self:
@@ -102,12 +136,17 @@ class Observations:
             np.concatenate([part.view for part in parts])[order],
             np.concatenate([part.corner for part in parts])[order],
             np.concatenate([part.pixels for part in parts])[order],
+            np.concatenate([part.sigma_px for part in parts])[order],
         )
 
     def where(self, mask: NDArray[np.bool_]) -> Self:
         """The rows of a boolean mask (n,)."""
-        return type(self)(self.frame[mask], self.view[mask], self.corner[mask], self.pixels[mask])
+        return type(self)(self.frame[mask], self.view[mask], self.corner[mask], self.pixels[mask], self.sigma_px[mask])
 
     def shifted(self, frames: int) -> Self:
         """The same rows with `frames` added to each frame number."""
-        return type(self)(self.frame + frames, self.view, self.corner, self.pixels)
+        return replace(self, frame=self.frame + frames)
+
+    def standardised(self, residuals_px: FloatArray) -> FloatArray:
+        """Residuals (n, 2) in standard deviations of their pixels."""
+        return residuals_px / self.sigma_px[:, None]

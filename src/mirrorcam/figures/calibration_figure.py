@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.verdict import sigma_px
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 
@@ -32,10 +31,7 @@ def residual_figure(calibration: Calibration, path: Path) -> None:
 def _arrows(axes: Axes, calibration: Calibration) -> None:
     camera = calibration.layout.camera
     cell_px = camera.width_px / ARROWS_ACROSS
-    means = {
-        int(view): cell_means(calibration, view, sigma_px(calibration))
-        for view in np.unique(calibration.observations.view)
-    }
+    means = {int(view): cell_means(calibration, int(view)) for view in np.unique(calibration.observations.view)}
     rms = float(np.sqrt(np.mean(np.concatenate([cells.mean_px for cells in means.values()]) ** 2)))
     gain = ARROW_CELLS * cell_px / max(rms, 1e-12)
     colours = plt.get_cmap("tab10")

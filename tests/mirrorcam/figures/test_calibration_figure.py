@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from mirrorcam.figures.calibration_figure import residual_figure
-from mirrorcam.optics.calibration.diagnostics.verdict import sigma_px
 from mirrorcam.optics.calibration.diagnostics.view_statistics import cell_means
 from tests.mirrorcam.figures.drawn import drawn
 from tests.optics.calibration.sound_calibration import sound_calibration
@@ -28,7 +27,7 @@ def test_an_arrow_for_every_cell_of_every_view(figure: Figure) -> None:
     views = np.unique(calibration.observations.view)
     assert len(arrows) == len(views) == 5
     for item, view in zip(arrows, views, strict=True):
-        means = cell_means(calibration, int(view), sigma_px(calibration))
+        means = cell_means(calibration, int(view))
         assert np.allclose(item.get_offsets(), means.at_px)
         drawn_px, mean_px = np.hypot(item.U, item.V), np.linalg.norm(means.mean_px, axis=1)
         assert np.allclose(drawn_px / drawn_px.max(), mean_px / mean_px.max())

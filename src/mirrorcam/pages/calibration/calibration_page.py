@@ -14,7 +14,7 @@ from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.html.templates import FigureTable, Tile, render
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
-from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution, sigma_px
+from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.pages.calibration import calibration_tables as tables
@@ -110,7 +110,6 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
     """The drawings that every calibration has; that of the view without a mirror only where there was such a view."""
-    sigma = sigma_px(calibration)
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
     turned = "Tilt of the boards, a dot per frame"
@@ -118,11 +117,11 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
         turned += f": filled, through the mirrors; open, {direct[0].name}"
     return {
         "residuals": Card(
-            residual_needles(calibration, mirrors, sigma),
+            residual_needles(calibration, mirrors),
             "Mean residuals, predicted minus detected. Red: significant at the 1 % level, as 1 % are by noise alone.",
         ),
-        "histogram": Card(residual_histogram(calibration, sigma), "Residuals without outliers; logarithmic counts."),
-        "direct": Card(residual_needles(calibration, direct, sigma), f"Mean residuals of {direct[0].called}.")
+        "histogram": Card(residual_histogram(calibration), "Residuals without outliers; logarithmic counts."),
+        "direct": Card(residual_needles(calibration, direct), f"Mean residuals of {direct[0].called}.")
         if direct
         else None,
         "coverage": Card(

@@ -68,13 +68,13 @@ def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[Vie
     return "".join(parts)
 
 
-def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sigma_px: float) -> str:
+def residual_needles(calibration: Calibration, views: Sequence[ViewFigures]) -> str:
     """Draw mean residuals in cells of the sensor as needles, red where noise does not explain them."""
     direct = len(views) == 1 and views[0].view == DIRECT
     width = HALF if direct else WIDTH
     window = _window(calibration.layout, views, width)
     cell = calibration.layout.camera.width_px / ARROWS_ACROSS * window.scale
-    all_means = [cell_means(calibration, view.view, sigma_px) for view in views]
+    all_means = [cell_means(calibration, view.view) for view in views]
     lengths = np.concatenate([means.mean_px for means in all_means])
     rms = float(np.sqrt(np.mean(np.sum(lengths**2, axis=1)))) if len(lengths) else 1.0
     gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
@@ -96,9 +96,10 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures], sig
     return drawing(width, window.height + 30, "".join(parts), "Mean residuals over the sensor")
 
 
-def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
-    """Draw histograms of the residuals in x and y, in standard deviations, and the normal distribution."""
-    used = calibration.residuals_px[calibration.inliers] / sigma_px
+def residual_histogram(calibration: Calibration) -> str:
+    """Draw histograms of the residuals in x and y, standardised, and the normal distribution."""
+    used = calibration.standardised[calibration.inliers]
+    typical_px = float(np.median(calibration.corner_sigma_px[calibration.inliers]))
     edges = np.linspace(-5.0, 5.0, 51)
     counts = [np.histogram(values, edges)[0] for values in used.T]
     expected = len(used) * 0.2 * norm.pdf(np.linspace(-5.0, 5.0, 201))
@@ -122,7 +123,14 @@ def residual_histogram(calibration: Calibration, sigma_px: float) -> str:
         parts.append(line(x(value), y.start, x(value), y.start + 5, "axis"))
         parts.append(text(x(value), y.start + 20, f"{value:g}".replace("-", "\N{MINUS SIGN}"), style="tick"))
     parts.append(line(x.start, y.start, x.end, y.start, "axis"))
-    parts.append(text((x.start + x.end) / 2, y.start + 40, f"residual in {SIGMA} ({sigma_px:.3g} px)", style="name"))
+    parts.append(
+        text(
+            (x.start + x.end) / 2,
+            y.start + 40,
+            f"residual in {SIGMA} of its corner (median {typical_px:.3g} px)",
+            style="name",
+        )
+    )
     keys = (("steps x", "x"), ("steps y", "y"), ("normal", "normal"))
     for place, (style, name) in enumerate(keys):
         parts.append(line(x.end - 92, 26 + 18 * place, x.end - 68, 26 + 18 * place, style))

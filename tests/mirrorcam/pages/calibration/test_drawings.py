@@ -51,11 +51,11 @@ def corners(polygon: ET.Element) -> np.ndarray:
 
 
 def test_needles_are_red_where_residuals_agree(calibration: Calibration, views: list[ViewFigures]) -> None:
-    sound = residual_needles(calibration, views, NOISE_PX)
+    sound = residual_needles(calibration, views)
     assert len(marks(sound, "outline")) == len(views)
     assert len(marks(sound, "bad")) < 0.05 * len(marks(sound, "needle"))
     shifted = calibration.residuals_px + np.where(calibration.observations.view == 1, 4.0 * NOISE_PX, 0.0)[:, None]
-    drawing = residual_needles(replace(calibration, residuals_px=shifted), views, NOISE_PX)
+    drawing = residual_needles(replace(calibration, residuals_px=shifted), views)
     red = marks(drawing, "bad")
     assert len(red) > 0.5 * len(marks(drawing, "needle")) / len(views)
     (left, top), (right, bottom) = (f(corners(marks(drawing, "outline")[1]), axis=0) for f in (np.min, np.max))
@@ -65,7 +65,7 @@ def test_needles_are_red_where_residuals_agree(calibration: Calibration, views: 
 
 def test_needles_point_along_the_mean_residual(calibration: Calibration, views: list[ViewFigures]) -> None:
     towards = np.broadcast_to([3.0, -4.0], calibration.residuals_px.shape)
-    drawing = residual_needles(replace(calibration, residuals_px=towards), views, NOISE_PX)
+    drawing = residual_needles(replace(calibration, residuals_px=towards), views)
     needles = np.array([corners(needle) for needle in marks(drawing, "needle")])
     along = needles[:, 2] - needles[:, :2].mean(axis=1)
     directions = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -73,7 +73,8 @@ def test_needles_point_along_the_mean_residual(calibration: Calibration, views: 
 
 
 def test_the_histogram_counts_inliers_in_standard_deviations(calibration: Calibration) -> None:
-    doubled = residual_histogram(calibration, NOISE_PX), residual_histogram(calibration, 2.0 * NOISE_PX)
+    noisier = replace(calibration.observations, sigma_px=2.0 * calibration.observations.sigma_px)
+    doubled = residual_histogram(calibration), residual_histogram(replace(calibration, observations=noisier))
     widths = [np.ptp(corners(marks(drawing, "normal")[0])[:, 0]) for drawing in doubled]
     assert widths[0] == pytest.approx(widths[1])  # the normal distribution stays
     tops = [corners(marks(drawing, "steps")[0])[:, 1] for drawing in doubled]
@@ -82,8 +83,8 @@ def test_the_histogram_counts_inliers_in_standard_deviations(calibration: Calibr
     inliers[::20] = False
     without = replace(calibration, inliers=inliers)
     spoiled = np.where(inliers[:, None], calibration.residuals_px, 3.0 * NOISE_PX)
-    drawing = residual_histogram(replace(without, residuals_px=spoiled), NOISE_PX)
-    assert drawing == residual_histogram(without, NOISE_PX) != doubled[0]
+    drawing = residual_histogram(replace(without, residuals_px=spoiled))
+    assert drawing == residual_histogram(without) != doubled[0]
 
 
 def test_cells_without_a_corner_are_red_and_others_darken(calibration: Calibration, views: list[ViewFigures]) -> None:

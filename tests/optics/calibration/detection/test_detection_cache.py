@@ -74,6 +74,7 @@ def test_what_is_there_is_not_replaced(tmp_path: Path) -> None:
         {"corner": np.array([-1, 0])},
         {"pixels": np.full((2, 2), np.nan)},
         {"pixels": np.zeros((3, 2))},
+        {"sigma_px": np.array([1.0, 0.0])},
         {"view": np.array(["a", "b"])},
         {"view": np.zeros(2_000_000, np.int64)},
         {"unassigned": np.zeros(2)},
@@ -83,7 +84,7 @@ def test_what_is_there_is_not_replaced(tmp_path: Path) -> None:
 )
 def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_path: Path) -> None:
     right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
-    right |= {"unassigned": np.empty((0, 2))}
+    right |= {"sigma_px": np.ones(2), "unassigned": np.empty((0, 2))}
     np.savez_compressed(tmp_path / "a.npz", **right)
     assert loaded(tmp_path) is not None
     np.savez_compressed(tmp_path / "a.npz", **(right | arrays))
@@ -91,7 +92,9 @@ def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_
 
 
 def test_a_file_that_does_not_say_which_boards_are_left_over_is_found_anew(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", view=np.array([0, 1]), corner=np.array([3, 4]), pixels=np.ones((2, 2)))
+    np.savez(
+        tmp_path / "a.npz", view=np.array([0, 1]), corner=np.array([3, 4]), pixels=np.ones((2, 2)), sigma_px=np.ones(2)
+    )
     assert loaded(tmp_path) is None
 
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.verdict import empty_region, sigma_px
+from mirrorcam.optics.calibration.diagnostics.verdict import empty_region
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from tests.optics.calibration.sound_calibration import (
-    NOISE_PX,
     rows_of,
     sound_calibration,
 )
@@ -33,9 +30,3 @@ def test_the_empty_region_is_where_no_corner_was_seen(
     views = view_figures(rows_of(calibration, (seen.view != 0) | ~near))
     assert empty_region(views[0]) == words
     assert views[0].coverage < 0.9 * view_figures(calibration)[0].coverage
-
-
-def test_sigma_is_that_of_the_fit(calibration: Calibration) -> None:
-    assert sigma_px(calibration) == calibration.metrics["sigma_px"].value
-    bare = replace(calibration, metrics={})
-    assert sigma_px(bare) == pytest.approx(NOISE_PX, rel=0.1)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -67,10 +68,14 @@ def test_normals_are_in_view_axes_before_mirrors_only(calibration: Calibration) 
 def test_cells_of_noise_are_seldom_systematic_and_shifted_ones_are(calibration: Calibration) -> None:
     random = np.random.default_rng(0)
     sigma = 0.05
-    noise = random.normal(0.0, sigma, (40, *calibration.residuals_px.shape))
-    found = [
-        cell_means(replace(calibration, residuals_px=residuals), 0, sigma).systematic.mean() for residuals in noise
-    ]
+    sigmas_px = np.where(calibration.observations.corner % 3 == 0, 4.0 * sigma, sigma)
+    unlike = replace(
+        calibration,
+        observations=replace(calibration.observations, sigma_px=sigmas_px),
+        metrics=calibration.metrics | {"residual_scale": Metric(value=1.0, unit="1")},
+    )
+    noise = sigmas_px[:, None] * random.normal(0.0, 1.0, (40, *calibration.residuals_px.shape))
+    found = [cell_means(replace(unlike, residuals_px=residuals), 0).systematic.mean() for residuals in noise]
     assert np.mean(found) == pytest.approx(0.01, abs=0.003)
-    shifted = replace(calibration, residuals_px=noise[0] + 5.0 * sigma)
-    assert cell_means(shifted, 0, sigma).systematic.mean() > 0.95
+    shifted = replace(unlike, residuals_px=noise[0] + 10.0 * sigma)
+    assert cell_means(shifted, 0).systematic.mean() > 0.95

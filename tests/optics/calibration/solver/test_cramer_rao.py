@@ -7,6 +7,7 @@ far smaller standard error.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -77,6 +78,26 @@ def test_outliers_cost_a_tenth_at_most() -> None:
     clean = np.stack(over_bound(found, found.errors[: len(found.with_outliers)]))
     assert np.sqrt(spoilt.mean() / clean.mean()) < 1.05
     assert (np.sqrt(spoilt.mean(axis=1) / clean.mean(axis=1)) < 1.1).all()
+
+
+def test_corners_of_unlike_noise_count_by_their_variance() -> None:
+    """Half of the views with six times the noise: errors are as claimed, and smaller than those of equal weights."""
+    scene = small_scene()
+    sigmas = np.where((scene.clean.frame + scene.clean.view) % 2 == 0, 6.0, 1.0) * SIGMA_PX
+    seen = replace(scene.clean, sigma_px=sigmas)
+    squared, over_equal = [], []
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        noisy = replace(seen, pixels=seen.pixels + sigmas[:, None] * random.standard_normal((len(seen), 2)))
+        solution = fit(scene.truth, noisy, scene.model)
+        error = scene.errors(solution.estimate)
+        squared.append(error @ np.linalg.solve(solution.covariance, error) / len(error))
+        equal = scene.errors(minimise(scene.truth, replace(noisy, sigma_px=np.ones(len(seen))), scene.model)[0])
+        over_equal.append(np.abs(error) / np.abs(equal))
+        assert solution.scale == pytest.approx(1.0, rel=0.06)
+        assert solution.sigma_px == pytest.approx(np.median(sigmas[solution.inliers]), rel=0.06)
+    assert np.mean(squared) == pytest.approx(1.0, abs=0.25)
+    assert np.median(over_equal) < 0.7
 
 
 def test_every_wrong_start_leads_to_the_same_minimum() -> None:

@@ -16,6 +16,8 @@ def test_observations_refuse_what_does_not_fit() -> None:
         Observations(one, one, one, np.full((1, 2), np.nan))
     with pytest.raises(ValueError, match="sorted by frame"):
         Observations(np.array([1, 0]), np.array([0, 0]), np.array([0, 1]), np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="sigma_px holds"):
+        Observations(one, one, one, np.zeros((1, 2)), np.zeros(1))
     assert len(Observations.join([])) == 0
 
 
@@ -37,6 +39,17 @@ def test_a_board_is_seen_both_ways_in_one_frame_only() -> None:
     assert Observations.join([mirrored, direct]).both_ways
     assert not Observations.join([mirrored, direct.shifted(1)]).both_ways
     assert not direct.both_ways
+
+
+def test_standard_deviations_follow_their_rows() -> None:
+    sigmas = np.array([0.5, 2.0])
+    rows = Observations.of_view(4, 0, np.array([1, 2]), np.zeros((2, 2)), sigmas)
+    equal = Observations.of_view(2, 0, np.array([3]), np.zeros((1, 2)))
+    joined = Observations.join([rows, equal])
+    assert joined.sigma_px.tolist() == [1.0, 0.5, 2.0]
+    assert joined.where(joined.corner == 2).sigma_px.tolist() == [2.0]
+    assert rows.shifted(1).sigma_px.tolist() == sigmas.tolist()
+    np.testing.assert_array_equal(rows.standardised(np.ones((2, 2))), [[2.0, 2.0], [0.5, 0.5]])
 
 
 def test_rows_cannot_be_changed() -> None:

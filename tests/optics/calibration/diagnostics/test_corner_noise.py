@@ -1,0 +1,75 @@
+"""Noise of views: recovered from scatter about whatever is smooth, and drawn to the others where corners are few."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
+from mirrorcam.optics.calibration.solver.observations import Observations
+
+GRID = np.stack(np.meshgrid(np.arange(12.0), np.arange(9.0)), axis=-1).reshape(-1, 2)
+SIGMAS = np.array([0.005, 0.005, 0.03, 0.01, 0.005, 0.008])
+
+
+def views(corners: int = len(GRID)) -> Observations:
+    """One frame with a view for each of SIGMAS, each with the same corners; those of odd ids are twice as uncertain."""
+    ids = np.arange(corners)
+    pixels = 30.0 * GRID[:corners]
+    parts = [Observations.of_view(0, view, ids, pixels, np.where(ids % 2, 2.0, 1.0)) for view in range(len(SIGMAS))]
+    return Observations.join(parts)
+
+
+def noise(seen: Observations, seed: int = 0) -> FloatArray:
+    random = np.random.default_rng(seed)
+    return random.normal(0.0, 1.0, (len(seen), 2)) * (SIGMAS[seen.view] * seen.sigma_px)[:, None]
+
+
+def of_views(seen: Observations) -> FloatArray:
+    """The standard deviation of the corners with even ids in each view."""
+    return np.array([seen.sigma_px[(seen.view == view) & (seen.corner % 2 == 0)][0] for view in range(len(SIGMAS))])
+
+
+def test_each_view_gets_the_scatter_of_its_corners() -> None:
+    seen = views()
+    found = np.array([of_views(with_noise_of_views(seen, noise(seen, seed))) for seed in range(30)])
+    # Shrunk towards the median of all views by the weight of 8 in 184 degrees of freedom.
+    freedom, median = 2.0 * (len(GRID) - 10), np.median(SIGMAS)
+    expected = np.sqrt((freedom * SIGMAS**2 + 8.0 * median**2) / (freedom + 8.0))
+    np.testing.assert_allclose(np.sqrt(np.mean(found**2, axis=0)), expected, rtol=0.04)
+    scaled = with_noise_of_views(seen, noise(seen))
+    odd = seen.corner % 2 == 1
+    np.testing.assert_allclose(scaled.sigma_px[odd], 2.0 * np.repeat(of_views(scaled), np.sum(odd) // len(SIGMAS)))
+
+
+def test_what_is_smooth_over_a_view_is_no_noise() -> None:
+    seen = views()
+    x, y = (seen.pixels / 300.0).T
+    misfit = np.stack([0.2 + 0.1 * x * y - 0.3 * x**3, 0.1 * y**2 - 0.2 * x], axis=1)
+    alone, both = (with_noise_of_views(seen, noise(seen) + field) for field in (0.0, misfit))
+    np.testing.assert_allclose(both.sigma_px, alone.sigma_px, rtol=0.01)
+
+
+def test_outliers_hardly_widen_their_view() -> None:
+    seen, left = views(), noise(views())
+    clean = of_views(with_noise_of_views(seen, left))
+    left[::25] += 20.0 * SIGMAS[seen.view[::25], None]
+    assert (of_views(with_noise_of_views(seen, left)) < 1.3 * clean).all()
+
+
+def test_a_view_of_few_corners_is_drawn_to_the_others() -> None:
+    seen = views()
+    few = seen.where((seen.view != 2) | (seen.corner < 6))
+    found = of_views(with_noise_of_views(few, noise(few)))
+    assert 0.008 < found[2] < 0.03
+    lone = seen.where(seen.corner < 1)
+    assert with_noise_of_views(lone, noise(lone)) is lone
+    none = Observations.none()
+    assert with_noise_of_views(none, np.empty((0, 2))) is none
+
+
+def test_corners_without_noise_stay_usable() -> None:
+    seen = views()
+    found = with_noise_of_views(seen, np.zeros((len(seen), 2)))
+    assert found.sigma_px == pytest.approx(1e-4)
