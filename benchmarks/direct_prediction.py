@@ -46,13 +46,14 @@ def predicted_mirrored(
         number = np.cumsum(~out) - 1
         rows = observations.where(~out[observations.frame])
         kept = replace(rows, frame=number[rows.frame])
-        fitted = fit(replace(start, rig_from_board=start.rig_from_board[~out]), kept, model).estimate
+        fitted = fit(start.of_frames(~out), kept, model).estimate
         board = Board.rigid(model.board.shaped(fitted.shape))
-        held = Model((), thickness=False, curvature=False, board=board, mirrors=False)
+        terms = model.frame_terms
+        held = Model((), thickness=False, curvature=False, board=board, mirrors=False, frame_terms=terms)
         for frame in np.flatnonzero(out):
             here = observations.frame == frame
             shown = observations.where(here).shifted(-int(frame))
-            posed = replace(fitted, rig_from_board=start.rig_from_board[[frame]], shape=np.zeros(0))
+            posed = replace(fitted.with_poses(start.rig_from_board[[frame]]), shape=np.zeros(0))
             direct = shown.where(shown.view == DIRECT)
             if not len(direct):
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,15 +53,21 @@ def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray)
     """The rows and poses of some frames (f,), renumbered from 0."""
     number = np.cumsum(frames) - 1
     rows = observations.where(frames[observations.frame])
-    return replace(rows, frame=number[rows.frame]), replace(estimate, rig_from_board=estimate.rig_from_board[frames])
+    return replace(rows, frame=number[rows.frame]), estimate.of_frames(frames)
 
 
-def _poses_alone(estimate: Estimate, board: Board) -> tuple[Estimate, Model]:
-    """The estimate and the model in which only the board's poses are free."""
-    shaped = Board.rigid(board.shaped(estimate.shape))
-    return replace(estimate, shape=np.zeros(0)), Model(
-        (), thickness=False, curvature=False, board=shaped, mirrors=False
+def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estimate, Model]:
+    """The globals of one estimate with the frames of another, and the model in which only these frames are free."""
+    shaped = Board.rigid(model.board.shaped(fitted.shape))
+    frames = replace(
+        fitted,
+        rig_from_board=rest.rig_from_board,
+        camera_turn=rest.camera_turn,
+        bow_mm=rest.bow_mm,
+        shape=np.zeros(0),
     )
+    alone = Model((), thickness=False, curvature=False, board=shaped, mirrors=False, frame_terms=model.frame_terms)
+    return frames, alone
 
 
 def held_out(start: Estimate, observations: Observations, model: Model, out: BoolArray) -> HeldOut:
@@ -68,9 +75,9 @@ def held_out(start: Estimate, observations: Observations, model: Model, out: Boo
     kept, kept_start = frames_of(observations, start, ~out)
     fitted = fit(kept_start, kept, model).estimate
     rest, rest_start = frames_of(observations, start, out)
-    alone, poses = _poses_alone(replace(fitted, rig_from_board=rest_start.rig_from_board), model.board)
-    solution = fit(alone, rest, poses)
-    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers, poses.board)
+    placed, frames = _frames_alone(fitted, model, rest_start)
+    solution = fit(placed, rest, frames)
+    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers, frames.board)
 
 
 def held_out_residuals(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
@@ -79,15 +86,39 @@ def held_out_residuals(start: Estimate, observations: Observations, model: Model
     All rows take part, so that models can be compared on the same ones.
     """
     left = np.empty((len(observations), 2))
+    for out, placed, rest, frames in _left_out(start, observations, model, fold):
+        found, _ = minimise(placed, rest, frames)
+        left[out[observations.frame]] = residuals(found, rest, frames.board)
+    return left
+
+
+def held_out_corners(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
+    """Residuals (n, 2) px of every corner, as a fit to the other folds and half of its own frame's corners predict it.
+
+    A frame's own numbers are fitted to every other corner of each view, and predict those between them.
+    """
+    left = np.empty((len(observations), 2))
+    for out, placed, rest, frames in _left_out(start, observations, model, fold):
+        errors = np.empty((len(rest), 2))
+        for half in (0, 1):
+            hidden = rest.corner % 2 == half
+            found, _ = minimise(placed, rest.where(~hidden), frames)
+            errors[hidden] = residuals(found, rest.where(hidden), frames.board)
+        left[out[observations.frame]] = errors
+    return left
+
+
+def _left_out(
+    start: Estimate, observations: Observations, model: Model, fold: IntArray
+) -> Iterator[tuple[BoolArray, Estimate, Observations, Model]]:
+    """For each fold: its frames (f,), a start with the globals of a fit to the others, its rows, and their model."""
     for number in range(int(fold.max()) + 1):
         out = fold == number
         kept, kept_start = frames_of(observations, start, ~out)
         fitted, _ = minimise(kept_start, kept, model)
         rest, rest_start = frames_of(observations, start, out)
-        alone, poses = _poses_alone(replace(fitted, rig_from_board=rest_start.rig_from_board), model.board)
-        placed, _ = minimise(alone, rest, poses)
-        left[out[observations.frame]] = residuals(placed, rest, poses.board)
-    return left
+        placed, frames = _frames_alone(fitted, model, rest_start)
+        yield out, placed, rest, frames
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:

@@ -48,9 +48,9 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     """Compare the scores of whole frames with those that independent errors of the inliers would have.
 
     Residuals r and their derivatives are standardised. Let G be the derivatives by the free globals, less what the
-    frame's pose explains of them, N_f = G_f^T G_f, and N the sum of N_f. At the minimum, independent errors give the
-    scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1,
-    sum |s_f|^2 / scale^2 has the mean g - sum tr N_f^2 and the variance
+    frame's pose and other own numbers explain of them, N_f = G_f^T G_f, and N the sum of N_f. At the minimum,
+    independent errors give the scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1 N_f), so that, in
+    coordinates where N = 1, sum |s_f|^2 / scale^2 has the mean g - sum tr N_f^2 and the variance
     2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated by a scaled chi squared
     distribution.
     """
@@ -60,17 +60,21 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(mirrors, len(model.board.modes))
     places = [names.index(name) for name in solution.parameters]
-    r, by_global, by_twist = (
+    r, by_global, by_frame = (
         found / rows.sigma_px.reshape(-1, *[1] * (found.ndim - 1))
         for found in residuals_with_jacobians(solution.estimate, rows, model.board)
     )
+    terms = model.frame_terms
+    priors, values = np.diag(terms.weights), terms.values(solution.estimate)
     scores, squares = [], []
     for frame in np.unique(rows.frame):
         of = rows.frame == frame
-        poses = by_twist[of].reshape(-1, 6)
+        # Priors are rows of their own, on which the globals have no effect.
+        own = np.concatenate([by_frame[of][:, :, terms.free].reshape(-1, len(priors)), priors])
         globals_ = by_global[of][:, :, places].reshape(-1, len(places))
-        left = globals_ - poses @ np.linalg.lstsq(poses, globals_, rcond=None)[0]
-        scores.append(left.T @ r[of].ravel())
+        globals_ = np.concatenate([globals_, np.zeros((len(priors), len(places)))])
+        left = globals_ - own @ np.linalg.lstsq(own, globals_, rcond=None)[0]
+        scores.append(left.T @ np.concatenate([r[of].ravel(), values[frame]]))
         squares.append(left.T @ left)
     scale = 1.0 / np.sqrt(np.diag(np.sum(squares, axis=0)))
     values, vectors = np.linalg.eigh(np.sum(squares, axis=0) * np.outer(scale, scale))

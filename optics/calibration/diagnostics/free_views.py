@@ -144,7 +144,7 @@ def _linearised(
         nothing = np.full((len(rows), 2), np.inf)
         return nothing, np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
     pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
-    _, by_global, by_twist = residuals_with_jacobians(estimate, rows, model.board)
+    _, by_global, by_frame = residuals_with_jacobians(estimate, rows, model.board)
     by_global[:, :, : by_intrinsics.shape[2]] = by_intrinsics
     moves = np.zeros((len(rows), 2, 6 * len(views.turns)))
     number = np.flatnonzero(mirrored)
@@ -154,7 +154,7 @@ def _linearised(
         moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
     every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
     sigma = rows.sigma_px[:, None, None]
-    return rows.standardised(pixels - rows.pixels), every / sigma, by_twist / sigma
+    return rows.standardised(pixels - rows.pixels), every / sigma, by_frame[:, :, :6] / sigma
 
 
 def _step(

@@ -7,11 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_residuals
+from mirrorcam.optics.calibration.diagnostics.cross_validation import (
+    balanced_folds,
+    held_out_corners,
+    held_out_residuals,
+)
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 
 FOLDS = 3
@@ -31,7 +36,8 @@ class ModelComparison:
     against
         Level of the nested model; None for the smallest model.
     parameters
-        Number of free parameters besides the board's poses.
+        Number of free parameters besides the board's poses; of those that single frames have under a prior, as many as
+        the corners determine.
     rms_px
         Root mean square residual per axis over the inliers.
     sigma_px
@@ -70,7 +76,7 @@ def smallest(fitted: Fitted) -> ModelComparison:
     return ModelComparison(
         name=fitted.name,
         against=None,
-        parameters=len(solution.parameters),
+        parameters=round(_parameters(solution)),
         rms_px=_rms(solution),
         sigma_px=solution.sigma_px,
         drop=np.nan,
@@ -80,6 +86,14 @@ def smallest(fitted: Fitted) -> ModelComparison:
         held_out_gain=np.nan,
         supported=True,
     )
+
+
+def _parameters(solution: Solution) -> float:
+    return len(solution.parameters) + solution.frame_terms
+
+
+def _penalty(estimate: Estimate, model: Model) -> float:
+    return float(np.sum(model.frame_terms.values(estimate) ** 2))
 
 
 def _rms(solution: Solution) -> float:
@@ -92,17 +106,21 @@ def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> Mode
 
 
 def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
-    """Compare two nested models by likelihood, on the inliers of the larger one."""
+    """Compare two nested models by likelihood, on the inliers of the larger one.
+
+    Priors count as likelihood: numbers that they hold neither cost nor gain anything.
+    """
     rows = larger.solution.inliers
     seen = observations.where(rows)
     # Simulated corners without noise would turn rounding errors into significance.
     floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / seen.sigma_px) ** 2))
     squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
+    squares += _penalty(larger.solution.estimate, larger.model)
     at_smaller = _at_minimum(smaller, observations, rows)
     left = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
-    squares_smaller = float(np.sum(left**2)) + floor
-    added = len(larger.solution.parameters) - len(smaller.solution.parameters)
-    spare = 2 * len(seen) - len(larger.solution.parameters) - 6 * len(at_smaller.rig_from_board)
+    squares_smaller = float(np.sum(left**2)) + floor + _penalty(at_smaller, smaller.model)
+    added = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
+    spare = 2 * len(seen) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
     return replace(
         smallest(larger),
@@ -135,10 +153,13 @@ def cross_validated(
     if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
         return comparison
     fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
+    # What a frame has of its own would also fit the errors of a frame that is left out: its corners predict each other.
+    across = larger.model.frame_terms != smaller.model.frame_terms
+    predict = held_out_corners if across else held_out_residuals
     squares, rms_px = [], []
     for fitted in (larger, smaller):
         try:
-            left = held_out_residuals(fitted.solution.estimate, seen, fitted.model, fold)
+            left = predict(fitted.solution.estimate, seen, fitted.model, fold)
         except UndeterminedError:
             return comparison
         squares.append(np.bincount(seen.frame, weights=np.sum(seen.standardised(left) ** 2, axis=1)))

@@ -126,26 +126,26 @@ def select_model(
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = _forward(current, observations, extend=level is None)
+    current, further, alarms, notes = forward(current, observations, ADDITIONS, extend=level is None)
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
     return conclude(current, [*comparisons, *further], observations, alarms, notes)
 
 
-def _forward(
-    current: Fitted, observations: Observations, *, extend: bool
+def forward(
+    current: Fitted, observations: Observations, additions: Sequence[str], *, extend: bool, unplated: str = "glass"
 ) -> tuple[Fitted, list[ModelComparison], list[str], list[str]]:
     """The largest supported model, the comparisons made, alarms and notes.
 
     Unless the model may be extended, the first supported addition raises an alarm instead, as plates always do where
-    the layout has none.
+    the layout has none; `unplated` is the addition that takes the place of "sheet" there.
     """
-    left = [name for name in ADDITIONS if name not in current.name.split("+")]
+    left = [name for name in additions if name not in current.name.split("+")]
     comparisons: list[ModelComparison] = []
     alarms: list[str] = []
     notes: list[str] = []
     while left:
-        tried, undetermined = _tried(current, left, observations)
+        tried, undetermined = _tried(current, left, observations, unplated)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in tried]
@@ -165,15 +165,14 @@ def _forward(
     return current, comparisons, alarms, notes
 
 
-def _tried(current: Fitted, left: Sequence[str], observations: Observations) -> tuple[list[Fitted], list[str]]:
-    """The fits with one more addition each, and a note on each addition that the corners do not determine.
-
-    Where the layout has no plate to vary, the addition "glass" takes the place of "sheet".
-    """
+def _tried(
+    current: Fitted, left: Sequence[str], observations: Observations, unplated: str
+) -> tuple[list[Fitted], list[str]]:
+    """The fits with one more addition each, and a note on each addition that the corners do not determine."""
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     found, notes = [], []
     for name in left:
-        addition = "glass" if name == "sheet" and not plates else name
+        addition = unplated if name == "sheet" and not plates else name
         try:
             found.append(fit_with(addition, current, observations))
         except UndeterminedError as error:

@@ -2,7 +2,8 @@
 
 `paper`: virtual centres and board poses, with the camera held. `joint`: intrinsics as well. Above that, in any order:
 `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of the
-board.
+board. `bow`: a board that bows otherwise in each frame. `turn`: a camera that yields between frames. `board`: free
+corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once.
 """
 
 from __future__ import annotations
@@ -14,15 +15,26 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
+from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.plate import rise_mm
 
-ADDITIONS = ("sheet", "bend", "warp")
+ADDITIONS = ("sheet", "bend", "warp", "bow")
+DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
+"""What is tried where frames show their board directly and in mirrors at once."""
+PRIOR_ROUNDS = 3
+"""Fits after which the width of a prior, which follows the fit, changes no more."""
+TURN_PX = 0.5
+"""Standard deviation of what is left of a camera's turn once the background's is taken out."""
+FIRST_BOW, LEAST_BOW = 0.02, 1e-4
+"""Standard deviation of the bow of boards to start from, and the smallest, relative to a board's larger side."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """The plate to start from where the layout has first-surface mirrors; its index is that of acrylic."""
+THIN, GLASS_INDEX = 0.01, 1.52
+"""Thickness relative to the mirrors' mean distance, and index of soda-lime glass, where there is no layout."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +51,7 @@ def fit_as(name: str, start: Estimate, observations: Observations, model: Model)
     return Fitted(name, model, fit(start, observations, model))
 
 
-def additions_of(level: str) -> tuple[str, ...]:
+def additions_of(level: str, known: Sequence[str] = ADDITIONS) -> tuple[str, ...]:
     """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else.
 
     "glass" is an addition for comparison alone: its fit changes mirrors from first- to second-surface, which a layout
@@ -51,9 +63,9 @@ def additions_of(level: str) -> tuple[str, ...]:
             f"level {level!r} serves only to detect second-surface mirrors that the layout has as first-surface: "
             f"state their surface, thickness and index in the layout and use {level.replace('glass', 'sheet')}"
         )
-    known = first in {"paper", "joint"} and all(name in ADDITIONS for name in additions)
-    if not known or (first == "paper" and additions) or len(set(additions)) < len(additions):
-        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(ADDITIONS)} (joint+bend)")
+    fits = first in {"paper", "joint"} and all(name in known for name in additions)
+    if not fits or (first == "paper" and additions) or len(set(additions)) < len(additions):
+        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(known)} (joint+bow)")
     return tuple(additions)
 
 
@@ -62,14 +74,9 @@ def paper_model(corners_in_board_mm: FloatArray) -> Model:
     return Model((), thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
 
 
-def joint_model(corners_in_board_mm: FloatArray, additions: Sequence[str] = ()) -> Model:
-    """The model with free intrinsics and some additions."""
-    return Model(
-        INTRINSIC_NAMES,
-        thickness="sheet" in additions or "glass" in additions,
-        curvature="bend" in additions,
-        board=Board.warped(corners_in_board_mm) if "warp" in additions else Board.rigid(corners_in_board_mm),
-    )
+def joint_model(corners_in_board_mm: FloatArray) -> Model:
+    """The model with free intrinsics."""
+    return Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
 
 
 def first_fit(start: Estimate, observations: Observations, corners_in_board_mm: FloatArray) -> Estimate:
@@ -81,38 +88,83 @@ def first_fit(start: Estimate, observations: Observations, corners_in_board_mm: 
         return paper
 
 
+def extended(model: Model, addition: str) -> Model:
+    """The next larger model: one with an addition whose numbers all frames share."""
+    if addition in {"sheet", "glass", "plates"}:
+        return replace(model, thickness=True)
+    if addition == "bend":
+        return replace(model, curvature=True)
+    shapes = {"warp": Board.warped, "board": Board.free}[addition]
+    return replace(model, board=shapes(model.board.corners_in_board_mm))
+
+
 def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitted:
     """Fit the next larger model: a fitted one with an addition.
 
-    The addition "glass" stands for plates on mirrors that the layout describes as first-surface. Raises InputError for
-    "sheet" on such a layout, and UndeterminedError where the corners do not suffice.
+    Two additions stand for "sheet" where the mirrors are described as first-surface: "glass", for comparison alone, and
+    "plates", where nothing is known of the mirrors beforehand. Raises InputError for "sheet" there, and
+    UndeterminedError where the corners do not suffice.
     """
     estimate = smaller.solution.estimate
+    name = f"{smaller.name}+{'sheet' if addition == 'plates' else addition}"
     if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
         raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
-    if addition == "warp":
-        estimate = replace(estimate, shape=np.zeros(2))
+    if addition in {"turn", "bow"}:
+        return _fit_with_terms(name, smaller, observations, addition)
     if addition == "glass":
-        estimate = as_second_surface(estimate)
-    name = f"{smaller.name}+{addition}"
-    model = joint_model(smaller.model.board.corners_in_board_mm, name.split("+"))
+        estimate = as_second_surface(estimate, PLATE_MM, PLATE_INDEX)
+    if addition == "plates":
+        distance = float(np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1).mean()) / 2.0
+        estimate = as_second_surface(estimate, THIN * distance, GLASS_INDEX)
+    model = extended(smaller.model, addition)
+    if len(model.board.modes) != len(estimate.shape):
+        estimate = replace(estimate, shape=np.zeros(len(model.board.modes)))
     return fit_as(name, estimate, observations, model)
 
 
-def as_second_surface(estimate: Estimate) -> Estimate:
+def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
+    """Fit with one more kind of numbers of single frames, under priors that follow the noise and the bows found."""
+    sigma_px, terms = smaller.solution.sigma_px, smaller.model.frame_terms
+    turns = addition == "turn" or terms.turn_px_per_rad is not None
+    bows = addition == "bow" or terms.bow_px_per_mm is not None
+    board, estimate = smaller.model.board, smaller.solution.estimate
+    size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
+    bow_mm = FIRST_BOW * size
+    for _ in range(PRIOR_ROUNDS):
+        priors = FrameTerms(
+            turn_px_per_rad=sigma_px * estimate.camera.fx_px / TURN_PX if turns else None,
+            bow_px_per_mm=sigma_px / bow_mm if bows else None,
+        )
+        fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
+        sigma_px, estimate = fitted.solution.sigma_px, fitted.solution.estimate
+        if bows:
+            bow_mm = max(_width_of_bows(fitted, observations), LEAST_BOW * size)
+    return fitted
+
+
+def _width_of_bows(fitted: Fitted, observations: Observations) -> float:
+    """Standard deviation of the bows of all frames: what was found, and what it may be off (a step of EM)."""
+    solution, model = fitted.solution, fitted.model
+    rows = observations.where(solution.inliers)
+    own = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
+    variance = solution.sigma_px**2 * np.einsum("fii->fi", np.linalg.inv(own))[:, -3:]
+    return float(np.sqrt(np.mean(solution.estimate.bow_mm**2 + variance)))
+
+
+def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> Estimate:
     """The estimate with second-surface mirrors that look the same along the chief ray of each."""
     centres = estimate.virtual_centres_in_rig_mm
     distance = np.linalg.norm(centres, axis=1) / 2.0
     foot = centres / 2.0
     middles = estimate.middles_in_rig_mm
     across = np.linalg.norm(middles - foot - _projected(middles - foot, centres), axis=1)
-    rise = rise_mm(across / distance, PLATE_MM, PLATE_INDEX)
+    rise = rise_mm(across / distance, thickness_mm, index)
     mirrors = len(centres)
     return replace(
         estimate,
         virtual_centres_in_rig_mm=centres * (1.0 + rise / distance)[:, None],
-        thickness_mm=np.full(mirrors, PLATE_MM),
-        refractive_index=np.full(mirrors, PLATE_INDEX),
+        thickness_mm=np.full(mirrors, thickness_mm),
+        refractive_index=np.full(mirrors, index),
     )
 
 

@@ -120,7 +120,7 @@ def _agreeing(
         return mirrored, direct, 1.0, notes
     direct = with_noise_of_views(direct, _direct_residuals(_packed(direct), estimate, layout, free))
     still = np.isin(numbers, mirrored.frame)
-    estimate = replace(estimate, rig_from_board=estimate.rig_from_board[still])
+    estimate = estimate.of_frames(still)
     ratio = _least_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
     notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
     return mirrored, direct, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
@@ -171,7 +171,7 @@ def _camera_disagreement(
     direct, without = _cleaned(direct, start, model)
     both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
     poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
-    common, _ = minimise(replace(with_mirrors, rig_from_board=poses), both, model)
+    common, _ = minimise(with_mirrors.with_poses(poses), both, model)
     return consistency.camera_disagreement(
         [_standardised(with_mirrors, mirrored, model), _standardised(without, direct, model)],
         _standardised(common, both, model),

@@ -18,9 +18,15 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison, compare, smallest
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude
-from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
+from mirrorcam.optics.calibration.diagnostics.nested_models import (
+    DIRECT_ADDITIONS,
+    Fitted,
+    additions_of,
+    fit_as,
+    fit_with,
+)
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
@@ -33,7 +39,6 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
-PLATE_START, GLASS_INDEX = 0.01, 1.52  # thickness relative to the mirrors' mean distance; soda-lime glass
 
 
 def calibrate_with_direct_view(
@@ -92,7 +97,7 @@ def calibrate_with_direct_view(
         observations = _confirmed(shown, first, target)
         flat = fit_as("joint", first.estimate, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
-        selection, drawn = select_model_with_free_board(flat, observations)
+        selection, drawn = select_direct_model(flat, observations)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     return direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
@@ -128,11 +133,10 @@ def _steadied(
     return flat, observations, None
 
 
-def select_model_with_free_board(flat: Fitted, observations: Observations) -> tuple[ModelSelection, Solution]:
-    """Select from first- and second-surface mirrors, with the board as drawn and with free corners.
-
-    Second-surface mirrors are compared before and, where not supported, once more after the free board, because an
-    inexact board hides them.
+def select_direct_model(
+    flat: Fitted, observations: Observations, *, level: str | None = None
+) -> tuple[ModelSelection, Solution]:
+    """Fit a given level, or select one by forward selection among `DIRECT_ADDITIONS`.
 
     Parameters
     ----------
@@ -140,53 +144,34 @@ def select_model_with_free_board(flat: Fitted, observations: Observations) -> tu
         The fit of first-surface mirrors with the board as drawn.
     observations
         The corners.
+    level
+        Model to fit, `joint` with any of the additions; None selects one.
 
     Returns
     -------
     selection
         The selected model.
     drawn
-        The fit of the same model with the board as drawn.
+        The fit of the same mirrors and camera with the board as drawn, in all frames.
     """
-    comparisons = [smallest(flat)]
-    drawn, comparison = _with_plates(flat, observations)
-    comparisons.append(comparison)
-    board = Board.free(flat.model.board.corners_in_board_mm)
-    current = fit_as(
-        f"{drawn.name}+board",
-        replace(drawn.solution.estimate, shape=np.zeros(len(board.modes))),
-        observations,
-        replace(drawn.model, board=board),
+    comparisons, current = [smallest(flat)], flat
+    for name in () if level is None else additions_of(level, DIRECT_ADDITIONS):
+        larger = fit_with("plates" if name == "sheet" else name, current, observations)
+        comparisons.append(compare(larger, current, observations))
+        current = larger
+    current, further, alarms, notes = forward(
+        current, observations, DIRECT_ADDITIONS, extend=level is None, unplated="plates"
     )
-    comparisons.append(compare(current, drawn, observations))
-    if not comparisons[-1].supported:
-        return conclude(drawn, comparisons, observations), drawn.solution
-    if not current.model.thickness:
-        current, comparison = _with_plates(current, observations)
-        comparisons.append(comparison)
-    if current.model.thickness and not drawn.model.thickness:
-        as_drawn = replace(current.solution.estimate, shape=np.zeros(0))
-        drawn = fit_as("as drawn", as_drawn, observations, replace(current.model, board=flat.model.board))
-    return conclude(current, comparisons, observations), drawn.solution
+    terms = replace(current.model.frame_terms, bow_px_per_mm=None)
+    as_drawn = replace(current.model, board=flat.model.board, frame_terms=terms)
+    estimate = current.solution.estimate
+    start = replace(estimate, shape=np.zeros(0), bow_mm=np.zeros_like(estimate.bow_mm))
+    drawn = fit(start, observations, as_drawn)
+    return conclude(current, [*comparisons, *further], observations, alarms, notes), drawn
 
 
 def _squares(solution: Solution) -> float:
     return float(np.sum(solution.standardised**2))
-
-
-def _with_plates(plain: Fitted, observations: Observations) -> tuple[Fitted, ModelComparison]:
-    """The fit with second-surface mirrors of one thickness where the corners support it, otherwise `plain`."""
-    estimate = plain.solution.estimate
-    distances = np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1) / 2.0
-    count = len(distances)
-    start = replace(
-        estimate,
-        thickness_mm=np.full(count, PLATE_START * distances.mean()),
-        refractive_index=np.full(count, GLASS_INDEX),
-    )
-    plates = fit_as(f"{plain.name}+sheet", start, observations, replace(plain.model, thickness=True))
-    comparison = compare(plates, plain, observations)
-    return plates if comparison.supported else plain, comparison
 
 
 def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoard:

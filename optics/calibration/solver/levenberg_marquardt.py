@@ -62,8 +62,10 @@ class Solution:
     parameters
         Names (g,) of the free globals.
     covariance
-        Covariance (g, g) of the free globals, with the board's poses marginalised: scale^2 times the inverse of the
-        reduced normal matrix.
+        Covariance (g, g) of the free globals, with the board's poses and what else is of single frames marginalised:
+        scale^2 times the inverse of the reduced normal matrix.
+    frame_terms
+        How many numbers of single frames, besides the poses, the corners determine rather than their priors.
     """
 
     estimate: Estimate
@@ -75,6 +77,7 @@ class Solution:
     sigma_px: float
     parameters: tuple[str, ...]
     covariance: FloatArray
+    frame_terms: float = 0.0
 
     @property
     def rms_px(self) -> FloatArray:
@@ -105,7 +108,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     if model.thickness and not (start.thickness_mm > 0.0).any():
         raise UndeterminedError("no mirror is second-surface, so no plate thickness can be determined")
     parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
-    unknowns = len(parameters) + 6 * len(start.rig_from_board)
+    frames = len(start.rig_from_board)
     estimate, iterations = start, 0
     # Far from the minimum, free curvatures would mislead the thickness, which has little effect beside them.
     for stage in [replace(model, thickness=False)] * (model.thickness and model.curvature) + [model]:
@@ -117,9 +120,11 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     while True:
         inliers &= ~_outliers(r, observations.view, inliers, scale)
         kept = observations.where(inliers)
+        terms = effective_frame_terms(estimate, kept, model)
+        unknowns = len(parameters) + 6 * frames + terms
         spare = 2 * len(kept) - unknowns
         if spare <= 0:
-            raise UndeterminedError(f"{len(kept)} corners for {unknowns} unknowns, expected more")
+            raise UndeterminedError(f"{len(kept)} corners for {unknowns:.0f} unknowns, expected more")
         estimate, steps = minimise(estimate, kept, model)
         iterations += steps
         r_px = residuals(estimate, observations, model.board)
@@ -129,7 +134,20 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
             break
     covariance = scale**2 * _inverse_information(estimate, kept, model)
     sigma_px = scale * float(np.median(kept.sigma_px))
-    return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance)
+    return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance, terms)
+
+
+def effective_frame_terms(estimate: Estimate, observations: Observations, model: Model) -> float:
+    """How many of the numbers of single frames besides the poses the corners determine, rather than their priors."""
+    weights = model.frame_terms.weights[6:]
+    if not weights.size:
+        return 0.0
+    normal = normal_equations(estimate, Grouped.of(observations, model), model)
+    try:
+        left = np.linalg.inv(normal.v)[:, 6:, 6:]
+    except np.linalg.LinAlgError:
+        raise UndeterminedError(f"{len(observations)} corners do not determine the pose of a board") from None
+    return float(weights.size * len(left) - np.sum(np.einsum("fii->fi", left) * weights**2))
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
@@ -179,7 +197,7 @@ def minimise(
     iterations = 0
     while iterations < max_iterations:
         iterations += 1
-        cost = _squares(r)
+        cost = _squares(r) + _squares(model.frame_terms.values(estimate))
         normal = normal_equations(estimate, grouped, model)
         found = _descend(estimate, grouped, model, normal, damping, _squares, cost)
         if found is None:
@@ -208,7 +226,8 @@ def start_robustly(start: Estimate, observations: Observations, model: Model) ->
         iterations += 1
         loss = _Huber(HUBER_SCALE * scale)
         normal = normal_equations(estimate, grouped, model, loss.root_weights(r))
-        found = _descend(estimate, grouped, model, normal, damping, loss, loss(r))
+        cost = loss(r) + _squares(model.frame_terms.values(estimate))
+        found = _descend(estimate, grouped, model, normal, damping, loss, cost)
         if found is None:
             break
         estimate, r, _ = found
@@ -282,7 +301,7 @@ def _descend(
         trial = _trial(estimate, model, step_global, step_poses)
         if trial is not None:
             r = residuals_of(trial, grouped, model)
-            gain = cost - loss(r)
+            gain = cost - loss(r) - _squares(model.frame_terms.values(trial))
             if gain >= 0.0:
                 damping.accepted(gain / predicted)
                 return trial, r, predicted
@@ -290,13 +309,15 @@ def _descend(
     return None
 
 
-def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_poses: FloatArray) -> Estimate | None:
+def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_own: FloatArray) -> Estimate | None:
     """The estimate after a step; None where the camera or a plate would become impossible."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     step = np.zeros(len(global_names(mirrors, estimate.shape.size)))
     step[model.free(mirrors)] = step_free
     focal = estimate.camera.intrinsics[:2] + step[:2]
-    if not np.isfinite(step).all() or not np.isfinite(step_poses).all() or (focal <= 0.0).any():
+    if not np.isfinite(step).all() or not np.isfinite(step_own).all() or (focal <= 0.0).any():
         return None
-    moved = estimate.moved(step, step_poses)
+    step_frames = np.zeros((len(step_own), 12))
+    step_frames[:, model.frame_terms.free] = step_own
+    moved = estimate.moved(step, step_frames)
     return moved if np.array_equal(moved.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None

@@ -1,8 +1,9 @@
-"""NormalEquations equations of a calibration, summed over groups of corners that share frame and view.
+"""Normal equations of a calibration, summed over groups of corners that share frame and view.
 
 The pixels of a corner depend on the intrinsics, its own mirror, the plate thickness, the board's modes and the pose of
 its own frame: some 20 parameters, where a dense row would have hundreds of columns. The products of each group are
-computed separately and added in their places. The poses are then eliminated by the Schur complement.
+computed separately and added in their places. The poses, and what else is of single frames, are then eliminated by the
+Schur complement.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Estimate, Linearized, linearized, mirrors_of_views
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, Linearized, linearized, mirrors_of_views
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.mirror_imaging import images
 
@@ -97,7 +99,10 @@ class Grouped:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """NormalEquations equations with a block per frame: globals u (g, g), poses v (f, 6, 6), coupling w (f, 6, g)."""
+    """Normal equations with a block per frame: globals u (g, g), frames v (f, d, d), coupling w (f, d, g).
+
+    The numbers of a frame are those of its pose and of the model's `frame_terms`, with their priors.
+    """
 
     u: FloatArray
     v: FloatArray
@@ -106,18 +111,19 @@ class NormalEquations:
     gradient_poses: FloatArray
 
     def reduced(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """The matrix (g, g) of the globals with the poses eliminated, and V^-1 [W, gradient] (f, 6, g + 1).
+        """The matrix (g, g) of the globals with the frames eliminated, and V^-1 [W, gradient] (f, d, g + 1).
 
         Every diagonal is raised by `damping` of itself. Raises LinAlgError where a frame has no definite pose.
         """
-        v = self.v + damping * self.v * np.eye(6)
+        own = self.v.shape[1]
+        v = self.v + damping * self.v * np.eye(own)
         solved = np.linalg.solve(v, np.concatenate([self.w, self.gradient_poses[:, :, None]], axis=2))
-        flat = (6 * len(v), len(self.u))
+        flat = (own * len(v), len(self.u))
         matrix = self.u - self.w.reshape(flat).T @ solved[:, :, :-1].reshape(flat)
         return matrix + damping * np.diag(np.diag(self.u)), solved
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray, float]:
-        """The damped step of globals (g,) and poses (f, 6), and the decrease of the cost that it predicts.
+        """The damped step of globals (g,) and frames (f, d), and the decrease of the cost that it predicts.
 
         Raises LinAlgError where the matrix is not definite.
         """
@@ -137,8 +143,11 @@ def normal_equations(
     """Normal equations at an estimate; rows (n,) in `grouped.order` have the squares of `root_weights` as weights."""
     places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
     size, frames = places.size, len(estimate.rig_from_board)
-    u, v, w = np.zeros((size, size)), np.zeros((frames, 6, 6)), np.zeros((frames, 6, size))
-    gradient_global, gradient_poses = np.zeros(size), np.zeros((frames, 6))
+    weights = model.frame_terms.weights
+    own = len(weights)
+    u, w = np.zeros((size, size)), np.zeros((frames, own, size))
+    v = np.tile(np.diag(weights**2), (frames, 1, 1))
+    gradient_global, gradient_poses = np.zeros(size), weights * model.frame_terms.values(estimate)
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
@@ -149,11 +158,12 @@ def normal_equations(
             x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
             np.add(x @ x.T, y @ y.T, out=total)
         at, frame = places.of_groups(chunk.group_view), chunk.group_frame
-        np.add.at(v, frame, sums[:, :6, :6])
-        np.add.at(gradient_poses, frame, sums[:, :6, 6])
-        np.add.at(w, (frame[:, None, None], np.arange(6)[None, :, None], at[:, None, :]), sums[:, :6, 7:])
-        np.add.at(u, (at[:, :, None], at[:, None, :]), sums[:, 7:, 7:])
-        np.add.at(gradient_global, at, sums[:, 7:, 6])
+        last = own + 1
+        np.add.at(v, frame, sums[:, :own, :own])
+        np.add.at(gradient_poses, frame, sums[:, :own, own])
+        np.add.at(w, (frame[:, None, None], np.arange(own)[None, :, None], at[:, None, :]), sums[:, :own, last:])
+        np.add.at(u, (at[:, :, None], at[:, None, :]), sums[:, last:, last:])
+        np.add.at(gradient_global, at, sums[:, last:, own])
     return NormalEquations(u, v, w, gradient_global, gradient_poses)
 
 
@@ -191,15 +201,27 @@ class Places:
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the pose (6), the residual (1), by the free globals.
+    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's own (d), the residual (1), the free globals.
 
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the plate thickness, and the
     modes.
     """
-    turned, in_rig = _in_rig(estimate, chunk, corners)
+    turned, in_rig = _in_rig(estimate, chunk, corners, model.board)
     mirrors = None if chunk.direct else mirrors_of_views(estimate, chunk.view)
-    at = linearized(estimate.camera, turned, in_rig, mirrors, bent=model.curvature)
-    parts = [at.turn, at.corner, (at.pixels - chunk.pixels)[:, None]]
+    at = linearized(
+        estimate.camera,
+        turned,
+        in_rig,
+        mirrors,
+        bent=model.curvature,
+        camera_from_rig=_camera_from_rig(estimate, chunk),
+    )
+    parts = [at.turn, at.corner]
+    if model.frame_terms.turn_px_per_rad is not None:
+        parts.append(at.camera_turn)
+    if model.frame_terms.bow_px_per_mm is not None:
+        parts.append(_by_board(at, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
+    parts.append((at.pixels - chunk.pixels)[:, None])
     parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
     if mirrors is not None:
         parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
@@ -217,9 +239,12 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     return columns
 
 
-def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board) -> tuple[FloatArray, FloatArray]:
     """The chunk's corners (3, n) of a board's (3, c): in rig axes about the board's origin, and in rig."""
     in_board = corners[:, chunk.corner]
+    if estimate.bow_mm.any():
+        for frame, first, last in chunk.runs:
+            in_board[2, first:last] += estimate.bow_mm[frame] @ board.bows[:, chunk.corner[first:last]]
     turned, in_rig = np.empty_like(in_board), np.empty_like(in_board)
     for frame, first, last in chunk.runs:
         pose = estimate.rig_from_board[frame]
@@ -228,12 +253,27 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray) -> tuple[Floa
     return turned, in_rig
 
 
+def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
+    """Rotations (3, 3, n) of the camera at the chunk's corners; None where it was not turned in any frame."""
+    if not estimate.camera_turn.any():
+        return None
+    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+    counts = [last - first for _, first, last in chunk.runs]
+    return np.repeat(turns[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
+
+
 def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
     """Derivatives (2, k, n) by the modes (k, n, 3) of the corners."""
+    by_board = _by_board(at, estimate, chunk)
+    return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
+
+
+def _by_board(at: Linearized, estimate: Estimate, chunk: Chunk) -> FloatArray:
+    """Derivatives (2, 3, n) by the corners in the frame of the board."""
     by_board = np.empty_like(at.corner)
     for frame, first, last in chunk.runs:
         by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ at.corner[:, :, first:last]
-    return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
+    return by_board
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
@@ -244,8 +284,11 @@ def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArr
     found = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
-        _, seen = _in_rig(estimate, chunk, corners)
+        _, seen = _in_rig(estimate, chunk, corners, model.board)
         if not chunk.direct:
             seen = images(seen, mirrors_of_views(estimate, chunk.view)).image_mm
+        camera_from_rig = _camera_from_rig(estimate, chunk)
+        if camera_from_rig is not None:
+            seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
         found[:, chunk.rows] = (estimate.camera.project(seen.T).T - chunk.pixels) * chunk.per_sigma
     return found

@@ -7,8 +7,46 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.calibration.solver.residuals import Board, global_names
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import IntArray
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+
+
+@dataclass(frozen=True)
+class FrameTerms:
+    """What a fit may change in single frames besides the board's pose, each with a normal prior around zero.
+
+    A prior is given as the residual, px, that is as improbable as a value of 1: the standard deviation of residuals
+    over that of the value.
+
+    Attributes
+    ----------
+    turn_px_per_rad
+        Prior of the camera's rotation vector; None where the camera is not turned.
+    bow_px_per_mm
+        Prior of the bow of the board; None where every frame has the same board.
+    """
+
+    turn_px_per_rad: float | None = None
+    bow_px_per_mm: float | None = None
+
+    @property
+    def free(self) -> IntArray:
+        """Which of the numbers of a frame (12), as `Estimate.moved` has them, are free."""
+        turn, bow = (given is not None for given in (self.turn_px_per_rad, self.bow_px_per_mm))
+        return np.array([*range(6), *range(6, 6 + 3 * turn), *range(9, 9 + 3 * bow)], dtype=np.int64)
+
+    @property
+    def weights(self) -> FloatArray:
+        """The priors (d,) of the free numbers of a frame; 0 for the pose."""
+        given = [weight for weight in (self.turn_px_per_rad, self.bow_px_per_mm) if weight is not None]
+        return np.concatenate([np.zeros(6), np.repeat(given, 3)])
+
+    def values(self, estimate: Estimate) -> FloatArray:
+        """The weighted values (f, d) of the free numbers of all frames: their squares add to the cost."""
+        every = np.concatenate([np.zeros((len(estimate.rig_from_board), 6)), estimate.camera_turn, estimate.bow_mm], 1)
+        return np.asarray(every[:, self.free] * self.weights)
 
 
 @dataclass(frozen=True)
@@ -28,6 +66,8 @@ class Model:
         The corners as drawn and the modes by which they may differ; every mode is free.
     mirrors
         The virtual centres; where they are held, a fit only finds the board's poses.
+    frame_terms
+        What is free in single frames besides the pose.
     """
 
     intrinsics: tuple[str, ...]
@@ -35,6 +75,7 @@ class Model:
     curvature: bool
     board: Board
     mirrors: bool = True
+    frame_terms: FrameTerms = FrameTerms()
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.intrinsics if name not in INTRINSIC_NAMES]

@@ -1,15 +1,18 @@
 """Reprojection residuals of corners seen directly or through one mirror, and their exact derivatives.
 
-A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k) + t_f in rig in frame f. Seen
-directly it projects from X; through a mirror it projects from its image (`geometry.mirror_imaging`).
+A corner X_b of the board, with its modes of deformation, is X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in rig
+in frame f, where b_f bows the board in this frame alone. Seen directly it projects from X; through a mirror it projects
+from its image (`geometry.mirror_imaging`). Both are rotated by exp(w_f) where the camera was turned in frame f.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
@@ -48,9 +51,8 @@ class Board:
     @classmethod
     def warped(cls, corners_in_board_mm: FloatArray) -> Board:
         """A board that bows as two parabolas, along x and along y; a coefficient is the sag in mm at its edge."""
-        centred = corners_in_board_mm - (corners_in_board_mm.min(axis=0) + corners_in_board_mm.max(axis=0)) / 2.0
         modes = np.zeros((2, *corners_in_board_mm.shape))
-        modes[:, :, 2] = np.square(centred[:, :2] / np.abs(centred[:, :2]).max(axis=0)).T
+        modes[:, :, 2] = cls.rigid(corners_in_board_mm).bows[:2]
         return cls(corners_in_board_mm, modes)
 
     @classmethod
@@ -68,6 +70,19 @@ class Board:
         directions = np.array(gauge).reshape(7, -1)
         _, _, rows = np.linalg.svd(directions)
         return cls(corners_in_board_mm, rows[7:].reshape(-1, count, 3))
+
+    @cached_property
+    def bows(self) -> FloatArray:
+        """Heights (3, c) of the corners of boards bowed as x^2, y^2 and xy, from -1 to 1 across."""
+        x, y = self.middle_to_corners.T
+        return np.stack([x * x, y * y, x * y])
+
+    @property
+    def middle_to_corners(self) -> FloatArray:
+        """Places (c, 2) of the corners on the drawing from its middle, relative to the largest x and y."""
+        flat = self.corners_in_board_mm[:, :2]
+        centred = flat - (flat.min(axis=0) + flat.max(axis=0)) / 2.0
+        return np.asarray(centred / np.maximum(np.abs(centred).max(axis=0), 1e-9))
 
     def shaped(self, shape: FloatArray) -> FloatArray:
         """The corners (c, 3) mm with coefficients (k,) of the modes."""
@@ -97,6 +112,10 @@ class Estimate:
     middles_in_rig_mm
         Points (m, 3), the middles of the outlines as designed, whose feet on the planes are the origins of the mirrors'
         own frames. Default: the feet of the pupil.
+    camera_turn
+        Rotation vectors (f, 3), rad, of the camera in each frame, from rig to the camera's axes. Default: none.
+    bow_mm
+        Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
     """
 
     camera: Camera
@@ -107,10 +126,14 @@ class Estimate:
     refractive_index: FloatArray = field(default_factory=lambda: np.zeros(0))
     curvature_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     middles_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    camera_turn: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
         plain = {
+            "camera_turn": np.zeros((len(self.rig_from_board), 3)),
+            "bow_mm": np.zeros((len(self.rig_from_board), 3)),
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
             "curvature_per_m": np.zeros((mirrors, 3)),
@@ -135,12 +158,28 @@ class Estimate:
             middles_in_rig_mm=np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in mirrors]),
         )
 
-    def moved(self, step_global: FloatArray, step_poses: FloatArray) -> Estimate:
-        """Apply a step of all globals, in the order of `global_names`, and twists (f, 6): rotation, translation.
+    def with_poses(self, rig_from_board: FloatArray) -> Self:
+        """The same camera and mirrors with other board poses (f, 4, 4), and nothing else that is of single frames."""
+        none = np.zeros((0, 3))
+        return replace(self, rig_from_board=rig_from_board, camera_turn=none, bow_mm=none)
 
-        A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The correction
-        of thickness applies to every plate.
+    def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
+        """The same with the numbers of some frames."""
+        return replace(
+            self,
+            rig_from_board=self.rig_from_board[frames],
+            camera_turn=self.camera_turn[frames],
+            bow_mm=self.bow_mm[frames],
+        )
+
+    def moved(self, step_global: FloatArray, step_frames: FloatArray) -> Estimate:
+        """Apply a step of all globals, in the order of `global_names`, and of each frame's own numbers.
+
+        These are (f, 6), a twist of rotation and translation, or (f, 12), then also the camera's turn and the bow. A
+        rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The correction of
+        thickness applies to every plate.
         """
+        step_poses, step_turn, step_bow = np.split(step_frames, [6, 9], axis=1)
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
@@ -156,7 +195,16 @@ class Estimate:
             shape=self.shape + shape,
             thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
+            camera_turn=_turned_on(self.camera_turn, step_turn),
+            bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
         )
+
+
+def _turned_on(turn: FloatArray, step: FloatArray) -> FloatArray:
+    """Rotation vectors (f, 3) with steps (f, 3), or none, applied after them."""
+    if not step.size:
+        return turn
+    return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(turn)).as_rotvec())
 
 
 def points_at_camera(
@@ -171,15 +219,21 @@ def points_at_camera(
     in_rig
         The corners in rig (n, 3), mm.
     seen
-        Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` where seen directly.
+        Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` where seen directly. Where
+        the camera was turned, in its axes.
     """
     poses = estimate.rig_from_board[observations.frame]
-    turned = np.einsum("nij,nj->ni", poses[:, :3, :3], board.shaped(estimate.shape)[observations.corner])
+    in_board = board.shaped(estimate.shape)[observations.corner]
+    in_board[:, 2] += np.einsum("nk,kn->n", estimate.bow_mm[observations.frame], board.bows[:, observations.corner])
+    turned = np.einsum("nij,nj->ni", poses[:, :3, :3], in_board)
     in_rig = turned + poses[:, :3, 3]
     seen = in_rig.copy()
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
     seen[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
+    if estimate.camera_turn.any():
+        turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
+        seen = np.einsum("nij,nj->ni", turns[observations.frame], seen)
     return turned, in_rig, seen
 
 
@@ -205,8 +259,8 @@ class Linearized:
     """Predicted pixels (2, n) and their derivatives, component first.
 
     The derivatives are with respect to the intrinsics (2, 9, n), the mirror's virtual centre (2, 3, n), thickness
-    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), and the rotation of the board about its
-    origin (2, 3, n).
+    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin
+    (2, 3, n), and the camera's turn (2, 3, n).
     """
 
     pixels: FloatArray
@@ -216,10 +270,17 @@ class Linearized:
     curvature: FloatArray
     corner: FloatArray
     turn: FloatArray
+    camera_turn: FloatArray
 
 
 def linearized(
-    camera: Camera, turned: FloatArray, in_rig: FloatArray, mirrors: MirrorArrays | None, *, bent: bool
+    camera: Camera,
+    turned: FloatArray,
+    in_rig: FloatArray,
+    mirrors: MirrorArrays | None,
+    *,
+    bent: bool,
+    camera_from_rig: FloatArray | None = None,
 ) -> Linearized:
     """Linearise the projection of corners through mirrors, or directly.
 
@@ -233,16 +294,19 @@ def linearized(
         The mirror of each corner; None where they are seen directly.
     bent
         Whether the derivatives by curvature are needed.
+    camera_from_rig
+        Rotations (3, 3, n) of the camera at each corner; None where it was not turned.
     """
     found = None if mirrors is None else images(in_rig, mirrors, bent=bent)
-    pixels, by_seen, by_intrinsics = camera.project_with_jacobians((in_rig if found is None else found.image_mm).T)
+    seen = in_rig if found is None else found.image_mm
+    if camera_from_rig is not None:
+        seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
+    pixels, by_seen, by_intrinsics = camera.project_with_jacobians(seen.T)
     rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
+    camera_turn = _by_rotation(seen, rows)
+    if camera_from_rig is not None:
+        rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
     change = ImageDerivatives(rows, none, none, none) if found is None else found.vjp(rows)
-    x, y, z = change.point[:, 0], change.point[:, 1], change.point[:, 2]
-    # J (w x p) = w . (p x J)
-    turn = np.stack(
-        [turned[1] * z - turned[2] * y, turned[2] * x - turned[0] * z, turned[0] * y - turned[1] * x], axis=1
-    )
     return Linearized(
         pixels.T,
         by_intrinsics.transpose(1, 2, 0),
@@ -250,39 +314,50 @@ def linearized(
         change.thickness,
         change.curvature,
         change.point,
-        turn,
+        _by_rotation(turned, change.point),
+        camera_turn,
+    )
+
+
+def _by_rotation(points: FloatArray, by_point: FloatArray) -> FloatArray:
+    """Derivatives (2, 3, n) by a rotation of points (3, n), from those by the points: J (w x p) = w . (p x J)."""
+    x, y, z = by_point[:, 0], by_point[:, 1], by_point[:, 2]
+    return np.stack(
+        [points[1] * z - points[2] * y, points[2] * x - points[0] * z, points[0] * y - points[1] * x], axis=1
     )
 
 
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's own twist (n, 2, 6).
+    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's own numbers (n, 2, 12).
 
-    The globals are those of `global_names`. The result is dense and mostly zeros; the solver itself sums the same
-    blocks by groups (`normal_equations`).
+    The globals are those of `global_names`, the frame's own numbers those of `Estimate.moved`. The result is dense and
+    mostly zeros; the solver itself sums the same blocks by groups (`normal_equations`).
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)
     thickness = N_INTRINSICS + 6 * count
     r = np.empty((len(observations), 2))
     by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
-    by_twist = np.empty((len(observations), 2, 6))
+    by_frame = np.empty((len(observations), 2, 12))
+    turns = Rotation.from_rotvec(estimate.camera_turn).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
         view = observations.view[rows]
         mirrors = None if is_direct else mirrors_of_views(estimate, view)
-        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True)
+        frame, corner = observations.frame[rows], observations.corner[rows]
+        turn = turns[frame].transpose(1, 2, 0)
+        at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=turn)
         r[rows] = at.pixels.T - observations.pixels[rows]
         by_global[rows, :, :N_INTRINSICS] = at.intrinsics.transpose(2, 0, 1)
-        by_twist[rows] = np.concatenate([at.turn, at.corner], axis=1).transpose(2, 0, 1)
-        by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[observations.frame[rows], :3, :3])
-        by_global[rows, :, thickness + 1 :] = np.einsum(
-            "nij,knj->nik", by_corner, board.modes[:, observations.corner[rows]]
-        )
+        by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[frame, :3, :3])
+        by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
+        by_frame[rows, :, :9] = np.concatenate([at.turn, at.corner, at.camera_turn], axis=1).transpose(2, 0, 1)
+        by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
                 by_global[rows, :, N_INTRINSICS + 3 * view + k] = at.centre[:, k].T
                 by_global[rows, :, N_INTRINSICS + 3 * (count + view) + k] = at.curvature[:, k].T
             by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
-    return r, by_global, by_twist
+    return r, by_global, by_frame

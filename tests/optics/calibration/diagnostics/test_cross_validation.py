@@ -36,7 +36,7 @@ def test_frames_are_dealt_so_that_halves_are_alike(scene: Scene) -> None:
 
 def test_frames_alike_go_to_different_halves(scene: Scene) -> None:
     """Each pose twice: whichever order they come in, no half has both."""
-    twice = replace(scene.start, rig_from_board=np.repeat(scene.poses, 2, axis=0))
+    twice = scene.start.with_poses(np.repeat(scene.poses, 2, axis=0))
     parts = [
         replace(scene.clean, frame=2 * scene.clean.frame),
         replace(scene.clean, frame=2 * scene.clean.frame + 1),

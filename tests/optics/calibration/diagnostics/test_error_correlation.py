@@ -79,6 +79,6 @@ def test_a_ratio_that_may_be_chance_widens_nothing_and_none_narrows() -> None:
 def test_one_frame_shares_nothing_that_could_be_told(scene: Scene) -> None:
     seen = scene.noisy(0)
     seen = seen.where(seen.frame == 0)
-    start = replace(scene.start, rig_from_board=scene.poses[:1])
+    start = scene.start.with_poses(scene.poses[:1])
     model = replace(JOINT, intrinsics=())
     assert correlated_errors(fit(start, seen, model), seen, model) == CorrelatedErrors(1.0, 1.0)

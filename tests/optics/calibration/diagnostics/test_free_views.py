@@ -66,7 +66,7 @@ def test_the_minimum_is_that_of_a_general_solver(scene: Scene) -> None:
     frames = [0, 1, 2, 10, 11]
     some = noisy.where(np.isin(noisy.frame, frames))
     seen = replace(some, frame=np.searchsorted(frames, some.frame))
-    start = replace(scene.start, rig_from_board=scene.poses[frames])
+    start = scene.start.with_poses(scene.poses[frames])
     model = replace(JOINT, intrinsics=("fx_px", "fy_px"))
     solution = fit(start, seen, model)
     found = free_views(solution, seen, model)

@@ -10,9 +10,11 @@ import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
+    PLATE_INDEX,
     PLATE_MM,
     additions_of,
     as_second_surface,
+    extended,
     fit_as,
     fit_with,
     joint_model,
@@ -44,17 +46,16 @@ def test_a_level_names_its_additions() -> None:
 
 
 def test_every_model_is_nested_in_the_next() -> None:
-    levels = [(), ("sheet",), ("sheet", "bend"), ("sheet", "bend", "warp")]
-    names = [
-        set(paper_model(CORNERS).parameters(4)),
-        *(set(joint_model(CORNERS, level).parameters(4)) for level in levels),
-    ]
+    models = [joint_model(CORNERS)]
+    for addition in ("sheet", "bend", "warp"):
+        models.append(extended(models[-1], addition))
+    names = [set(model.parameters(4)) for model in (paper_model(CORNERS), *models)]
     assert [len(some) for some in names] == [12, 12 + 9, 12 + 9 + 1, 12 + 9 + 1 + 12, 12 + 9 + 1 + 12 + 2]
     assert all(smaller < larger for smaller, larger in pairwise(names))
 
 
 def test_the_stand_in_for_plates_has_the_same_free_parameters_as_plates() -> None:
-    stand_in, plates = joint_model(CORNERS, ("glass",)), joint_model(CORNERS, ("sheet",))
+    stand_in, plates = extended(joint_model(CORNERS), "glass"), extended(joint_model(CORNERS), "sheet")
     assert stand_in.parameters(4) == plates.parameters(4)
 
 
@@ -67,8 +68,8 @@ def test_plates_look_alike_along_the_chief_rays(scene: Scene) -> None:
     units = start.virtual_centres_in_rig_mm / np.linalg.norm(start.virtual_centres_in_rig_mm, axis=1, keepdims=True)
     reflected = middles - 2.0 * np.sum(middles * units, axis=1, keepdims=True) * units
     points = Board.rigid(middles + 5.0 * reflected)
-    pose = replace(start, rig_from_board=np.eye(4)[None])
-    plates = as_second_surface(pose)
+    pose = start.with_poses(np.eye(4)[None])
+    plates = as_second_surface(pose, PLATE_MM, PLATE_INDEX)
     assert (plates.thickness_mm == PLATE_MM).all()
     np.testing.assert_allclose(residuals(plates, rows, points), residuals(pose, rows, points), atol=0.05)
     unmoved = replace(plates, virtual_centres_in_rig_mm=start.virtual_centres_in_rig_mm)

@@ -14,46 +14,60 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
     normal_equations,
     residuals_of,
 )
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import residuals, residuals_with_jacobians
 from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from tests.optics.calibration.solver.four_mirrors import MIRRORS, Scene, four_mirrors
 
 
 def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
-    """The Jacobian (2 n, g + 6 f) and the residuals (2 n,) of noisy corners, put together without groups."""
-    r, by_global, by_twist = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
-    frames = len(scene.truth.rig_from_board)
-    poses = np.zeros((len(r), 2, frames, 6))
+    """The Jacobian (r, g + d f) and the residuals (r,) of noisy corners and priors, put together without groups."""
+    r, by_global, by_frame = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
+    frames, terms = len(scene.truth.rig_from_board), model.frame_terms
+    own = np.zeros((len(r), 2, frames, len(terms.free)))
     for row, frame in enumerate(scene.clean.frame):
-        poses[row, :, frame] = by_twist[row]
-    columns = np.concatenate([by_global[:, :, model.free(MIRRORS)], poses.reshape(len(r), 2, -1)], axis=2)
-    return columns.reshape(2 * len(r), -1), r.ravel()
+        own[row, :, frame] = by_frame[row][:, terms.free]
+    columns = np.concatenate([by_global[:, :, model.free(MIRRORS)], own.reshape(len(r), 2, -1)], axis=2)
+    columns = columns.reshape(2 * len(r), -1)
+    priors = np.zeros((frames * len(terms.free), columns.shape[1]))
+    priors[:, len(model.free(MIRRORS)) :] = np.diag(np.tile(terms.weights, frames))
+    every = np.array([*r.ravel(), *terms.values(scene.truth).ravel()])
+    known = np.abs(priors).max(axis=1) > 0
+    return np.concatenate([columns, priors[known]]), every[np.append(np.full(r.size, True), known)]
 
 
 def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
     """The whole normal matrix and gradient."""
-    size, frames = len(normal.u), len(normal.v)
-    matrix = np.zeros((size + 6 * frames,) * 2)
+    size, (frames, own, _) = len(normal.u), normal.v.shape
+    matrix = np.zeros((size + own * frames,) * 2)
     matrix[:size, :size] = normal.u
     for frame in range(frames):
-        rows = slice(size + 6 * frame, size + 6 * frame + 6)
+        rows = slice(size + own * frame, size + own * (frame + 1))
         matrix[rows, rows] = normal.v[frame]
         matrix[rows, :size] = normal.w[frame]
         matrix[:size, rows] = normal.w[frame].T
     return matrix, np.concatenate([normal.gradient_global, normal.gradient_poses.ravel()])
 
 
-@pytest.fixture(scope="module", params=["joint", "curved plates and a free board"])
+@pytest.fixture(scope="module", params=["joint", "curved plates and a free board", "terms of frames", "a bow"])
 def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
-    plain = request.param == "joint"
+    plain = "plates" not in request.param
     scene = four_mirrors(0 if plain else 3)
     if not plain:
         truth = replace(
             scene.truth, thickness_mm=np.array([2.0, 0.0, 3.0, 2.0]), refractive_index=np.full(MIRRORS, 1.5)
         )
         scene = replace(scene, truth=truth)
-    return scene, Model(INTRINSIC_NAMES[:6], thickness=not plain, curvature=not plain, board=scene.board)
+    terms = FrameTerms()
+    if request.param == "terms of frames":
+        terms = FrameTerms(turn_px_per_rad=300.0, bow_px_per_mm=0.2)
+    if request.param == "a bow":
+        terms = FrameTerms(bow_px_per_mm=0.2)
+    if len(terms.free) > 6:
+        turn, bow = np.random.default_rng(2).normal(size=(2, len(scene.truth.rig_from_board), 3))
+        scene = replace(scene, truth=replace(scene.truth, camera_turn=0.01 * turn, bow_mm=0.5 * bow))
+    model = Model(INTRINSIC_NAMES[:6], thickness=not plain, curvature=not plain, board=scene.board, frame_terms=terms)
+    return scene, model
 
 
 def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[Scene, Model]) -> None:
@@ -85,7 +99,7 @@ def test_weights_scale_the_rows(problem: tuple[Scene, Model]) -> None:
     once = normal_equations(scene.truth, grouped, model)
     twice = normal_equations(scene.truth, grouped, model, np.full(len(scene.clean), 2.0))
     np.testing.assert_allclose(twice.u, 4.0 * once.u)
-    np.testing.assert_allclose(twice.gradient_poses, 4.0 * once.gradient_poses)
+    np.testing.assert_allclose(twice.gradient_poses[:, :6], 4.0 * once.gradient_poses[:, :6])
 
 
 def test_grouped_residuals_are_the_residuals_in_the_groups_order(problem: tuple[Scene, Model]) -> None:

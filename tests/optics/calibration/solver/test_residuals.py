@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -30,7 +31,8 @@ MIRROR_KINDS = {
 
 @pytest.mark.parametrize("kind", MIRROR_KINDS)
 @pytest.mark.parametrize("modes", [0, 3])
-def test_derivatives_agree_with_finite_differences(modes: int, kind: str) -> None:
+@pytest.mark.parametrize("own", ["rigid", "turned and bowed"])
+def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: str) -> None:
     scene = four_mirrors(modes)
     seen = scene.clean
     thickness, bend = MIRROR_KINDS[kind]
@@ -41,7 +43,10 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str) -> Non
         curvature_per_m=bend * np.random.default_rng(1).normal(size=(MIRRORS, 3)),
         middles_in_rig_mm=scene.truth.virtual_centres_in_rig_mm / 2.0 + [3.0, -4.0, 5.0],
     )
-    r, by_global, by_twist = residuals_with_jacobians(at, seen, scene.board)
+    if own != "rigid":
+        turn, bow = np.random.default_rng(2).normal(size=(2, len(at.rig_from_board), 3))
+        at = replace(at, camera_turn=0.01 * turn, bow_mm=0.5 * bow)
+    r, by_global, by_frame = residuals_with_jacobians(at, seen, scene.board)
     np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
     frames = len(at.rig_from_board)
     names = global_names(MIRRORS, modes)
@@ -58,9 +63,9 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str) -> Non
         assert (np.abs(found).max() > 1e-3) == (name != "sheet_mm" or "plates" in kind), name
         scale = max(1.0, float(np.abs(found).max()))
         np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
-    for k in range(6):
-        found = difference(np.zeros(len(names)), np.tile(np.eye(6)[k], (frames, 1)), 1e-5)
-        np.testing.assert_allclose(by_twist[:, :, k], found, atol=1e-6 * np.abs(found).max())
+    for k in range(12):
+        found = difference(np.zeros(len(names)), np.tile(np.eye(12)[k], (frames, 1)), 1e-5)
+        np.testing.assert_allclose(by_frame[:, :, k], found, atol=1e-6 * np.abs(found).max())
 
 
 def test_free_board_modes_leave_out_moving_turning_and_scaling() -> None:
@@ -79,6 +84,31 @@ def test_a_bowed_board_is_bowed_by_its_sag_at_the_edge() -> None:
     bowed = Board.warped(corners).shaped(np.array([0.5, -0.2]))[:, 2].reshape(5, 9)
     np.testing.assert_allclose(bowed[2, [0, 4, 8]], [0.5, 0.0, 0.5], atol=1e-12)
     np.testing.assert_allclose(bowed[[0, 4], 4], -0.2, atol=1e-12)
+
+
+def test_a_frame_bows_its_board_and_turns_the_camera_about_the_pupil() -> None:
+    scene = four_mirrors()
+    at, corners = scene.truth, scene.board.corners_in_board_mm
+    frames = len(at.rig_from_board)
+    turn = Rotation.from_rotvec([0.004, -0.003, 0.006])
+    turned = replace(at, camera_turn=np.tile(turn.as_rotvec(), (frames, 1)))
+    _, _, seen = points_at_camera(at, scene.clean, scene.board)
+    _, _, from_turned = points_at_camera(turned, scene.clean, scene.board)
+    np.testing.assert_allclose(from_turned, turn.apply(seen), atol=1e-9)
+    x, y = ((c - (c.min() + c.max()) / 2.0) / (np.ptp(c) / 2.0) for c in corners[:, :2].T)
+    bowed = Board.rigid(corners + np.outer(0.5 * x**2 - 0.2 * y**2 + 0.1 * x * y, [0.0, 0.0, 1.0]))
+    own = replace(at, bow_mm=np.tile([0.5, -0.2, 0.1], (frames, 1)))
+    np.testing.assert_allclose(residuals(own, scene.clean, scene.board), residuals(at, scene.clean, bowed), atol=1e-9)
+
+
+def test_frames_keep_their_own_numbers() -> None:
+    truth = four_mirrors().truth
+    own = np.arange(3.0 * len(truth.rig_from_board)).reshape(-1, 3)
+    some = replace(truth, camera_turn=own, bow_mm=-own).of_frames(np.array([2, 0]))
+    np.testing.assert_array_equal(some.camera_turn, own[[2, 0]])
+    np.testing.assert_array_equal(some.bow_mm, -own[[2, 0]])
+    np.testing.assert_array_equal(some.rig_from_board, truth.rig_from_board[[2, 0]])
+    assert not some.with_poses(truth.rig_from_board).bow_mm.any()
 
 
 def test_a_corner_is_seen_where_its_plane_mirror_reflects_it() -> None:
