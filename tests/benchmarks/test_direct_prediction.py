@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.plate import inner_tangent
 from mirrorcam.optics.geometry.transforms import transform
-from tests.optics.calibration.direct.test_direct_view import BOARD, CAMERA, POSES, corner_of_two_mirrors, lying
+from tests.optics.calibration.direct.two_mirrors import BOARD, CAMERA, POSES, corner_of_two_mirrors, lying
 
 CORNERS = BOARD.corners_in_board_mm
 DRAWN = Board.rigid(CORNERS)

@@ -41,7 +41,8 @@ class CalibrateOptions(Value):
         default=None,
         description=(
             "what is fitted: paper (mirrors only), joint (also the camera), or joint with any of +sheet (thickness of "
-            "second-surface mirrors), +bend (curvature of each mirror) and +warp (bending of the board), as joint+bend"
+            "second-surface mirrors), +bend (curvature of each mirror), +warp (bending of the board) and +bow (bending "
+            "of the board in each picture), as joint+bend"
         ),
     )
     live_hint: bool = Field(

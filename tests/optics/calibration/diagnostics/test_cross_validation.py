@@ -10,12 +10,15 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.cross_validation import (
     balanced_folds,
     held_out,
+    held_out_corners,
     held_out_residuals,
     is_mirrored,
     near_and_far,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms
+from mirrorcam.optics.calibration.solver.residuals import residuals
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, NOISE_PX, Scene
 
 
@@ -64,6 +67,17 @@ def test_folds_leave_more_than_the_fit_and_see_every_corner_once(scene: Scene, s
     left = held_out_residuals(solution.estimate, seen, JOINT, balanced_folds(solution.estimate, seen, JOINT.board, 3))
     assert np.isfinite(left).all()
     assert rms(solution.residuals) < rms(left) < 1.1 * NOISE_PX
+
+
+def test_bows_predict_the_corners_between_those_they_were_fitted_to(scene: Scene, solution: Solution) -> None:
+    """Under a bow in each frame, corners are predicted to the noise; without, not."""
+    bows = np.random.default_rng(4).normal(0.0, 1.0, (15, 3))
+    shift = residuals(replace(scene.start, bow_mm=bows), scene.clean, JOINT.board)
+    seen = replace(scene.clean, pixels=scene.noisy(0).pixels + shift)
+    fold = balanced_folds(solution.estimate, seen, JOINT.board, 3)
+    bowed = replace(JOINT, frame_terms=FrameTerms(bow_px_per_mm=NOISE_PX))
+    assert rms(held_out_corners(solution.estimate, seen, bowed, fold)) < 1.3 * NOISE_PX
+    assert rms(held_out_corners(solution.estimate, seen, JOINT, fold)) > 3.0 * NOISE_PX
 
 
 def test_a_held_out_frame_does_not_influence_its_own_prediction(scene: Scene, solution: Solution) -> None:

@@ -18,8 +18,8 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, resid
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from tests.optics.calibration.diagnostics.conftest import JOINT, Scene
-from tests.optics.calibration.direct.test_direct_view import BOARD as BOARD_SEEN_DIRECTLY
-from tests.optics.calibration.direct.test_direct_view import POSES, corner_of_two_mirrors, lying
+from tests.optics.calibration.direct.two_mirrors import BOARD as BOARD_SEEN_DIRECTLY
+from tests.optics.calibration.direct.two_mirrors import POSES, corner_of_two_mirrors, lying
 
 
 def test_in_noise_the_chances_are_even(scene: Scene) -> None:

@@ -17,7 +17,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
-from tests.optics.calibration.direct.test_direct_view import BOARD, CAMERA, POSES, corner_of_two_mirrors, lying
+from tests.optics.calibration.direct.two_mirrors import BOARD, CAMERA, POSES, corner_of_two_mirrors, lying
 
 CORNERS = BOARD.corners_in_board_mm
 TURNS = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 5e-4]])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, global_names
+from tests.optics.calibration.solver.four_mirrors import four_mirrors
 
 
 def test_models_name_what_they_free() -> None:
@@ -26,3 +29,14 @@ def test_the_places_of_free_globals_are_those_of_their_names() -> None:
     every = global_names(3, 0)
     assert tuple(every[place] for place in model.free(3)) == model.parameters(3)
     assert (np.diff(model.free(3)) > 0).all()
+
+
+def test_frame_terms_name_their_numbers_and_weigh_them() -> None:
+    truth = four_mirrors().truth
+    frames = len(truth.rig_from_board)
+    own = replace(truth, camera_turn=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
+    none, bow, both = FrameTerms(), FrameTerms(bow_px_per_mm=4.0), FrameTerms(100.0, 4.0)
+    assert [len(terms.free) for terms in (none, bow, both)] == [6, 9, 12]
+    assert bow.free[6:].tolist() == [9, 10, 11]
+    np.testing.assert_allclose(none.values(own), 0.0)
+    np.testing.assert_allclose(both.values(own)[0], [*[0.0] * 6, *[2.0] * 3, *[2.0] * 3])

@@ -170,7 +170,7 @@ def test_direct_views_do_not_determine_the_thickness() -> None:
     direct = of.clean.where(of.clean.view == DIRECT)
     used = sorted(set(direct.frame.tolist()))
     direct = replace(direct, frame=np.searchsorted(used, direct.frame))
-    start = of.truth.of_frames(used)
+    start = of.truth.of_frames(np.array(used))
     with pytest.raises(UndeterminedError, match="nothing in 171 corners depends on sheet_mm"):
         fit(
             start,
