@@ -124,19 +124,19 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
     """Fit with one more kind of numbers of single frames, under priors that follow the noise and the bows found."""
-    sigma_px, terms = smaller.solution.sigma_px, smaller.model.frame_terms
-    turns = addition == "turn" or terms.turn_px_per_rad is not None
-    bows = addition == "bow" or terms.bow_px_per_mm is not None
+    scale, terms = smaller.solution.scale, smaller.model.frame_terms
+    turns = addition == "turn" or terms.turn_per_rad is not None
+    bows = addition == "bow" or terms.bow_per_mm is not None
     board, estimate = smaller.model.board, smaller.solution.estimate
     size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
     bow_mm = FIRST_BOW * size
     for _ in range(PRIOR_ROUNDS):
         priors = FrameTerms(
-            turn_px_per_rad=sigma_px * estimate.camera.fx_px / TURN_PX if turns else None,
-            bow_px_per_mm=sigma_px / bow_mm if bows else None,
+            turn_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
+            bow_per_mm=scale / bow_mm if bows else None,
         )
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
-        sigma_px, estimate = fitted.solution.sigma_px, fitted.solution.estimate
+        scale, estimate = fitted.solution.scale, fitted.solution.estimate
         if bows:
             bow_mm = max(_width_of_bows(fitted, observations), LEAST_BOW * size)
     return fitted
@@ -147,7 +147,7 @@ def _width_of_bows(fitted: Fitted, observations: Observations) -> float:
     solution, model = fitted.solution, fitted.model
     rows = observations.where(solution.inliers)
     own = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
-    variance = solution.sigma_px**2 * np.einsum("fii->fi", np.linalg.inv(own))[:, -3:]
+    variance = solution.scale**2 * np.einsum("fii->fi", np.linalg.inv(own))[:, -3:]
     return float(np.sqrt(np.mean(solution.estimate.bow_mm**2 + variance)))
 
 

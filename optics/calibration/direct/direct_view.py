@@ -162,7 +162,7 @@ def select_direct_model(
     current, further, alarms, notes = forward(
         current, observations, DIRECT_ADDITIONS, extend=level is None, unplated="plates"
     )
-    terms = replace(current.model.frame_terms, bow_px_per_mm=None)
+    terms = replace(current.model.frame_terms, bow_per_mm=None)
     as_drawn = replace(current.model, board=flat.model.board, frame_terms=terms)
     estimate = current.solution.estimate
     start = replace(estimate, shape=np.zeros(0), bow_mm=np.zeros_like(estimate.bow_mm))

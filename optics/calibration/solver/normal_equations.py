@@ -201,7 +201,7 @@ class Places:
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's own (d), the residual (1), the free globals.
+    """Derivatives (c, 2, n) of a chunk's standardised pixels: by the frame's own, the residual (1), the free globals.
 
     These are the intrinsics, the centre and the curvature of the mirror (unless direct), the plate thickness, and the
     modes.
@@ -217,9 +217,9 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         camera_from_rig=_camera_from_rig(estimate, chunk),
     )
     parts = [at.turn, at.corner]
-    if model.frame_terms.turn_px_per_rad is not None:
+    if model.frame_terms.turn_per_rad is not None:
         parts.append(at.camera_turn)
-    if model.frame_terms.bow_px_per_mm is not None:
+    if model.frame_terms.bow_per_mm is not None:
         parts.append(_by_board(at, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
     parts.append((at.pixels - chunk.pixels)[:, None])
     parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])

@@ -17,30 +17,30 @@ from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 class FrameTerms:
     """What a fit may change in single frames besides the board's pose, each with a normal prior around zero.
 
-    A prior is given as the residual, px, that is as improbable as a value of 1: the standard deviation of residuals
-    over that of the value.
+    A prior is given as the standardised residual that is as improbable as a value of 1: the scale of such residuals
+    over the standard deviation of the value.
 
     Attributes
     ----------
-    turn_px_per_rad
+    turn_per_rad
         Prior of the camera's rotation vector; None where the camera is not turned.
-    bow_px_per_mm
+    bow_per_mm
         Prior of the bow of the board; None where every frame has the same board.
     """
 
-    turn_px_per_rad: float | None = None
-    bow_px_per_mm: float | None = None
+    turn_per_rad: float | None = None
+    bow_per_mm: float | None = None
 
     @property
     def free(self) -> IntArray:
         """Which of the numbers of a frame (12), as `Estimate.moved` has them, are free."""
-        turn, bow = (given is not None for given in (self.turn_px_per_rad, self.bow_px_per_mm))
+        turn, bow = (given is not None for given in (self.turn_per_rad, self.bow_per_mm))
         return np.array([*range(6), *range(6, 6 + 3 * turn), *range(9, 9 + 3 * bow)], dtype=np.int64)
 
     @property
     def weights(self) -> FloatArray:
         """The priors (d,) of the free numbers of a frame; 0 for the pose."""
-        given = [weight for weight in (self.turn_px_per_rad, self.bow_px_per_mm) if weight is not None]
+        given = [weight for weight in (self.turn_per_rad, self.bow_per_mm) if weight is not None]
         return np.concatenate([np.zeros(6), np.repeat(given, 3)])
 
     def values(self, estimate: Estimate) -> FloatArray:

@@ -75,7 +75,7 @@ def test_bows_predict_the_corners_between_those_they_were_fitted_to(scene: Scene
     shift = residuals(replace(scene.start, bow_mm=bows), scene.clean, JOINT.board)
     seen = replace(scene.clean, pixels=scene.noisy(0).pixels + shift)
     fold = balanced_folds(solution.estimate, seen, JOINT.board, 3)
-    bowed = replace(JOINT, frame_terms=FrameTerms(bow_px_per_mm=NOISE_PX))
+    bowed = replace(JOINT, frame_terms=FrameTerms(bow_per_mm=NOISE_PX))
     assert rms(held_out_corners(solution.estimate, seen, bowed, fold)) < 1.3 * NOISE_PX
     assert rms(held_out_corners(solution.estimate, seen, JOINT, fold)) > 3.0 * NOISE_PX
 

@@ -35,7 +35,7 @@ def test_frame_terms_name_their_numbers_and_weigh_them() -> None:
     truth = four_mirrors().truth
     frames = len(truth.rig_from_board)
     own = replace(truth, camera_turn=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
-    none, bow, both = FrameTerms(), FrameTerms(bow_px_per_mm=4.0), FrameTerms(100.0, 4.0)
+    none, bow, both = FrameTerms(), FrameTerms(bow_per_mm=4.0), FrameTerms(100.0, 4.0)
     assert [len(terms.free) for terms in (none, bow, both)] == [6, 9, 12]
     assert bow.free[6:].tolist() == [9, 10, 11]
     np.testing.assert_allclose(none.values(own), 0.0)
