@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,8 +29,9 @@ def noise(seen: Observations, seed: int = 0) -> FloatArray:
 
 
 def of_views(seen: Observations) -> FloatArray:
-    """The standard deviation of the corners with even ids in each view."""
-    return np.array([seen.sigma_px[(seen.view == view) & (seen.corner % 2 == 0)][0] for view in range(len(SIGMAS))])
+    """The median standard deviation of the corners with even ids in each view."""
+    even = seen.corner % 2 == 0
+    return np.array([np.median(seen.sigma_px[even & (seen.view == view)]) for view in range(len(SIGMAS))])
 
 
 def test_each_view_gets_the_scatter_of_its_corners() -> None:
@@ -37,10 +40,33 @@ def test_each_view_gets_the_scatter_of_its_corners() -> None:
     # Shrunk towards the median of all views by the weight of 8 in 184 degrees of freedom.
     freedom, median = 2.0 * (len(GRID) - 10), np.median(SIGMAS)
     expected = np.sqrt((freedom * SIGMAS**2 + 8.0 * median**2) / (freedom + 8.0))
-    np.testing.assert_allclose(np.sqrt(np.mean(found**2, axis=0)), expected, rtol=0.04)
+    np.testing.assert_allclose(np.sqrt(np.mean(found**2, axis=0)), expected, rtol=0.05)
     scaled = with_noise_of_views(seen, noise(seen))
-    odd = seen.corner % 2 == 1
-    np.testing.assert_allclose(scaled.sigma_px[odd], 2.0 * np.repeat(of_views(scaled), np.sum(odd) // len(SIGMAS)))
+    ratio = np.median(scaled.sigma_px[seen.corner % 2 == 1]) / np.median(scaled.sigma_px[seen.corner % 2 == 0])
+    assert ratio == pytest.approx(2.0, rel=0.05)
+
+
+def test_heavy_tails_count_less_and_outliers_stay_to_be_found() -> None:
+    """Noise of a t distribution of four degrees of freedom: standardised, it is nearly normal."""
+    random = np.random.default_rng(0)
+    seen = Observations.join([views().shifted(frame) for frame in range(8)])
+    left = random.normal(0.0, 0.01, (len(seen), 2)) / np.sqrt(random.chisquare(4.0, (len(seen), 1)) / 4.0)
+    found = with_noise_of_views(replace(seen, sigma_px=np.ones(len(seen))), left)
+    inner = np.abs(left).max(axis=1) < 0.04
+    relative = np.abs(found.standardised(left)[inner])
+    assert (relative > 3.0).mean() < 0.003
+    assert np.mean(relative**2) == pytest.approx(1.0, abs=0.12)
+    far, near = (np.median(found.sigma_px[rows]) for rows in (inner & (np.abs(left).max(axis=1) > 0.025), inner))
+    assert far > 1.4 * near
+    left[::100] = 0.5
+    assert (np.abs(with_noise_of_views(seen, left).standardised(left)[::100]) > 5.0).all()
+
+
+def test_normal_noise_has_no_tails() -> None:
+    seen = replace(views(), sigma_px=np.ones(len(views())))
+    found = with_noise_of_views(seen, noise(seen))
+    spread = [np.ptp(found.sigma_px[seen.view == view]) / found.sigma_px[seen.view == view].mean() for view in (0, 2)]
+    assert max(spread) < 0.3
 
 
 def test_what_is_smooth_over_a_view_is_no_noise() -> None:
@@ -55,7 +81,8 @@ def test_outliers_hardly_widen_their_view() -> None:
     seen, left = views(), noise(views())
     clean = of_views(with_noise_of_views(seen, left))
     left[::25] += 20.0 * SIGMAS[seen.view[::25], None]
-    assert (of_views(with_noise_of_views(seen, left)) < 1.3 * clean).all()
+    spoilt = with_noise_of_views(seen, left)
+    assert (of_views(spoilt.where(np.arange(len(seen)) % 25 != 0)) < 1.3 * clean).all()
 
 
 def test_a_view_of_few_corners_is_drawn_to_the_others() -> None:
