@@ -16,6 +16,7 @@ Image = NDArray[np.float32]
 
 PX_PER_SQUARE = 40
 BLUR_STEP = 2.0**0.25
+LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
 SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
 
 
@@ -64,6 +65,16 @@ def _ink(target: Target) -> FloatArray:
 def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
     """The print of a target with a blur of about `blur_cells`, sigma in cells: the nearest of a geometric series."""
     return _blurred(target, round(float(np.log(np.clip(blur_cells, SHARPEST, SOFTEST)) / np.log(BLUR_STEP))))
+
+
+def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]:
+    """A print that looks around places (n, 2) like a target around corners, and these places on it.
+
+    Around its inner corners a plain checkerboard is like any other, so that a small one serves for all.
+    """
+    if isinstance(target, Checkerboard):
+        return LOCAL, 2.0 + places % 2.0
+    return target, places
 
 
 @lru_cache(maxsize=24)

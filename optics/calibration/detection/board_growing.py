@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import Image
+from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, Image
 from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
@@ -38,6 +38,7 @@ MAX_SIGMA_PX = 0.3
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 NONE = Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
+RIGHT = np.array([1.0, 0.0])
 
 
 def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
@@ -63,8 +64,42 @@ def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: T
     Corners
         Empty where the points do not lie on a surface that faces the right way round.
     """
-    corners = corner_places(target)
-    found, look = _grown(picture, places, pixels, target, mirrored=mirrored)
+    return _seen_corners(picture, places, pixels, corner_places(target), target, mirrored=mirrored)
+
+
+def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int) -> tuple[IntArray, Corners]:
+    """Find all visible corners of a checkerboard whose extent is unknown, from some of them.
+
+    Parameters
+    ----------
+    picture
+        Grey values (h, w).
+    places, pixels
+        Known corners: on a grid (n, 2) of integers as of `corner_grids`, and in the picture (n, 2).
+    most
+        How many squares beyond the known corners to search.
+
+    Returns
+    -------
+    places
+        The corners on the same grid (m, 2).
+    corners
+        The corners (m), whose ids number them in this order.
+    """
+    # A corner between even squares has white right of and below it, on the grid; on a print it has black there.
+    shifted = places + RIGHT
+    low, high = shifted.min(axis=0) - most, shifted.max(axis=0) + most
+    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    lattice = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
+    found = _seen_corners(picture, shifted, pixels, lattice, LOCAL, mirrored=False)
+    return np.rint(lattice[found.ids] - RIGHT).astype(np.int64), replace(found, ids=np.arange(len(found)))
+
+
+def _seen_corners(
+    picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
+) -> Corners:
+    """Those of the corners (c, 2) of a print that can be seen, with their indices as ids."""
+    found, look = _grown(picture, places, pixels, corners, target, mirrored=mirrored)
     have = np.flatnonzero(np.isfinite(found[:, 0]))
     have = have[smooth(corners[have], found[have])]
     warp = Warp.through(corners[have], found[have], degree=QUINTIC)
@@ -77,10 +112,9 @@ def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: T
 
 
 def _grown(
-    picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool
+    picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> tuple[FloatArray, Appearance]:
     """Pixels (c, 2) of all corners, NaN where not found, and the print's appearance with the blur of the last ones."""
-    corners = corner_places(target)
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
     known_places, known_pixels = places, pixels
@@ -206,6 +240,14 @@ def _largest_part(places: FloatArray, pixels: FloatArray) -> BoolArray:
     linked = step < max(OUTLIER_SIGMAS * 1.4826 * float(np.median(step)) if len(step) else 0.0, MIN_STEP_PX)
     linked &= step < MAX_STEP_PX
     graph = coo_array((np.ones(int(linked.sum())), (first[linked], second[linked])), shape=(len(places),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(labels == np.bincount(labels).argmax())
+
+
+def connected(places: FloatArray) -> BoolArray:
+    """Mask (n,) of the largest part of corners (n, 2) that are neighbours on their grid."""
+    first, second = cKDTree(places).query_pairs(1.1, output_type="ndarray").T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
 

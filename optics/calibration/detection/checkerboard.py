@@ -1,11 +1,8 @@
-"""Plain checkerboards in one image: detect whole boards, number their corners, confirm predicted corners.
-
-`findChessboardCornersSB` alone has errors of 0.01 to 0.4 px, depending on the size of the cells, so it only gives the
-start: every corner is refined by `cv2.cornerSubPix` with a window scaled to the local cell, and in frames of a mirror
-camera by comparison with the print (`corner_refinement`).
-"""
+"""Plain checkerboards in one image: find boards or parts of them, confirm predicted corners."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -14,7 +11,13 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
+from mirrorcam.optics.calibration.detection.board_ends import board_ends
+from mirrorcam.optics.calibration.detection.board_growing import connected, grow_grid
+from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px
+from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
+from mirrorcam.optics.calibration.detection.saddle_points import saddle_points
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
@@ -24,7 +27,8 @@ MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; tw
 SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
-FINDER = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+SAME = 0.3  # of a cell, between two positions of one corner
+STRAY = 0.25  # of a cell, between a linked corner and the smooth surface through the others
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:
@@ -54,62 +58,50 @@ def spread_out(corners: Corners) -> Corners:
     return corners.where(np.zeros(len(corners), dtype=bool))
 
 
-def find_checkerboards(grey: Grey, target: Checkerboard, *, most: int) -> list[FloatArray]:
-    """Find up to `most` whole checkerboards, each as its inner corners (rows-1, cols-1, 2) in some order of the grid.
+def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
+    """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
-    OpenCV's detector returns one board at a time and misses small ones in a large picture, so detected boards are
-    painted over and the search continues, in the whole picture and then in overlapping tiles.
+    Grids of saddle points start them; the print, compared with the picture, decides which corners are there.
     """
-    work = grey.copy()
-    paint = int(np.median(grey))
-    shape = (target.cols - 1, target.rows - 1)
-    boards: list[FloatArray] = []
-    height, width = grey.shape
-    for parts in (1, 2):
-        tile_w, tile_h = -(-2 * width // (parts + 1)), -(-2 * height // (parts + 1))
-        for row in range(parts):
-            for col in range(parts):
-                x, y = col * (width - tile_w) // max(parts - 1, 1), row * (height - tile_h) // max(parts - 1, 1)
-                while len(boards) < most:
-                    tile = np.ascontiguousarray(work[y : y + tile_h, x : x + tile_w])
-                    found, pixels = cv2.findChessboardCornersSB(tile, shape, flags=FINDER)
-                    if not found:
-                        break
-                    seeds = np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + np.array([x, y])
-                    cv2.fillConvexPoly(work, cv2.convexHull(np.rint(seeds).astype(np.int32)), paint)
-                    if (seeds < 0.0).any() or (seeds > [width - 1.0, height - 1.0]).any():
-                        continue  # completed beyond the picture, which shows only part of it
-                    refined = refine(grey, seeds, cell_px(seeds), CHECKERBOARD_WINDOW)
-                    boards.append(refined.reshape(target.rows - 1, target.cols - 1, 2))
-    return boards
+    points = saddle_points(grey)
+    picture = np.asarray(grey, dtype=np.float32)
+    most = max(target.cols, target.rows)
+    found: list[SeenGrid] = []
+    for members, places in corner_grids(points):
+        for part in _smooth_parts(places, points.pixels[members]):
+            pixels = points.pixels[members[part]]
+            if len(part) - _known(pixels, found) < MIN_CORNERS:
+                continue
+            at, corners = grow_grid(picture, places[part], pixels, most=most)
+            if len(at) >= MIN_CORNERS and len(at) - _known(corners.pixels, found) >= MIN_CORNERS:
+                found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
+    return sorted(found, key=lambda grid: -len(grid))
 
 
-def orderings(grey: Grey, board: FloatArray, target: Checkerboard, *, mirrored: bool) -> list[FloatArray]:
-    """The numberings of a board (rows-1, cols-1, 2) that match its handedness and its black and white squares.
-
-    Each is (n, 2) in the order of the target's corner ids. There is one for a target that looks different upside down,
-    otherwise two.
-    """
-    grids = [board, board[::-1, ::-1], board[::-1], board[:, ::-1]]
-    if target.rows == target.cols:
-        grids += [np.swapaxes(grid, 0, 1) for grid in grids]
-    fitting = []
-    for grid in grids:
-        across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
-        if (across[0] * down[1] - across[1] * down[0] < 0) == mirrored and _colour_contrast(grey, grid) > 0:
-            fitting.append(np.ascontiguousarray(grid.reshape(-1, 2)))
-    return fitting
+def _known(pixels: FloatArray, found: Sequence[SeenGrid]) -> int:
+    """Number of corners (n, 2) that are corners of the boards found."""
+    if not found:
+        return 0
+    apart, _ = cKDTree(np.concatenate([grid.corners.pixels for grid in found])).query(pixels)
+    return int((apart < SAME * np.median(cell_px(pixels))).sum())
 
 
-def _colour_contrast(grey: Grey, grid: FloatArray) -> float:
-    """Mean grey level of the squares that should be white, less that of those that should be black."""
-    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4.0
-    values = _sample(grey, centres.reshape(-1, 2)).reshape(centres.shape[:2])
-    # Inner square (r, c) lies one down and one right of the target's black top-left square, so it is black when r + c
-    # is even.
-    row, col = np.indices(values.shape)
-    black = (row + col) % 2 == 0
-    return float(values[~black].mean() - values[black].mean())
+def _smooth_parts(places: IntArray, pixels: FloatArray) -> list[IntArray]:
+    """Split linked corners (n) into boards: two mirrors that meet may show two boards as if one continued the other."""
+    parts = []
+    left = np.arange(len(places))
+    while len(left) >= MIN_CORNERS:
+        at, seen = places[left].astype(np.float64), pixels[left]
+        warp = Warp.through(at, seen)
+        if warp is None:
+            break
+        near = np.linalg.norm(warp.at(at) - seen, axis=1) < STRAY * typical_cell_px(at, seen)
+        near[near] = connected(at[near])
+        if near.sum() < MIN_CORNERS:
+            break
+        parts.append(left[near])
+        left = left[~near]
+    return parts
 
 
 def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:

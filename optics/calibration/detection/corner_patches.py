@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, BlurredPrint, blurred_print, sample
+from mirrorcam.optics.calibration.detection.blurred_print import (
+    PX_PER_SQUARE,
+    BlurredPrint,
+    blurred_print,
+    local_print,
+    sample,
+)
 from mirrorcam.optics.geometry.targets import Target
 
 HALF_CELLS = 0.5  # half the side of the compared patch, in cells
@@ -151,8 +157,9 @@ class LinearModel:
     @classmethod
     def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: FloatArray) -> LinearModel:
         """The model of corners (n); `seen` (n, m) are the grey values where they are expected."""
-        blurred = blurred_print(appearance.target, appearance.blur_cells)
-        at = (expected.places[:, None] + patches.on_print + 1.0) * PX_PER_SQUARE - 0.5
+        local, places = local_print(appearance.target, expected.places)
+        blurred = blurred_print(local, appearance.blur_cells)
+        at = (places[:, None] + patches.on_print + 1.0) * PX_PER_SQUARE - 0.5
         value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
         by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
         squares_per_px = expected.squares_per_px

@@ -12,9 +12,7 @@ import numpy as np
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
-from mirrorcam.optics.calibration.detection.board_growing import grow_board
-from mirrorcam.optics.calibration.detection.board_warp import corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings, spread_out
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
@@ -33,14 +31,9 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
             (board,) for board in charuco.find_boards(grey, target, mirrored=mirrored, most=most)
         ]
     else:
-        picture, places = np.asarray(grey, dtype=np.float32), corner_places(target)
-        found = [
-            tuple(
-                grow_board(picture, places, ordering, target, mirrored=mirrored)
-                for ordering in orderings(grey, board, target, mirrored=mirrored)
-            )
-            for board in find_checkerboards(grey, target, most=most)
-        ]
+        grids = find_checkerboards(grey, target)
+        found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in grids]
+        found = [board for board in found if len(board) <= (1 + target.looks_same_upside_down)][:most]
     return [board for board in found if board and all(len(spread_out(corners)) for corners in board)]
 
 

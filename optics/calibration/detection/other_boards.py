@@ -5,16 +5,20 @@ Only a few pictures are looked at, so that this costs little. What is recognised
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import find_markers, linked_markers, marker_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, orderings
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
-MOST_BOARDS = 3  # counted in a picture
+FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
 PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
 MIN_LINKS = 8  # between neighbouring markers, by picture, to recognise a board
 MIN_LINKS_BEYOND = 3  # of markers that the stated board lacks, by picture: no misread marker has any
@@ -52,17 +56,22 @@ def other_board(
 def _other_checkerboard(
     pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None, found: bool
 ) -> str | None:
-    own, counts = _searched(pictures, target, larger=found)
+    grids = [grid for picture in pictures for grid in find_checkerboards(picture, target)]
+    counts = Counter(_size_like(target, grid) for grid in grids if len(grid) >= FILLED * np.prod(grid.extent))
+    own = counts.pop((target.cols, target.rows), 0)
+    # Parts of a board look like smaller ones, so that one as large as the stated one is none smaller.
+    if own or found:
+        counts = Counter({size: count for size, count in counts.items() if _at_least(size, target)})
     # Now and then a board with its mirror image is taken for a larger one.
-    least = max(len(pictures), PARTS * max([*counts.values(), len(own)]))
+    least = max(len(pictures), PARTS * max([*counts.values(), own], default=0))
     often = [size for size, count in counts.items() if count >= least]
     if often:
         cols, rows = max(often, key=lambda size: size[0] * size[1])
         return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
     if mirrored is None or found:
         return None
-    flipped = [not orderings(picture, board, target, mirrored=mirrored) for picture, board in own]
-    if len(own) >= len(pictures) and all(flipped):
+    whole = [grid for grid in grids if _size_like(target, grid) == (target.cols, target.rows)]
+    if own >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in whole):
         return (
             f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
             "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
@@ -71,27 +80,11 @@ def _other_checkerboard(
     return None
 
 
-def _searched(
-    pictures: Sequence[Grey], target: Checkerboard, *, larger: bool
-) -> tuple[list[tuple[Grey, FloatArray]], dict[tuple[int, int], int]]:
-    """The boards of the stated size, each with its picture, and the numbers of those of other, or larger, sizes."""
-
-    def found(board: Checkerboard) -> list[tuple[Grey, FloatArray]]:
-        return [
-            (picture, grid) for picture in pictures for grid in find_checkerboards(picture, board, most=MOST_BOARDS)
-        ]
-
-    own = found(target)
-    # Parts of a board are taken for a smaller one, so that one as large as the stated one is none smaller.
-    sizes = [size for size in _neighbouring_sizes(target) if not (own or larger) or _at_least(size, target)]
-    return own, {(cols, rows): len(found(target.replaced(cols=cols, rows=rows))) for cols, rows in sizes}
-
-
-def _neighbouring_sizes(target: Checkerboard) -> Iterator[tuple[int, int]]:
-    """Numbers of columns and rows that one may have miscounted."""
-    for cols, rows in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1)):
-        if target.cols + cols >= 3 and target.rows + rows >= 3:
-            yield target.cols + cols, target.rows + rows
+def _size_like(target: Checkerboard, grid: SeenGrid) -> tuple[int, int]:
+    """Numbers of columns and rows of squares of a board that ends where a grid does, in the order nearer the target."""
+    long, short = max(grid.extent) + 1, min(grid.extent) + 1
+    sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
+    return min(sizes, key=lambda size: abs(size[0] - target.cols) + abs(size[1] - target.rows))
 
 
 def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:

@@ -15,8 +15,9 @@ import numpy as np
 
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, orderings
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards
 from mirrorcam.optics.calibration.detection.other_boards import other_board
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
@@ -31,7 +32,7 @@ from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, 
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.mirror import reflect
@@ -39,6 +40,7 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
+MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
 
 
 def calibrate_with_direct_view(
@@ -81,7 +83,7 @@ def calibrate_with_direct_view(
     sizes = {picture.shape for picture in pictures}
     if len(sizes) > 1:
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
-    found = _found(pictures, target, mirrors, progress)
+    found = _found(pictures, target, progress)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     try:
@@ -103,12 +105,12 @@ def calibrate_with_direct_view(
     return direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
 
 
-def _found(pictures: Sequence[Grey], target: Checkerboard, mirrors: int, progress: Progress) -> list[list[FoundBoard]]:
+def _found(pictures: Sequence[Grey], target: Checkerboard, progress: Progress) -> list[list[FoundBoard]]:
     """The boards detected in each picture; raises InputError where there are none at all."""
     found = []
     for number, picture in enumerate(pictures):
-        boards = [_numbered(picture, grid, target) for grid in find_checkerboards(picture, target, most=mirrors + 1)]
-        found.append([board for board in boards if board.direct or board.image])
+        boards = [_numbered(grid, target) for grid in find_checkerboards(picture, target)]
+        found.append([board for board in boards if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS])
         progress(number + 1, len(pictures))
     if not any(found):
         other = other_board(pictures, target, mirrored=False, found=False)
@@ -174,12 +176,8 @@ def _squares(solution: Solution) -> float:
     return float(np.sum(solution.standardised**2))
 
 
-def _numbered(picture: Grey, grid: FloatArray, target: Checkerboard) -> FoundBoard:
-    ids = np.arange(len(target.corners_in_board_mm))
-    direct, image = (
-        [Corners(ids, pixels) for pixels in orderings(picture, grid, target, mirrored=mirrored)]
-        for mirrored in (False, True)
-    )
+def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
+    direct, image = (grid.numberings(target, mirrored=mirrored) for mirrored in (False, True))
     return FoundBoard(direct, image)
 
 

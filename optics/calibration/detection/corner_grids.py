@@ -1,0 +1,126 @@
+"""Saddle points linked into grids: parts of checkerboards, of any extent and at any rotation.
+
+Every corner has four edges, which lead to its neighbours. From one corner to the next the colours on the two sides of
+the edge between them stay, so that it is an edge of the first kind for one of them and of the second kind for the
+other (`SaddlePoints.axes`). Links count where four of them close around a square.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.saddle_points import SaddlePoints
+from mirrorcam.optics.calibration.solver.observations import IntArray
+
+NEIGHBOURS = 24
+MAX_ANGLE = np.deg2rad(20.0)  # between an edge and the line to the next corner
+MAX_RATIO = 1.7  # between opposite sides of a square
+MIN_CORNERS = 6
+STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+NO_NEIGHBOUR = -1
+
+
+def corner_grids(points: SaddlePoints) -> list[tuple[IntArray, IntArray]]:
+    """Link saddle points (n) into grids.
+
+    Returns
+    -------
+    list of (members, places)
+        For each grid, the largest first: indices (m,) of its saddle points, and their integer positions (m, 2) on it.
+        The second axis of the grid is turned from the first one as y is from x in the picture. Right of and below a
+        corner whose coordinates have an even sum, towards larger coordinates, there is white.
+    """
+    if len(points) < MIN_CORNERS:
+        return []
+    neighbour, back = _links(points)
+    closed = _closed(points.pixels, neighbour, back)
+    grids = []
+    done = np.zeros(len(points), dtype=bool)
+    for seed in np.flatnonzero(closed.any(axis=1)):
+        if not done[seed]:
+            members, places = _walked(int(seed), neighbour, back, closed)
+            done[members] = True
+            if len(members) >= MIN_CORNERS:
+                grids.append((members, places))
+    return sorted(grids, key=lambda grid: -len(grid[0]))
+
+
+def _links(points: SaddlePoints) -> tuple[IntArray, IntArray]:
+    """The neighbour (n, 4) of each saddle point along each of its directions, and its direction (n, 4) back.
+
+    Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` where there is none, or
+    where the neighbour's own neighbour in that direction is another one.
+    """
+    count = len(points)
+    distance, other = cKDTree(points.pixels).query(points.pixels, k=min(NEIGHBOURS + 1, count))
+    distance, other = distance[:, 1:], other[:, 1:]
+    apart = points.pixels[other] - points.pixels[:, None]
+    towards = np.arctan2(apart[..., 1], apart[..., 0])
+    first, second = points.axes[:, 0], points.axes[:, 1]
+    second = first + (second - first) % np.pi
+    directions = np.stack([first, second, first + np.pi, second + np.pi], axis=1)
+    off = _between(towards[:, None, :], directions[:, :, None])
+    theirs = _between((towards + np.pi)[:, None, :, None], directions[other][:, None, :, :])
+    # An edge of the first kind here is one of the second kind there.
+    unlike = (np.arange(4)[:, None] + np.arange(4)) % 2 == 1
+    theirs = np.where(unlike[None, :, None, :], theirs, np.inf)
+    returning = theirs.argmin(axis=3)
+    worst = np.maximum(off, theirs.min(axis=3))
+    cost = np.where(worst < MAX_ANGLE, distance[:, None, :] * (1.0 + worst), np.inf)
+    best = cost.argmin(axis=2)
+    rows, sides = np.indices(best.shape)
+    linked = np.isfinite(cost[rows, sides, best])
+    neighbour = np.where(linked, other[rows, best], NO_NEIGHBOUR)
+    back = returning[rows, sides, best]
+    mutual = linked & (neighbour[neighbour, back] == rows) & (back[neighbour, back] == sides)
+    return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), back.astype(np.int64)
+
+
+def _between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The angle between directions, rad, from 0 to pi."""
+    return np.asarray(np.abs((a - b + np.pi) % (2.0 * np.pi) - np.pi))
+
+
+def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:
+    """Mask (n, 4) of the links that are a side of a square of four links with about equal opposite sides."""
+    rows, sides = np.meshgrid(np.arange(len(neighbour)), np.arange(4), indexing="ij")
+    corners, turns = [rows], [sides]
+    good = np.ones(neighbour.shape, dtype=bool)
+    for _ in range(3):
+        at, side = corners[-1], turns[-1]
+        good &= neighbour[at, side] != NO_NEIGHBOUR
+        corners.append(neighbour[at, side])
+        # Where one came from is behind; the next side is to the right of going on.
+        turns.append((back[at, side] + 3) % 4)
+    good &= neighbour[corners[3], turns[3]] == rows
+    lengths = [np.linalg.norm(pixels[corners[i]] - pixels[corners[(i + 1) % 4]], axis=2) for i in range(4)]
+    for a, b in ((0, 2), (1, 3)):
+        good &= np.maximum(lengths[a], lengths[b]) < MAX_RATIO * np.minimum(lengths[a], lengths[b])
+    closed = np.zeros_like(good)
+    for at, side in zip(corners, turns, strict=True):
+        closed[at[good], side[good]] = True
+        closed[neighbour[at[good], side[good]], back[at[good], side[good]]] = True
+    return closed
+
+
+def _walked(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
+    """The saddle points that closed links lead to from one, and their places; of two at one place, the first."""
+    place, turn, at = {seed: (0, 0)}, {seed: 0}, {(0, 0): seed}
+    waiting = deque([seed])
+    while waiting:
+        here = waiting.popleft()
+        for side in range(4):
+            there = int(neighbour[here, side])
+            if not closed[here, side] or there in place:
+                continue
+            step = (side + turn[here]) % 4
+            to = (place[here][0] + int(STEPS[step, 0]), place[here][1] + int(STEPS[step, 1]))
+            if to in at:
+                continue
+            place[there], turn[there], at[to] = to, (step + 2 - int(back[here, side])) % 4, there
+            waiting.append(there)
+    return np.array(list(place), dtype=np.int64), np.array(list(place.values()), dtype=np.int64)

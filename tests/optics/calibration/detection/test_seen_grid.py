@@ -1,0 +1,91 @@
+"""Numberings of a part of a board: the right one is always among them, and no other that colours or ends exclude."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.solver.observations import Corners
+from mirrorcam.optics.geometry.targets import Checkerboard
+
+ODD = Checkerboard(cols=7, rows=6, square_mm=10.0)
+EVEN = Checkerboard(cols=8, rows=6, square_mm=10.0)
+SQUARE = Checkerboard(cols=6, rows=6, square_mm=10.0)
+BOARDS = [ODD, EVEN, SQUARE]
+
+
+def part(
+    target: Checkerboard, rows: slice, cols: slice, turn: int, *, mirrored: bool, ends: bool = False
+) -> tuple[SeenGrid, NDArray[np.int64]]:
+    """A part of a board as a picture shows it, turned by quarters, with its true ids."""
+    ids = np.arange((target.rows - 1) * (target.cols - 1)).reshape(target.rows - 1, -1)[rows, cols].ravel()
+    row, col = np.divmod(ids, target.cols - 1)
+    seen = np.stack([-col if mirrored else col, row], axis=1)
+    pixels = 20.0 * (seen @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn))
+    places = (pixels / 20.0).astype(np.int64)
+    # By the print: black right of and below corner (0, 0), which is white in a mirror, and after a quarter turn.
+    white = ((row + col) % 2 == 1) ^ mirrored ^ (turn % 2 == 1)
+    places[:, 0] += (places[0].sum() % 2 == 0) != white[0]
+    shown = np.zeros((2, 2), dtype=bool)
+    if ends:
+        whole = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
+        box = (whole * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
+        at = (pixels / 20.0).astype(np.int64)
+        shown[0], shown[1] = at.min(axis=0) == box.min(axis=0), at.max(axis=0) == box.max(axis=0)
+    return SeenGrid(places, Corners(np.arange(len(ids)), pixels), shown), ids
+
+
+@pytest.mark.parametrize("target", BOARDS)
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("turn", range(4))
+def test_a_whole_board_has_one_numbering_or_two(target: Checkerboard, *, mirrored: bool, turn: int) -> None:
+    grid, ids = part(target, np.s_[:], np.s_[:], turn, mirrored=mirrored)
+    found = [corners.ids.tolist() for corners in grid.numberings(target, mirrored=mirrored)]
+    assert ids.tolist() in found
+    assert len(found) == 1 + target.looks_same_upside_down
+    if target.looks_same_upside_down:
+        assert ids[::-1].tolist() in found
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_colours_tell_a_mirrored_board_of_even_sides(*, mirrored: bool) -> None:
+    grid, _ = part(EVEN, np.s_[:], np.s_[:], 1, mirrored=mirrored)
+    assert grid.numberings(EVEN, mirrored=not mirrored) == []
+    grid, _ = part(ODD, np.s_[:], np.s_[:], 1, mirrored=mirrored)
+    assert len(grid.numberings(ODD, mirrored=not mirrored)) == 1
+
+
+@pytest.mark.parametrize("target", BOARDS)
+@pytest.mark.parametrize("turn", range(4))
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_part_has_the_right_numbering_among_others(target: Checkerboard, turn: int, *, mirrored: bool) -> None:
+    grid, ids = part(target, np.s_[1:5], np.s_[2:6], turn, mirrored=mirrored)
+    found = grid.numberings(target, mirrored=mirrored)
+    assert ids.tolist() in [corners.ids.tolist() for corners in found]
+    assert len({tuple(corners.ids.tolist()) for corners in found}) == len(found) > 1
+    for corners in found:
+        row, col = np.divmod(corners.ids, target.cols - 1)
+        near = np.abs(np.diff(np.stack([row, col]), axis=1)).sum(axis=0)
+        assert (near[:2] == 1).all()
+
+
+@pytest.mark.parametrize("turn", range(4))
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_ends_number_a_part(turn: int, *, mirrored: bool) -> None:
+    grid, ids = part(ODD, np.s_[:3], np.s_[:], turn, mirrored=mirrored, ends=True)
+    (corners,) = grid.numberings(ODD, mirrored=mirrored)
+    assert corners.ids.tolist() == ids.tolist()
+    # A black square at the board's corner, which has two of them: those of the same side, turned by a quarter.
+    grid, ids = part(ODD, np.s_[:4], np.s_[2:], turn, mirrored=mirrored, ends=True)
+    found = [corners.ids.tolist() for corners in grid.numberings(ODD, mirrored=mirrored)]
+    assert len(found) == 2
+    assert ids.tolist() in found
+
+
+def test_a_larger_board_has_none() -> None:
+    grid, _ = part(EVEN, np.s_[:], np.s_[:], 0, mirrored=False)
+    assert grid.numberings(ODD, mirrored=False) == []
+    assert grid.extent == (7, 5)
+    assert len(grid) == 35
