@@ -24,7 +24,6 @@ import shapely
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.workflow.validation import calibrate_set, mirror_errors
@@ -91,7 +90,7 @@ def nees(calibration: Calibration, true: Layout) -> float:
             for index, centre in enumerate(layout.virtual_centres_in_rig_mm)
             for axis, value in zip("xyz", centre, strict=True)
         }
-        return dict(zip(INTRINSIC_NAMES, layout.camera.intrinsics.tolist(), strict=True)) | centres
+        return dict(zip(layout.camera.intrinsic_names, layout.camera.intrinsics.tolist(), strict=True)) | centres
 
     found, expected = values(calibration.layout), values(true)
     places = [place for place, name in enumerate(known.parameters) if name in found]

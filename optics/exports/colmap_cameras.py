@@ -6,6 +6,7 @@ say what belongs to a view.
 
 from __future__ import annotations
 
+from mirrorcam.optics.exports.held_lens import COLMAP
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera
 
@@ -13,12 +14,15 @@ from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera
 def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[RigCamera, ...]:
     """The views as cameras of a rig; the world is the rig frame.
 
-    FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, the last three zero here.
+    FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, the last three zero of a Brown-Conrady lens;
+    OPENCV_FISHEYE fx, fy, cx, cy, k1, k2, k3, k4.
     """
     cameras = []
     for view in views:
-        fx, fy, cx, cy, *distortion = (float(value) for value in view.camera.intrinsics)
-        parameters = (fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, *distortion, 0.0, 0.0, 0.0)
-        size = view.camera.width_px, view.camera.height_px
-        cameras.append(RigCamera(view.name, "FULL_OPENCV", *size, parameters, view.camera_from_rig))
+        camera = COLMAP.of(view).camera
+        fx, fy, cx, cy, *distortion = (float(value) for value in camera.intrinsics)
+        model = "OPENCV_FISHEYE" if camera.lens_model == "fisheye" else "FULL_OPENCV"
+        unused = (0.0,) * (3 if camera.lens_model == "brown_conrady" else 0)
+        parameters = (fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, *distortion, *unused)
+        cameras.append(RigCamera(view.name, model, camera.width_px, camera.height_px, parameters, view.camera_from_rig))
     return tuple(cameras)

@@ -9,7 +9,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 GRID = 12  # samples across and down a sub-image
@@ -50,7 +50,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
     best = Pinhole(camera, turn, shift, _worst(camera, images, seen))
     if best.error_px < EXACT_PX:
         return best
-    free = [INTRINSIC_NAMES.index(name) for name in FREE]
+    free = [place for place, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
     for _ in range(STEPS):
         turned = images @ turn.T + shift
         found, by_point, by_intrinsic = camera.project_with_jacobians(turned)

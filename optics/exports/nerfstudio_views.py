@@ -7,6 +7,7 @@ import json
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports.held_lens import NERFSTUDIO
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.nerfstudio_frames import WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import inverse, rigid
@@ -17,7 +18,7 @@ def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray)
     world_from_rig = rigid(WORLD_FROM_VIEW @ view_from_rig, np.zeros(3))
     frames = []
     for view in views:
-        camera = view.cropped
+        camera = view.cut_to_sub_image(NERFSTUDIO.of(view).camera)
         frames.append(
             frame(
                 view.name,
@@ -25,7 +26,8 @@ def transforms_json(views: tuple[VirtualCamera, ...], view_from_rig: FloatArray)
                 (camera.fx_px, camera.fy_px),
                 (camera.cx_px, camera.cy_px),
                 world_from_rig @ inverse(view.camera_from_rig),
-                dict(zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion.tolist(), strict=True)),
+                dict(zip(camera.lens.names, camera.distortion.tolist(), strict=True)),
             )
         )
-    return json.dumps({"camera_model": "OPENCV", "frames": frames}, indent=1, allow_nan=False) + "\n"
+    model = "OPENCV_FISHEYE" if views[0].camera.lens_model == "fisheye" else "OPENCV"
+    return json.dumps({"camera_model": model, "frames": frames}, indent=1, allow_nan=False) + "\n"

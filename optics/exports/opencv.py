@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from mirrorcam.optics.exports.held_lens import OPENCV
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
 
 
@@ -17,13 +18,16 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
     file.write("flip_code", 1 if flip == "left-right" else 0)
     file.writeComment(f"cv2.flip(frame, flip_code) is the image of every view: {flip}")
     file.write("unit", "mm")
+    if views[0].camera.lens_model == "fisheye":
+        file.writeComment("distortion_coefficients are those of cv2.fisheye.projectPoints")
     file.startWriteStruct("views", cv2.FILE_NODE_SEQ)
     for view in views:
         cut = view.sub_image
         file.startWriteStruct("", cv2.FILE_NODE_MAP)
         file.write("name", view.name)
-        file.write("camera_matrix", view.camera.matrix)
-        file.write("distortion_coefficients", view.camera.distortion[None])
+        camera = OPENCV.of(view).camera
+        file.write("camera_matrix", camera.matrix)
+        file.write("distortion_coefficients", camera.distortion[None])
         file.write("R", view.camera_from_rig[:3, :3])
         file.write("T", view.camera_from_rig[:3, 3:])
         file.write("roi", np.array([[cut.x, cut.y, cut.width, cut.height]], dtype=np.int32))

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from mirrorcam.optics.base.number_text import number, numbers
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.exports.held_lens import ROS
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera
+
+MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
+"""Names of lens models in `sensor_msgs/distortion_models.hpp`."""
 
 
 def frame_id(view: VirtualCamera) -> str:
@@ -18,14 +22,14 @@ def camera_info_yaml(view: VirtualCamera) -> str:
     K is that of the whole flipped frame, as CameraInfo asks for where an image is only its `roi`. The parser reads
     neither `frame_id` nor `roi`; a driver copies them into header.frame_id and roi.
     """
-    camera, cut = view.camera, view.sub_image
+    camera, cut = ROS.of(view).camera, view.sub_image
     fx, fy, cx, cy = (number(value) for value in camera.intrinsics[:4])
     return (
         f"image_width: {camera.width_px}\n"
         f"image_height: {camera.height_px}\n"
         f"camera_name: mirrorcam_{view.name}\n"
         f"{_matrix('camera_matrix', camera.matrix)}"
-        "distortion_model: plumb_bob\n"
+        f"distortion_model: {MODELS[camera.lens_model]}\n"
         f"{_matrix('distortion_coefficients', camera.distortion[None])}"
         "rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n"
         f"projection_matrix:\n  rows: 3\n  cols: 4\n"

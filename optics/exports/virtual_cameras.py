@@ -85,12 +85,13 @@ class VirtualCamera:
     @cached_property
     def cropped(self) -> Camera:
         """The camera of the flipped frame cut to `sub_image`."""
+        return self.cut_to_sub_image(self.camera)
+
+    def cut_to_sub_image(self, camera: Camera) -> Camera:
+        """A camera of the flipped frame, as one of the frame cut to `sub_image`."""
         cut = self.sub_image
-        return self.camera.replaced(
-            width_px=cut.width,
-            height_px=cut.height,
-            cx_px=self.camera.cx_px - cut.x,
-            cy_px=self.camera.cy_px - cut.y,
+        return camera.replaced(
+            width_px=cut.width, height_px=cut.height, cx_px=camera.cx_px - cut.x, cy_px=camera.cy_px - cut.y
         )
 
     @cached_property
@@ -174,10 +175,9 @@ def upright_flip(layout: Layout) -> Flip:
 
 def flipped_camera(camera: Camera, flip: Flip) -> Camera:
     """The camera whose frames are another's, flipped."""
-    k1, k2, p1, p2, k3 = (float(k) for k in camera.distortion)
     if flip == "left-right":
-        return camera.replaced(cx_px=camera.width_px - 1 - camera.cx_px, distortion=[k1, k2, p1, -p2, k3])
-    return camera.replaced(cy_px=camera.height_px - 1 - camera.cy_px, distortion=[k1, k2, -p1, p2, k3])
+        return camera.replaced(cx_px=camera.width_px - 1 - camera.cx_px, distortion=camera.lens.flipped(0).coefficients)
+    return camera.replaced(cy_px=camera.height_px - 1 - camera.cy_px, distortion=camera.lens.flipped(1).coefficients)
 
 
 def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray:

@@ -13,7 +13,8 @@ from mirrorcam.optics.base.names import word
 from mirrorcam.optics.base.pictures import check_size, read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports.colmap_cameras import rig_cameras
-from mirrorcam.optics.exports.kalibr import camchain_yaml, radtan
+from mirrorcam.optics.exports.held_lens import FORMATS
+from mirrorcam.optics.exports.kalibr import camchain_yaml
 from mirrorcam.optics.exports.nearest_pinhole import DISTANCES_MM
 from mirrorcam.optics.exports.nerfstudio_views import transforms_json
 from mirrorcam.optics.exports.opencv import opencv_yaml
@@ -100,9 +101,8 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
     rows = ""
     for view in views:
         cut = view.sub_image
-        errors = " | ".join(
-            f"{error:.2g}" if error > 1e-6 else "0" for error in (view.pinhole_error_px, radtan(view)[1])
-        )
+        found = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
+        errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in found)
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
     depths = " to ".join(f"{mm:g}" for mm in (layout.spec.depths_mm if layout.spec else DISTANCES_MM))
     return f"""# A mirror camera for other tools
@@ -139,10 +139,13 @@ triangulates one picture. For many, `colmap mapper --Mapper.ba_refine_sensor_fro
 --Mapper.ba_refine_focal_length 0 --Mapper.ba_refine_extra_params 0` also estimates the motion of the rig.
 nerfstudio: `ns-train splatfacto --data nerfstudio`.
 
-The last columns give the largest error of each camera within its view, in px: as a pinhole, and in Kalibr's model,
-which has no k3. A flat first-surface mirror is exactly a pinhole. A second-surface or bent mirror is not: the camera
-here is the pinhole that fits it best over its view, at {depths} mm from its virtual centre.
+The last columns give the largest error of each camera within its view, in px: as a pinhole with the layout's lens
+({layout.camera.lens_model}), and in the lens models of each format. OpenCV has k1 k2 p1 p2 k3, k4 k5 k6 and s1 s2 s3
+s4, or the k1 k2 k3 k4 of a fisheye; ROS and COLMAP the same without s1 to s4; nerfstudio k1 k2 p1 p2 k3, or a fisheye;
+Kalibr the same without k3. Any other lens is written as the nearest one over the view. A flat first-surface mirror is
+exactly a pinhole. A second-surface or bent mirror is not: the camera here is the pinhole that fits it best over its
+view, at {depths} mm from its virtual centre.
 
-| view | first pixel of the flipped frame | size px | pinhole | Kalibr |
-|---|---|---|---|---|
+| view | first pixel of the flipped frame | size px | pinhole | {" | ".join(FORMATS)} |
+|---|---|---|---|{"---|" * len(FORMATS)}
 {rows}"""

@@ -1,4 +1,4 @@
-"""The base camera: pinhole with Brown-Conrady distortion in OpenCV's convention (pixel (0, 0) is a pixel centre)."""
+"""The base camera: a pinhole with a lens, in OpenCV's convention (pixel (0, 0) is a pixel centre)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from mirrorcam.optics.base.bounds import (
     APERTURE_MM,
@@ -20,9 +20,12 @@ from mirrorcam.optics.base.bounds import (
 )
 from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
+from mirrorcam.optics.geometry.lenses.lens import Lens
 from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
 
-INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+PINHOLE_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px")
+PLAIN_LENS: LensName = "brown_conrady"
 
 SENSOR_PX = Bounds(1, 65_535)
 
@@ -32,8 +35,8 @@ Corner = tuple[Annotated[float, OFFSET_MM.each], Annotated[float, OFFSET_MM.each
 class Camera(Value):
     """Pinhole camera at the origin of its frame, looking along +z, x to image right, y to image down.
 
-    The lens model is OpenCV's (Brown-Conrady): with x, y the coordinates (x/z, y/z) of a ray, called normalized, and
-    r^2 = x^2 + y^2, a pixel is u = fx (x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)) + cx, v alike.
+    A ray has the coordinates x/z and y/z, called normalized. The lens takes them to distorted ones (xd, yd), and a
+    pixel is (fx xd + cx, fy yd + cy).
 
     Attributes
     ----------
@@ -43,8 +46,10 @@ class Camera(Value):
         Size of the sensor.
     fx_px, fy_px, cx_px, cy_px : float
         Focal lengths and principal point; pixel (0, 0) is the centre of the top-left pixel.
+    lens_model : str
+        Family of the lens (`lenses.families`).
     distortion : ndarray
-        (k1, k2, p1, p2, k3), in the order of OpenCV.
+        Coefficients of the lens: (k1, k2, p1, p2, k3) of a Brown-Conrady one, in the order of OpenCV.
     aperture_mm : float
         Diameter of the entrance pupil, 0 of a pinhole.
     focus_mm : float
@@ -60,13 +65,21 @@ class Camera(Value):
     fy_px: float = FOCAL_PX.field()
     cx_px: float = PLACE_PX.field()
     cy_px: float = PLACE_PX.field()
-    distortion: Annotated[FloatArray, Shaped((5,), largest=LARGEST_DISTORTION)] = Field(
+    lens_model: LensName = Field(default=PLAIN_LENS, exclude_if=lambda name: name == PLAIN_LENS)
+    distortion: Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)] = Field(
         default_factory=lambda: np.zeros(5), validate_default=True
     )
     aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.least, le=APERTURE_MM.most, exclude_if=lambda mm: mm == 0.0)
     focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.least, le=DEPTH_MM.most, exclude_if=lambda mm: mm == FOCUS_MM)
 
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
+
+    @field_validator("distortion")
+    @classmethod
+    def _check_distortion(cls, distortion: FloatArray, others: ValidationInfo) -> FloatArray:
+        if "lens_model" in others.data:  # else refused already
+            lens_of(others.data["lens_model"], distortion)
+        return distortion
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -111,35 +124,42 @@ class Camera(Value):
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
     @cached_property
+    def lens(self) -> Lens:
+        """The lens as `lens_model` and `distortion` describe it."""
+        return lens_of(self.lens_model, self.distortion)
+
+    @property
+    def intrinsic_names(self) -> tuple[str, ...]:
+        """Names (k,) of `intrinsics`."""
+        return (*PINHOLE_NAMES, *self.lens.names)
+
+    @cached_property
     def intrinsics(self) -> FloatArray:
-        """The parameters (9,) named by `INTRINSIC_NAMES`."""
+        """The parameters (k,) named by `intrinsic_names`: focal lengths, principal point, distortion."""
         return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> Self:
-        """The same sensor with other parameters (9,), in the order of `INTRINSIC_NAMES`."""
+        """The same sensor and family of lenses with other parameters (k,), in the order of `intrinsic_names`."""
         fx, fy, cx, cy, *distortion = (float(v) for v in intrinsics)
         return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion)
 
+    @property
+    def is_undistorted(self) -> bool:
+        """Whether straight lines appear straight everywhere."""
+        return self.lens.is_identity
+
     @cached_property
     def valid_radius(self) -> float:
-        """Normalized radius up to which the radial distortion grows monotonically (infinite where it never folds)."""
-        k1, k2, _, _, k3 = self.distortion
-        # Solved for 1 / r^2, whose polynomial has the leading coefficient 1 however small the distortion is.
-        roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
-        return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
+        """Normalized radius up to which the lens is defined (infinite where it never folds)."""
+        return self.lens.valid_radius
 
     def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
         """Distort and scale normalized coordinates (..., 2) to pixels; NaN beyond `valid_radius`."""
         x, y = normalized[..., 0], normalized[..., 1]
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        xd, yd = self.lens.distorted(x, y)
         pixels = np.stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px], axis=-1)
         if np.isfinite(self.valid_radius):
-            pixels = np.where((r2 <= self.valid_radius**2)[..., None], pixels, np.nan)
+            pixels = np.where((x * x + y * y <= self.valid_radius**2)[..., None], pixels, np.nan)
         return pixels
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
@@ -150,35 +170,19 @@ class Camera(Value):
         return self.pixels_from_normalized(normalized)
 
     def project_with_jacobians(self, points_in_rig: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, 9) of points (n, 3) in mm."""
+        """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, k) of points (n, 3) in mm."""
         x, y, z = np.asarray(points_in_rig, dtype=np.float64).T
         x, y = x / z, y / z
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        r4, r6 = r2 * r2, r2 * r2 * r2
-        radial = 1.0 + k1 * r2 + k2 * r4 + k3 * r6
-        d_radial = k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4
-        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-
         # Stored component first: each assignment below then runs through memory once.
+        d_intrinsics = np.zeros((2, len(self.intrinsics), x.size)).transpose(2, 0, 1)
+        at = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, 4:])
         d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
-        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
-        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
-        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
-        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * xx / z, self.fx_px * cross / z
-        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * cross / z, self.fy_px * yy / z
+        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * at.xx / z, self.fx_px * at.xy / z
+        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * at.yx / z, self.fy_px * at.yy / z
         d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
-
-        d_intrinsics = np.zeros((2, 9, x.size)).transpose(2, 0, 1)
-        d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = xd, yd
+        d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = at.x, at.y
         d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
-        for row, focal, coordinate in ((0, self.fx_px, x), (1, self.fy_px, y)):
-            for column, power in ((4, r2), (5, r4), (8, r6)):
-                d_intrinsics[:, row, column] = focal * coordinate * power
-        d_intrinsics[:, 0, 6], d_intrinsics[:, 0, 7] = self.fx_px * 2.0 * x * y, self.fx_px * (r2 + 2.0 * x * x)
-        d_intrinsics[:, 1, 6], d_intrinsics[:, 1, 7] = self.fy_px * (r2 + 2.0 * y * y), self.fy_px * 2.0 * x * y
-        pixels = np.stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px], axis=-1)
+        pixels = np.stack([self.fx_px * at.x + self.cx_px, self.fy_px * at.y + self.cy_px], axis=-1)
         return pixels, d_points, d_intrinsics
 
     def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
@@ -188,11 +192,9 @@ class Camera(Value):
         target = pixels.reshape(-1, 2)
         focal = np.array([self.fx_px, self.fy_px])
         normalized = (target - np.array([self.cx_px, self.cy_px])) / focal
-        if not self.distortion.any():
+        if self.is_undistorted:
             return normalized.reshape(shape)
-        if np.isfinite(self.valid_radius):
-            radius = np.linalg.norm(normalized, axis=1, keepdims=True)
-            normalized *= np.minimum(1.0, 0.95 * self.valid_radius / np.maximum(radius, 1e-12))
+        normalized = np.column_stack(self.lens.undistorted_roughly(*normalized.T))
         for _ in range(20):
             points = np.column_stack([normalized, np.ones(len(normalized))])
             found, d_points, _ = self.project_with_jacobians(points)

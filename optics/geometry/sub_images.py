@@ -38,7 +38,7 @@ def sensor_polygon(camera: Camera) -> Polygon:
     """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
     w, h = camera.width_px - 0.5, camera.height_px - 0.5
     border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
-    if camera.distortion.any():
+    if not camera.is_undistorted:
         border = _subdivided(border)
     normalized = camera.normalized_from_pixels(border)
     if not np.isfinite(normalized).all():
@@ -135,7 +135,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
     """The outline (n, 3) in rig of a region at a depth, its edges sampled where the lens distorts them."""
     outline = vertices(region)
-    if layout.camera.distortion.any():
+    if not layout.camera.is_undistorted:
         outline = _subdivided(outline)
     return np.column_stack([outline, np.full(len(outline), depth_mm)]) @ layout.view_from_rig
 

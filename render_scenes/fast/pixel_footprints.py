@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
@@ -32,9 +31,9 @@ from mirrorcam.optics.geometry.pupil import (
     served_through,
 )
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
+from mirrorcam.render_scenes.undistorted_pixels import undistorted_pixels
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
-GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
 BLOCK = 8  # subpixels along each side of a block that is classified as a whole
 FINE = 4  # samples along each side of a subpixel that the edge of a mirror cuts
 SHARP = 4.0  # subpixels that the blurred edge of a mirror is at least wide, or else is sampled in each
@@ -163,12 +162,8 @@ class _SensorGrid:
 
     def __init__(self, camera: Camera, cut: int) -> None:
         self._shape = camera.height_px * cut, camera.width_px * cut
-        # Nodes up to the edge of the sensor, beyond which the lens model may have no rays.
-        nodes = [np.linspace(-0.5, length / cut - 0.5, int(length / cut / GRID_PX) + 2) for length in self._shape]
-        exact = camera.normalized_from_pixels(np.stack(np.meshgrid(nodes[1], nodes[0]), axis=-1))
-        middles = [(np.arange(length) + 0.5) / cut - 0.5 for length in self._shape]
-        splines = [RectBivariateSpline(*nodes, exact[..., axis], kx=5, ky=5) for axis in range(2)]
-        self.normalized = np.stack([spline(*middles) for spline in splines], axis=-1)
+        rows, columns = ((np.arange(length) + 0.5) / cut - 0.5 for length in self._shape)
+        self.normalized = undistorted_pixels(camera, columns, rows)
 
     @property
     def count(self) -> int:

@@ -15,7 +15,6 @@ from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -85,12 +84,15 @@ class NextPosePlanner:
     def __init__(self, layout: Layout, target: Target) -> None:
         self._layout, self._target = layout, target
         self._model = Model(
-            INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+            layout.camera.intrinsic_names,
+            thickness=False,
+            curvature=False,
+            board=Board.rigid(target.corners_in_board_mm),
         )
         self._pictures = 0
         camera, (focal, centre, distortion) = layout.camera, PRIOR
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
-        before = [*intrinsics, *[distortion] * (len(INTRINSIC_NAMES) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))]
+        before = [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))]
         self._information = np.diag(np.square(before) ** -1.0)
         self._candidates = list(self._prepared())
         if not self._candidates:
@@ -168,7 +170,7 @@ class NextPosePlanner:
         """
         covariance, sigma = np.linalg.inv(information), []
         for index, mirror in enumerate(self._layout.mirrors):
-            at, across = len(INTRINSIC_NAMES) + 3 * index, mirror.rig_from_plane[:3, :2]
+            at, across = len(self._layout.camera.intrinsics) + 3 * index, mirror.rig_from_plane[:3, :2]
             block = across.T @ covariance[..., at : at + 3, at : at + 3] @ across
             sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / (2.0 * mirror.distance_mm))
         return np.degrees(np.stack(sigma, axis=-1))

@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, IntArray, Observations
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
@@ -213,7 +213,7 @@ def _place(observations: Observations, rows: IntArray, names: Sequence[str], mir
     return name if view == DIRECT else f"{name}, mirror {mirrors[view]}"
 
 
-def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int) -> float:
+def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int, common: int) -> float:
     """Disagreement of two sets of frames about the camera, in sigmas (1 is expected where they agree).
 
     The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960).
@@ -226,11 +226,13 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
         Residuals (n, 2) of a common fit to the same corners.
     unknowns
         Number of parameters of the separate fits.
+    common
+        Number of those that the common fit has once, the intrinsics.
     """
     separate = np.concatenate([r.ravel() for r in apart])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
     worse = float(np.sum(together**2)) - float(separate @ separate)
-    return float(np.sqrt(max(worse, 0.0) / len(INTRINSIC_NAMES) / noise))
+    return float(np.sqrt(max(worse, 0.0) / common / noise))
 
 
 def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
         return CorrelatedErrors(1.0, 1.0)
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
-    names = global_names(mirrors, len(model.board.modes))
+    names = global_names(solution.estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
     places = [names.index(name) for name in solution.parameters]
     r, by_global, by_frame = (
         found / rows.sigma_px.reshape(-1, *[1] * (found.ndim - 1))

@@ -98,7 +98,7 @@ class _Views:
 def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
     """The standardised sum of squares at the minimum over virtual cameras, poses, intrinsics and modes of the board."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
-    names = global_names(mirrors, len(model.board.modes))
+    names = global_names(estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
     kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
     _, _, seen = points_at_camera(estimate, rows, model.board)
     about = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])

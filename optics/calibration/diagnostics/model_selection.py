@@ -111,7 +111,8 @@ def select_model(
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm))
     comparisons = [smallest(paper)]
     try:
-        current = fit_as("joint", paper.solution.estimate, observations, joint_model(corners_in_board_mm))
+        start = paper.solution.estimate
+        current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm))
     except UndeterminedError:
         if asked is not None and level != "paper":
             raise

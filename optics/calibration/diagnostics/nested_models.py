@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.plate import rise_mm
 
 ADDITIONS = ("sheet", "bend", "warp", "bow")
@@ -74,16 +74,16 @@ def paper_model(corners_in_board_mm: FloatArray) -> Model:
     return Model((), thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
 
 
-def joint_model(corners_in_board_mm: FloatArray) -> Model:
-    """The model with free intrinsics."""
-    return Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
+def joint_model(camera: Camera, corners_in_board_mm: FloatArray) -> Model:
+    """The model with all intrinsics of a camera free."""
+    return Model(camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
 
 
 def first_fit(start: Estimate, observations: Observations, corners_in_board_mm: FloatArray) -> Estimate:
     """The estimate of `joint`, or of `paper` where the corners leave the intrinsics open."""
     paper = fit(start, observations, paper_model(corners_in_board_mm)).estimate
     try:
-        return fit(paper, observations, joint_model(corners_in_board_mm)).estimate
+        return fit(paper, observations, joint_model(paper.camera, corners_in_board_mm)).estimate
     except UndeterminedError:
         return paper
 

@@ -100,7 +100,8 @@ def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
     estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
     rows = Observations.of_view(0, view, np.arange(count), np.zeros((count, 2)))
     pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
-    place = {name: k for k, name in enumerate(global_names(len(layout.mirrors), 0))}
+    names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
+    place = {name: k for k, name in enumerate(names)}
     return Projection(pixels, by_global[:, :, [place[name] for name in known.parameters]], by_frame[:, :, 3:6])
 
 

@@ -19,7 +19,6 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS,
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 
 PLATE_TRIED_MM, INDEX_TRIED = 1.0, 1.49
@@ -106,7 +105,7 @@ def _agreeing(
 
     The standard deviations of both follow the noise of each view.
     """
-    free = joint_model(corners_in_board_mm)
+    free = joint_model(layout.camera, corners_in_board_mm)
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
     start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)
@@ -172,10 +171,12 @@ def _camera_disagreement(
     both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
     poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
     common, _ = minimise(with_mirrors.with_poses(poses), both, model)
+    intrinsics = common.camera.intrinsics.size
     return consistency.camera_disagreement(
         [_standardised(with_mirrors, mirrored, model), _standardised(without, direct, model)],
         _standardised(common, both, model),
-        unknowns=len(model.parameters(len(layout.mirrors))) + len(INTRINSIC_NAMES) + 6 * len(poses),
+        unknowns=len(model.parameters(common.camera, len(layout.mirrors))) + intrinsics + 6 * len(poses),
+        common=intrinsics,
     )
 
 

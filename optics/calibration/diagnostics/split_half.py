@@ -240,5 +240,7 @@ def global_values(estimate: Estimate) -> FloatArray:
 
 
 def _free_places(solution: Solution, names: Sequence[str]) -> list[int]:
-    every = global_names(len(solution.estimate.virtual_centres_in_rig_mm), solution.estimate.shape.size)
+    estimate = solution.estimate
+    mirrors = len(estimate.virtual_centres_in_rig_mm)
+    every = global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)
     return [every.index(name) for name in names]

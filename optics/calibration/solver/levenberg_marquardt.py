@@ -107,7 +107,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     """
     if model.thickness and not (start.thickness_mm > 0.0).any():
         raise UndeterminedError("no mirror is second-surface, so no plate thickness can be determined")
-    parameters = model.parameters(len(start.virtual_centres_in_rig_mm))
+    parameters = model.parameters(start.camera, len(start.virtual_centres_in_rig_mm))
     frames = len(start.rig_from_board)
     estimate, iterations = start, 0
     # Far from the minimum, free curvatures would mislead the thickness, which has little effect beside them.
@@ -152,7 +152,7 @@ def effective_frame_terms(estimate: Estimate, observations: Observations, model:
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
     """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError that names what is undetermined."""
-    parameters = model.parameters(len(estimate.virtual_centres_in_rig_mm))
+    parameters = model.parameters(estimate.camera, len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     information = np.diag(normal.u)
     for place in np.flatnonzero(information == 0.0):
@@ -312,8 +312,8 @@ def _descend(
 def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_own: FloatArray) -> Estimate | None:
     """The estimate after a step; None where the camera or a plate would become impossible."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
-    step = np.zeros(len(global_names(mirrors, estimate.shape.size)))
-    step[model.free(mirrors)] = step_free
+    step = np.zeros(len(global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)))
+    step[model.free(estimate.camera, mirrors)] = step_free
     focal = estimate.camera.intrinsics[:2] + step[:2]
     if not np.isfinite(step).all() or not np.isfinite(step_own).all() or (focal <= 0.0).any():
         return None

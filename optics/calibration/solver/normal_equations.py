@@ -18,7 +18,6 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, Linearized, linearized, mirrors_of_views
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.mirror_imaging import images
 
 ROWS_AT_ONCE = 4096
@@ -222,7 +221,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     if model.frame_terms.bow_per_mm is not None:
         parts.append(_by_board(at, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
     parts.append((at.pixels - chunk.pixels)[:, None])
-    parts.append(at.intrinsics[:, [name in model.intrinsics for name in INTRINSIC_NAMES]])
+    parts.append(at.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
     if mirrors is not None:
         parts += [at.centre] * model.mirrors + [at.curvature] * model.curvature
     if model.thickness:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
+from mirrorcam.optics.geometry.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Model:
     Attributes
     ----------
     intrinsics
-        Free intrinsics, of `INTRINSIC_NAMES`; none in the paper's calibration.
+        Free intrinsics, of `Camera.intrinsic_names`; none in the paper's calibration.
     thickness
         One correction, in mm, to the thickness of all plates of second-surface mirrors. Their refractive index is held:
         only t (1 - tan' / tan) is observable, in which thickness and index are nearly one number.
@@ -77,23 +77,24 @@ class Model:
     mirrors: bool = True
     frame_terms: FrameTerms = FrameTerms()
 
-    def __post_init__(self) -> None:
-        unknown = [name for name in self.intrinsics if name not in INTRINSIC_NAMES]
-        if unknown:
-            raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(INTRINSIC_NAMES)}")
+    def parameters(self, camera: Camera, mirrors: int) -> tuple[str, ...]:
+        """Names of the free globals of a camera with `mirrors` mirrors, in the order of `global_names`."""
+        names = np.array(global_names(camera.intrinsic_names, mirrors, len(self.board.modes)))
+        return tuple(names[self.free(camera, mirrors)].tolist())
 
-    def parameters(self, mirrors: int) -> tuple[str, ...]:
-        """Names of the free globals of a layout with `mirrors` mirrors, in the order of `global_names`."""
-        names = np.array(global_names(mirrors, len(self.board.modes)))
-        return tuple(names[self.free(mirrors)].tolist())
+    def free(self, camera: Camera, mirrors: int) -> NDArray[np.int64]:
+        """Indices (g,) of the free globals among `global_names`, increasing.
 
-    def free(self, mirrors: int) -> NDArray[np.int64]:
-        """Indices (g,) of the free globals among `global_names`, increasing."""
+        Raises ValueError where a free intrinsic is none of the camera's.
+        """
+        every = camera.intrinsic_names
+        if unknown := [name for name in self.intrinsics if name not in every]:
+            raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(every)}")
 
         def is_free(name: str) -> bool:
             if name.startswith("mirror "):
                 return self.curvature if "curvature" in name else self.mirrors
             return name in self.intrinsics or (self.thickness if name == "sheet_mm" else name.startswith("board "))
 
-        names = global_names(mirrors, len(self.board.modes))
+        names = global_names(every, mirrors, len(self.board.modes))
         return np.array([place for place, name in enumerate(names) if is_free(name)], dtype=np.int64)

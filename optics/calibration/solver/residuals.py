@@ -7,6 +7,7 @@ from its image (`geometry.mirror_imaging`). Both are rotated by exp(w_f) where t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -17,18 +18,19 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays
 from mirrorcam.optics.geometry.mirror_imaging import images
 
-N_INTRINSICS = 9
 
+def global_names(intrinsics: Sequence[str], mirrors: int, modes: int) -> tuple[str, ...]:
+    """Names of all parameters that the frames of a calibration share, in the order of `Estimate.moved`.
 
-def global_names(mirrors: int, modes: int) -> tuple[str, ...]:
-    """Names of all parameters that the frames of a calibration share, in the order of `Estimate.moved`."""
+    `intrinsics` are those of the camera (`Camera.intrinsic_names`).
+    """
     return (
-        *INTRINSIC_NAMES,
+        *intrinsics,
         *(f"mirror {m} {axis}_mm" for m in range(mirrors) for axis in "xyz"),
         *(f"mirror {m} curvature_{axes}_per_m" for m in range(mirrors) for axes in ("xx", "yy", "xy")),
         "sheet_mm",
@@ -185,7 +187,7 @@ class Estimate:
         poses[:, :3, 3] += step_poses[:, 3:]
         count = self.virtual_centres_in_rig_mm.size
         intrinsics, centres, curvatures, thickness, shape = np.split(
-            step_global, np.cumsum([N_INTRINSICS, count, count, 1])
+            step_global, np.cumsum([self.camera.intrinsics.size, count, count, 1])
         )
         return replace(
             self,
@@ -258,7 +260,7 @@ def residuals(estimate: Estimate, observations: Observations, board: Board) -> F
 class Linearized:
     """Predicted pixels (2, n) and their derivatives, component first.
 
-    The derivatives are with respect to the intrinsics (2, 9, n), the mirror's virtual centre (2, 3, n), thickness
+    The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
     (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin
     (2, 3, n), and the camera's turn (2, 3, n).
     """
@@ -337,7 +339,8 @@ def residuals_with_jacobians(
     """
     turned, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)
-    thickness = N_INTRINSICS + 6 * count
+    lens = estimate.camera.intrinsics.size
+    thickness = lens + 6 * count
     r = np.empty((len(observations), 2))
     by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
     by_frame = np.empty((len(observations), 2, 12))
@@ -350,14 +353,14 @@ def residuals_with_jacobians(
         turn = turns[frame].transpose(1, 2, 0)
         at = linearized(estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=turn)
         r[rows] = at.pixels.T - observations.pixels[rows]
-        by_global[rows, :, :N_INTRINSICS] = at.intrinsics.transpose(2, 0, 1)
+        by_global[rows, :, :lens] = at.intrinsics.transpose(2, 0, 1)
         by_corner = np.einsum("ijn,njk->nik", at.corner, estimate.rig_from_board[frame, :3, :3])
         by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
         by_frame[rows, :, :9] = np.concatenate([at.turn, at.corner, at.camera_turn], axis=1).transpose(2, 0, 1)
         by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
-                by_global[rows, :, N_INTRINSICS + 3 * view + k] = at.centre[:, k].T
-                by_global[rows, :, N_INTRINSICS + 3 * (count + view) + k] = at.curvature[:, k].T
+                by_global[rows, :, lens + 3 * view + k] = at.centre[:, k].T
+                by_global[rows, :, lens + 3 * (count + view) + k] = at.curvature[:, k].T
             by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, at.thickness, 0.0).T
     return r, by_global, by_frame

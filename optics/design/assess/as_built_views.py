@@ -118,7 +118,7 @@ class BuiltViews:
     def seen_px(self, regions: Polygons, depth_mm: float) -> FloatArray:
         """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane at a depth."""
         start, end, of = _edges(regions)
-        if any(camera.distortion.any() for camera in self.cameras):
+        if not all(camera.is_undistorted for camera in self.cameras):
             along = np.linspace(0.0, 1.0, POINTS_PER_EDGE + 1)[:, None]
             bent = start[:, None] * (1.0 - along) + end[:, None] * along
             start, end = bent[:, :-1].reshape(-1, 2), bent[:, 1:].reshape(-1, 2)

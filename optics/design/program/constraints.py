@@ -47,11 +47,11 @@ REGION_CORNERS = 8
 def mirror_term(kind: Kind) -> Term:
     """One mirror: it can be cut, the sensor sees it, and it folds the light towards the scene.
 
-    Unknowns: fold, virtual centre, corners. Parameters: optics, intrinsics (9), sensor px (2), shortest edge, smallest
+    Unknowns: fold, virtual centre, corners. Parameters: optics, intrinsics, sensor px (2), shortest edge, smallest
     area, nearest depth, area of a tile, reduction of the objective for each tile's area of sub-image.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(9), term.parameter(2)
+    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = given_mirror(kind, optics, term)
     for corner in mirror.corners:
@@ -71,7 +71,7 @@ def mirror_term(kind: Kind) -> Term:
         # Edges bend: points along them stay on the sensor. Without distortion, the corners' bounds are enough.
         margin_px = 0.25
         for point in subdivided(mirror.corners, 8):
-            pixel = pixels(intrinsics, point)
+            pixel = pixels(kind.lens_model, intrinsics, point)
             term.require((ca.vertcat(pixel + 0.5, size_px - 0.5 - pixel) - margin_px) / size_px[0])
     term.minimise(-reward * polygon_area(mirror.corners) / tile_area)
     return term.built()
@@ -108,13 +108,13 @@ def view_term(kind: Kind) -> Term:
     """A mirror shows a whole region; the share of the sensor's pixels that it spends on the region is rewarded.
 
     Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from the point it is aimed at,
-    so that they have one size at any depth. Parameters: optics, intrinsics (9), sensor px (2), depth, area of a tile,
+    so that they have one size at any depth. Parameters: optics, intrinsics, sensor px (2), depth, area of a tile,
     weight of the sensor's share, least share, tilt (2) of the mirror as built.
 
     The tilt moves what the mirror shows, not its sub-image, whose edges move far less.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(9), term.parameter(2)
+    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
     depth, tile_area, weight, least = (term.parameter() for _ in range(4))
     tilt = term.parameter(2)
     mirror = given_mirror(kind, optics, term)
@@ -134,7 +134,7 @@ def view_term(kind: Kind) -> Term:
                 inside = _inside_for_whole_pupil(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
             term.require(inside / tile_area, "overlap")
     if kind.distorted:
-        area_px = polygon_area([pixels(intrinsics, point) for point in subdivided(seen, 3)])
+        area_px = polygon_area([pixels(kind.lens_model, intrinsics, point) for point in subdivided(seen, 3)])
     else:
         area_px = polygon_area(seen) * intrinsics[0] * intrinsics[1]
     share = area_px / (size_px[0] * size_px[1])

@@ -83,7 +83,7 @@ class Draft:
 
     @property
     def lens(self) -> list[ArrayLike]:
-        """Intrinsics (9) and sensor px (2)."""
+        """Intrinsics (k) and sensor px (2)."""
         camera = self.spec.camera
         return [camera.intrinsics, [camera.width_px, camera.height_px]]
 

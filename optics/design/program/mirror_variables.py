@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import casadi as ca
 
 from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.lenses.families import FAMILIES, LensName
 
 GLASS_AND_PUPIL = 4
 """Numbers of all mirrors: thickness, refractive index, pupil's radius, 1 / focus."""
@@ -23,12 +24,20 @@ class Kind:
     distorted: bool
     second_surface: bool
     pinhole: bool = True
+    lens_model: LensName = "brown_conrady"
 
     @classmethod
     def of(cls, spec: DesignSpec) -> Self:
         """The form of a spec's mirrors."""
         camera = spec.camera
-        return cls(spec.sides, bool(camera.distortion.any()), spec.is_second_surface, camera.aperture_mm == 0.0)
+        return cls(
+            spec.sides, not camera.is_undistorted, spec.is_second_surface, camera.aperture_mm == 0.0, camera.lens_model
+        )
+
+    @property
+    def intrinsics(self) -> int:
+        """Number of intrinsics."""
+        return 4 + len(FAMILIES[self.lens_model].NAMES)
 
 
 @dataclass(frozen=True)
@@ -122,14 +131,19 @@ def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
     return [a + (b - a) * (step / per_edge) for a, b in edges_of(vertices) for step in range(per_edge)]
 
 
-def pixels(intrinsics: Expression, normalized: Expression) -> Expression:
-    """Brown-Conrady distortion and intrinsics (9), as `Camera.pixels_from_normalized`."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = (intrinsics[k] for k in range(9))
+def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression) -> Expression:
+    """Distortion and intrinsics (k) of a lens model, as `Camera.pixels_from_normalized`."""
+    names = FAMILIES[lens_model].NAMES
+    fx, fy, cx, cy, *distortion = (intrinsics[k] for k in range(4 + len(names)))
     x, y = normalized[0], normalized[1]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    if lens_model == "fisheye":
+        r = ca.sqrt(x * x + y * y + 1e-30)
+        angle = ca.atan(r)
+        factor = angle / r * (1.0 + sum(k * angle ** (2 * n) for n, k in enumerate(distortion, 1)))
+        xd, yd = x * factor, y * factor
+    else:
+        family: Any = FAMILIES[lens_model]  # polynomials, of expressions as of numbers
+        xd, yd = family(distortion).distorted(x, y)
     return ca.vertcat(fx * xd + cx, fy * yd + cy)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 
 DISTORTIONS = {
     "none": [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -67,7 +67,7 @@ def test_its_derivatives_agree_with_differences(camera: Camera) -> None:
         step[column] = 1e-4
         difference = (camera.project(at + step) - camera.project(at - step)) / 2e-4
         assert np.allclose(d_points[:, :, column], difference, rtol=1e-6, atol=1e-7)
-    for column, name in enumerate(INTRINSIC_NAMES):
+    for column, name in enumerate(camera.intrinsic_names):
         step = np.zeros(9)
         step[column] = 1e-2 if name.endswith("px") else 1e-6
         there, back = (camera.with_intrinsics(camera.intrinsics + sign * step) for sign in (1, -1))
@@ -177,7 +177,7 @@ def test_the_preset_has_the_published_fields_of_view() -> None:
 
 
 def test_intrinsics_are_taken_apart_and_put_together(camera: Camera) -> None:
-    assert len(camera.intrinsics) == len(INTRINSIC_NAMES) == 9
+    assert len(camera.intrinsics) == len(camera.intrinsic_names) == 9
     assert camera.with_intrinsics(camera.intrinsics) == camera
     changed = camera.with_intrinsics(camera.intrinsics + np.arange(9))
     assert changed.fx_px == camera.fx_px

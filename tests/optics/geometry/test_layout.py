@@ -160,7 +160,11 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
         (["camera", "skew"], 0.0, "camera.skew: not known"),
         (["camera", "fx_px"], NAN, "camera.fx_px: Input should be a finite number"),
         (["camera", "fx_px"], -3.0, "camera.fx_px: Input should be greater than or equal to 0.001"),
-        (["camera", "distortion"], [0, 0, 0, 0], "camera.distortion: shape (4,), expected (5)"),
+        (
+            ["camera", "distortion"],
+            [0, 0, 0, 0],
+            "camera.distortion: 4 numbers of distortion, expected the 5",
+        ),
         (["kind"], "measured", "kind: Input should be 'nominal', 'as-built' or 'calibrated'"),
         (["rows"], 2, "9 mirrors, expected rows x cols = 6"),
         (["rows"], 0, "rows: Input should be greater than or equal to 1"),

@@ -7,11 +7,14 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.variant import use_variant
 from mirrorcam.render_scenes.wavy_camera import as_it_is
+from tests.optics.geometry.lenses.cameras import LENSES as ANY_LENS
+from tests.optics.geometry.lenses.cameras import camera_of
 
 LENSES = {
     "pinhole": (0.0, 0.0, 0.0, 0.0, 0.0),
@@ -44,6 +47,15 @@ def test_rays_are_those_of_the_camera_to_a_thousandth_of_a_pixel(lens: str) -> N
     camera = Camera.c920().replaced(distortion=LENSES[lens])
     grid = np.stack(np.meshgrid(np.linspace(-0.5, 1919.5, 33), np.linspace(-0.5, 1079.5, 19)), axis=-1).reshape(-1, 2)
     found = directions(camera, grid, (0, 0, 1920, 1080))
+    np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("model", ["rational", "thin_prism", "fisheye"])
+def test_rays_of_every_lens_are_those_of_the_camera(model: LensName) -> None:
+    use_variant()
+    camera = camera_of(model, ANY_LENS[model][-1])
+    grid = np.random.default_rng(0).uniform(-0.5, [1279.5, 719.5], (500, 2))
+    found = directions(camera, grid, (0, 0, 1280, 720))
     np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)
 
 

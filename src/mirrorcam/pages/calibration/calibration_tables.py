@@ -13,7 +13,6 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_CHANCE, ModelComparison
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 
 UNITS = {"fx_px": "px", "fy_px": "px", "cx_px": "px", "cy_px": "px"}
 FIGURES = "plain figures"
@@ -89,7 +88,8 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
     if known is not None:
         sigmas = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
     rows = []
-    for name, value in zip(INTRINSIC_NAMES, calibration.layout.camera.intrinsics, strict=True):
+    camera = calibration.layout.camera
+    for name, value in zip(camera.intrinsic_names, camera.intrinsics, strict=True):
         unit = UNITS.get(name, "")
         sigma = sigma_text(sigmas[name]) if name in sigmas else "held"
         rows.append([f"{name.removesuffix('_px')} {unit}".strip(), f"{value:.3f}" if unit else f"{value:.6f}", sigma])

@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fi
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -25,7 +25,9 @@ from tests.optics.layouts import faceted_parabola
 
 NOISE_PX = 0.05
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0)
-JOINT = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(BOARD.corners_in_board_mm))
+JOINT = Model(
+    Camera.c920().intrinsic_names, thickness=False, curvature=False, board=Board.rigid(BOARD.corners_in_board_mm)
+)
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,9 @@ def test_the_disagreement_is_one_where_two_fits_estimate_the_same(device: Layout
         apart = [fitted(columns, values) for columns, values in zip(parts, noise, strict=True)]
         together = fitted(np.concatenate(parts), np.concatenate(noise))
         squares.append(
-            consistency.camera_disagreement([r.reshape(-1, 2) for r in apart], together.reshape(-1, 2), unknowns=18)
+            consistency.camera_disagreement(
+                [r.reshape(-1, 2) for r in apart], together.reshape(-1, 2), unknowns=18, common=9
+            )
             ** 2
         )
     assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 9 / 200))

@@ -22,7 +22,7 @@ CORNERS = BOARD.corners_in_board_mm
 def models_of(scene: Scene, seen: Observations) -> tuple[Fitted, Fitted]:
     """The joint fit, and the one with the camera held at the truth."""
     paper = fit_as("paper", scene.start, seen, paper_model(CORNERS))
-    return fit_as("joint", paper.solution.estimate, seen, joint_model(CORNERS)), paper
+    return fit_as("joint", paper.solution.estimate, seen, joint_model(scene.start.camera, CORNERS)), paper
 
 
 def test_the_smallest_model_is_compared_with_none(scene: Scene) -> None:

@@ -24,9 +24,10 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, residuals
+from mirrorcam.optics.geometry.camera import Camera
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, Scene
 
-CORNERS = BOARD.corners_in_board_mm
+CAMERA, CORNERS = Camera.c920(), BOARD.corners_in_board_mm
 
 
 @pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
@@ -46,17 +47,17 @@ def test_a_level_names_its_additions() -> None:
 
 
 def test_every_model_is_nested_in_the_next() -> None:
-    models = [joint_model(CORNERS)]
+    models = [joint_model(CAMERA, CORNERS)]
     for addition in ("sheet", "bend", "warp"):
         models.append(extended(models[-1], addition))
-    names = [set(model.parameters(4)) for model in (paper_model(CORNERS), *models)]
+    names = [set(model.parameters(CAMERA, 4)) for model in (paper_model(CORNERS), *models)]
     assert [len(some) for some in names] == [12, 12 + 9, 12 + 9 + 1, 12 + 9 + 1 + 12, 12 + 9 + 1 + 12 + 2]
     assert all(smaller < larger for smaller, larger in pairwise(names))
 
 
 def test_the_stand_in_for_plates_has_the_same_free_parameters_as_plates() -> None:
-    stand_in, plates = extended(joint_model(CORNERS), "glass"), extended(joint_model(CORNERS), "sheet")
-    assert stand_in.parameters(4) == plates.parameters(4)
+    stand_in, plates = extended(joint_model(CAMERA, CORNERS), "glass"), extended(joint_model(CAMERA, CORNERS), "sheet")
+    assert stand_in.parameters(CAMERA, 4) == plates.parameters(CAMERA, 4)
 
 
 def test_plates_look_alike_along_the_chief_rays(scene: Scene) -> None:

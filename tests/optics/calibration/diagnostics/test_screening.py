@@ -20,7 +20,6 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fi
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import Views, as_built, direct_poses, mirrored_poses, views_of
@@ -52,7 +51,7 @@ def solved(
     observations = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
     camera = initial_estimates.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
     start = initial_estimates.first_estimate(observations, camera, layout, corners)
-    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(corners))
+    model = Model(camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(corners))
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
@@ -61,8 +60,9 @@ def solved(
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
     """Squared error of camera and mirrors in the metric of their covariance, and how many numbers that are."""
+    camera = solution.estimate.camera
     errors = {
-        **dict(zip(INTRINSIC_NAMES, solution.estimate.camera.intrinsics - truth.camera.intrinsics, strict=True)),
+        **dict(zip(camera.intrinsic_names, camera.intrinsics - truth.camera.intrinsics, strict=True)),
         **{
             f"mirror {m} {axis}_mm": float(error)
             for m, row in enumerate(solution.estimate.virtual_centres_in_rig_mm - truth.virtual_centres_in_rig_mm)

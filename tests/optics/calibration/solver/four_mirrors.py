@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.transforms import rigid
 
 SIGMA_PX = 0.05
@@ -25,7 +25,7 @@ class Scene:
 
     @property
     def model(self) -> Model:
-        return Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=self.board)
+        return Model(self.truth.camera.intrinsic_names, thickness=False, curvature=False, board=self.board)
 
     def noisy(self, seed: int, sigma_px: float = SIGMA_PX) -> Observations:
         noise = np.random.default_rng(seed).normal(0.0, sigma_px, self.clean.pixels.shape)

@@ -21,8 +21,8 @@ class Peer:
         self.start, self.observations, self.model = start, observations, model
         self.grouped = Grouped.of(observations, model)
         mirrors = len(start.virtual_centres_in_rig_mm)
-        self.free = model.free(mirrors)
-        self.size = len(global_names(mirrors, start.shape.size))
+        self.free = model.free(start.camera, mirrors)
+        self.size = len(global_names(start.camera.intrinsic_names, mirrors, start.shape.size))
         self.places = Places.of(model, mirrors)
         self.x0 = np.zeros(len(self.free) + 6 * len(start.rig_from_board))
 

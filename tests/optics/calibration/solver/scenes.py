@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
@@ -17,7 +18,7 @@ from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -43,14 +44,20 @@ class Scene:
         noise = np.random.default_rng(seed).normal(0.0, SIGMA_PX, self.clean.pixels.shape)
         return replace(self.clean, pixels=self.clean.pixels + noise), noise
 
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """Indices of the free globals."""
+        return self.model.free(self.truth.camera, len(self.layout.mirrors))
+
     @cached_property
     def jacobian(self) -> FloatArray:
         """Derivatives (2 n, g + 6 f) by the free globals and the twists of all frames, by central differences."""
-        free, frames = self.model.free(len(self.layout.mirrors)), len(self.truth.rig_from_board)
-        size = len(global_names(len(self.layout.mirrors), self.truth.shape.size))
+        free, frames = self.free, len(self.truth.rig_from_board)
+        names = global_names(self.truth.camera.intrinsic_names, len(self.layout.mirrors), self.truth.shape.size)
+        size = len(names)
         columns = []
         for place in free:
-            h = 1e-6 if 4 <= place < 9 else 1e-4
+            h = 1e-6 if 4 <= place < self.truth.camera.intrinsics.size else 1e-4
             columns.append(self._difference(np.eye(size)[place], np.zeros((frames, 6)), h))
         for place in range(6 * frames):
             twists = np.eye(6 * frames)[place].reshape(frames, 6)
@@ -69,7 +76,7 @@ class Scene:
         """The matrix (g, 2 n) that takes small noise to the error of the least-squares estimate of the globals."""
         scale = np.linalg.norm(self.jacobian, axis=0)
         inverse = np.linalg.pinv(self.jacobian / scale, rcond=1e-13) / scale[:, None]
-        return inverse[: len(self.model.free(len(self.layout.mirrors)))]
+        return inverse[: len(self.free)]
 
     @cached_property
     def bound(self) -> FloatArray:
@@ -90,7 +97,7 @@ class Scene:
             )
             for e in (estimate, self.truth)
         )
-        return np.asarray((ours - true)[self.model.free(len(self.layout.mirrors))])
+        return np.asarray((ours - true)[self.free])
 
 
 def nominal_layout() -> Layout:
@@ -106,7 +113,9 @@ def scene(layout: Layout, *, frames: int, base_frames: int, target: Checkerboard
     parts = [mirrored_corners(layout, target, pose, 0.0, random).shifted(f) for f, pose in enumerate(mirrored)]
     parts += [direct_corners(layout, target, pose, 0.0, random).shifted(frames + f) for f, pose in enumerate(direct)]
     truth = Estimate.of(layout.camera, layout.mirrors, np.array(mirrored + direct))
-    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm))
+    model = Model(
+        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+    )
     return Scene(layout, truth, Observations.join(parts), model)
 
 
@@ -128,7 +137,9 @@ def large_scene() -> Scene:
     views = [(frame, view) for frame in range(30) for view in range(9)]
     seen = Observations.join([Observations.of_view(f, v, every, np.zeros((54, 2))) for f, v in views])
     truth = Estimate.of(layout.camera, layout.mirrors, poses)
-    model = Model(INTRINSIC_NAMES, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm))
+    model = Model(
+        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+    )
     return Scene(layout, truth, replace(seen, pixels=residuals(truth, seen, model.board)), model)
 
 

@@ -16,7 +16,6 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
 )
 from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import residuals, residuals_with_jacobians
-from mirrorcam.optics.geometry.camera import INTRINSIC_NAMES
 from tests.optics.calibration.solver.four_mirrors import MIRRORS, Scene, four_mirrors
 
 
@@ -27,10 +26,12 @@ def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
     own = np.zeros((len(r), 2, frames, len(terms.free)))
     for row, frame in enumerate(scene.clean.frame):
         own[row, :, frame] = by_frame[row][:, terms.free]
-    columns = np.concatenate([by_global[:, :, model.free(MIRRORS)], own.reshape(len(r), 2, -1)], axis=2)
+    columns = np.concatenate(
+        [by_global[:, :, model.free(scene.truth.camera, MIRRORS)], own.reshape(len(r), 2, -1)], axis=2
+    )
     columns = columns.reshape(2 * len(r), -1)
     priors = np.zeros((frames * len(terms.free), columns.shape[1]))
-    priors[:, len(model.free(MIRRORS)) :] = np.diag(np.tile(terms.weights, frames))
+    priors[:, len(model.free(scene.truth.camera, MIRRORS)) :] = np.diag(np.tile(terms.weights, frames))
     every = np.array([*r.ravel(), *terms.values(scene.truth).ravel()])
     known = np.abs(priors).max(axis=1) > 0
     return np.concatenate([columns, priors[known]]), every[np.append(np.full(r.size, True), known)]
@@ -66,7 +67,8 @@ def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
     if len(terms.free) > 6:
         turn, bow = np.random.default_rng(2).normal(size=(2, len(scene.truth.rig_from_board), 3))
         scene = replace(scene, truth=replace(scene.truth, camera_turn=0.01 * turn, bow_mm=0.5 * bow))
-    model = Model(INTRINSIC_NAMES[:6], thickness=not plain, curvature=not plain, board=scene.board, frame_terms=terms)
+    free = scene.truth.camera.intrinsic_names[:6]
+    model = Model(free, thickness=not plain, curvature=not plain, board=scene.board, frame_terms=terms)
     return scene, model
 
 

@@ -49,7 +49,7 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
     r, by_global, by_frame = residuals_with_jacobians(at, seen, scene.board)
     np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
     frames = len(at.rig_from_board)
-    names = global_names(MIRRORS, modes)
+    names = global_names(at.camera.intrinsic_names, MIRRORS, modes)
     assert by_global.shape[2] == len(names)
 
     def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
@@ -124,11 +124,12 @@ def test_a_corner_is_seen_where_its_plane_mirror_reflects_it() -> None:
 def test_a_step_of_nothing_changes_nothing_and_plates_change_together() -> None:
     scene = four_mirrors(2)
     at = replace(scene.truth, thickness_mm=np.array([2.0, 0.0, 3.0, 0.0]), refractive_index=np.full(4, 1.5))
-    nothing = np.zeros(len(global_names(MIRRORS, 2)))
+    names = global_names(at.camera.intrinsic_names, MIRRORS, 2)
+    nothing = np.zeros(len(names))
     same = at.moved(nothing, np.zeros((14, 6)))
     np.testing.assert_allclose(same.rig_from_board, at.rig_from_board, atol=1e-15)
     np.testing.assert_array_equal(same.camera.intrinsics, at.camera.intrinsics)
-    nothing[list(global_names(MIRRORS, 2)).index("sheet_mm")] = 0.25
+    nothing[names.index("sheet_mm")] = 0.25
     np.testing.assert_allclose(at.moved(nothing, np.zeros((14, 6))).thickness_mm, [2.25, 0.0, 3.25, 0.0])
 
 

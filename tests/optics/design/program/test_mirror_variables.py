@@ -15,14 +15,22 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import reflect
 from tests.optics.design.program.seeded_mirrors import DISTORTION, KINDS, expressed, number, spec_of
+from tests.optics.geometry.lenses.cameras import LENSES, camera_of
 
 BENT = Camera.c920().replaced(distortion=DISTORTION)
+BY_FAMILY = [
+    camera_of("rational", LENSES["rational"][0]),
+    camera_of("thin_prism", LENSES["thin_prism"][0]),
+    camera_of("fisheye", LENSES["fisheye"][1]),
+]
 
 
-def test_pixels_are_those_of_the_camera() -> None:
+@pytest.mark.parametrize("camera", [BENT, *BY_FAMILY], ids=lambda camera: camera.lens_model)
+def test_pixels_are_those_of_the_camera(camera: Camera) -> None:
     for normalized in ([0.3, -0.2], [-0.6, 0.35], [0.0, 0.0]):
-        expected = BENT.pixels_from_normalized(np.array(normalized))
-        assert_allclose(number(mirror_variables.pixels(ca.SX(BENT.intrinsics), ca.SX(normalized))).ravel(), expected)
+        expected = camera.pixels_from_normalized(np.array(normalized))
+        found = mirror_variables.pixels(camera.lens_model, ca.SX(camera.intrinsics), ca.SX(normalized))
+        assert_allclose(number(found).ravel(), expected)
 
 
 def test_reflection_is_that_of_the_mirror() -> None:

@@ -1,0 +1,74 @@
+"""The rational lens: a quotient of two polynomials of the radius, with tangential numbers, in the order of OpenCV."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.lenses.brown_conrady import FLIPS, BrownConrady, tangential_by_coefficients
+from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
+
+
+class Rational(Lens):
+    """Lens with the coefficients (k1, k2, p1, p2, k3, k4, k5, k6).
+
+    That of Brown and Conrady, whose radial factor is divided by 1 + k4 r^2 + k5 r^4 + k6 r^6.
+    """
+
+    NAMES: ClassVar[tuple[str, ...]] = (*BrownConrady.NAMES, "k4", "k5", "k6")
+
+    def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients[:8]
+        r2 = x * x + y * y
+        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        return xd, yd
+
+    def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
+        k1, k2, p1, p2, k3, k4, k5, k6 = self.coefficients[:8]
+        r2 = x * x + y * y
+        r4 = r2 * r2
+        powers = (r2, r4, r4 * r2)
+        below = 1.0 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) * below
+        d_radial = (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4 - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) * below
+        xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
+        xx = radial + 2.0 * x * x * d_radial + 2.0 * p1 * y + 6.0 * p2 * x
+        yy = radial + 2.0 * y * y * d_radial + 6.0 * p1 * y + 2.0 * p2 * x
+        for row, scaled in ((0, focal[0] * x * below), (1, focal[1] * y * below)):
+            for above, beneath, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
+                out[:, row, above] = scaled * power
+                out[:, row, beneath] = -scaled * power * radial
+        tangential_by_coefficients(x, y, r2, focal, out)
+        return Linearized(xd, yd, xx, cross, cross, yy)
+
+    @property
+    def valid_radius(self) -> float:
+        """Where the radial part turns back or has a pole."""
+        k1, k2, _, _, k3, k4, k5, k6 = self.coefficients[:8]
+        above, below = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # of s = r^2
+        # d (r A / B) / dr = (A B + 2 s (A' B - A B')) / B^2
+        bend: FloatArray = np.polysub(np.polymul(np.polyder(above), below), np.polymul(above, np.polyder(below)))
+        slope = np.polyadd(np.polymul(above, below), np.polymul([2.0, 0.0], bend))
+        return float(np.sqrt(min(_first_root(slope), _first_root(below))))
+
+    def flipped(self, axis: int) -> Self:
+        signs = np.ones(len(self.coefficients))
+        signs[:5] = FLIPS[axis]
+        return replace(self, coefficients=self.coefficients * signs)
+
+
+def _first_root(polynomial: FloatArray) -> float:
+    """Least positive root s of a polynomial whose constant term, the last, is 1; infinite where there is none.
+
+    Solved for 1 / s, whose polynomial has the leading coefficient 1 however small the others are.
+    """
+    roots = np.roots(polynomial[::-1])
+    turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
+    return float(1.0 / turning.max()) if turning.size else float("inf")

@@ -1,0 +1,20 @@
+"""What all lenses share: the identity, and a rough way back that stays where the lens is defined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
+from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
+
+
+def test_only_a_lens_without_distortion_is_the_identity() -> None:
+    assert BrownConrady(np.zeros(5)).is_identity
+    assert not BrownConrady(np.array([0.0, 0.0, 1e-9, 0.0, 0.0])).is_identity
+    assert not Fisheye(np.zeros(4)).is_identity
+
+
+def test_the_rough_way_back_stays_where_the_lens_is_defined() -> None:
+    folding = BrownConrady(np.array([-1 / 3, 0.0, 0.0, 0.0, 0.0]))
+    x, y = folding.undistorted_roughly(np.array([0.1, 3.0]), np.array([0.0, 4.0]))
+    np.testing.assert_allclose([x, y], [[0.1, 0.57], [0.0, 0.76]])
