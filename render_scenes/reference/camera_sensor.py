@@ -73,7 +73,8 @@ def _plugin(variant: str) -> str:
                 self.nodes = mi.Float(float(size[1])), mi.Float(float(size[0]))
                 linear, clamp = dr.FilterMode.Linear, dr.WrapMode.Clamp
                 # Without hardware, which has only eight bits between two nodes.
-                self.table = mi.Texture2f(table, use_accel=False, filter_mode=linear, wrap_mode=clamp)
+                texture: Any = mi.Texture2f
+                self.table = texture(table, use_accel=False, filter_mode=linear, wrap_mode=clamp)
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
             aperture_mm, focus_mm = (float(str(props[name])) for name in ("aperture_mm", "focus_mm"))
             walk_mm = float(str(props["walk_mm"]))
