@@ -1,0 +1,129 @@
+"""Which frames of a video a calibration uses: sharp ones, and of these those that show what others do not."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.solver.observations import Corners
+
+CELLS_ACROSS = 16
+"""Cells across a picture, in which corners and boards count as being at the same place."""
+TURN_BIN_DEG, SHORTENED_BIN, SIZE_BIN = 20.0, 0.12, 0.35
+"""Steps in which the poses of boards differ: direction, shortening by tilt, and the logarithm of their size."""
+MIN_CORNERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SharpFrame:
+    """A frame of a video in grey (h, w), its number from 0, and its sharpness: the mean squared Laplacian."""
+
+    number: int
+    picture: Grey
+    sharpness: float
+
+    @classmethod
+    def of(cls, number: int, picture: Grey) -> SharpFrame:
+        laplacian = cv2.Laplacian(picture, cv2.CV_32F)
+        return cls(number, picture, float(np.mean(np.square(laplacian))))
+
+
+class SharpestFrames:
+    """The sharpest frame of each of up to `most` stretches of equal length of a video whose length is not known.
+
+    Frames are added one at a time. Once there are twice as many stretches, every two become one.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._length, self._count = most, 1, 0
+        self._best: list[SharpFrame] = []
+
+    def add(self, frame: SharpFrame) -> None:
+        """Take the next frame in."""
+        if self._count % self._length == 0:
+            self._best.append(frame)
+        elif frame.sharpness > self._best[-1].sharpness:
+            self._best[-1] = frame
+        self._count += 1
+        if len(self._best) == 2 * self._most and self._count % self._length == 0:
+            self._best = [_sharper(*pair) for pair in zip(self._best[::2], self._best[1::2], strict=True)]
+            self._length *= 2
+
+    def chosen(self) -> list[SharpFrame]:
+        """At most `most` frames by number: the sharpest of each stretch, neighbouring stretches joined as needed."""
+        if len(self._best) <= self._most:
+            return list(self._best)
+        stretches = np.arange(len(self._best)) * self._most // len(self._best)
+        return [
+            max((self._best[k] for k in np.flatnonzero(stretches == stretch)), key=lambda frame: frame.sharpness)
+            for stretch in range(self._most)
+        ]
+
+
+def _sharper(a: SharpFrame, b: SharpFrame) -> SharpFrame:
+    return a if a.sharpness >= b.sharpness else b
+
+
+def most_telling(
+    boards: Sequence[Sequence[Corners]], corners_in_board_mm: FloatArray, *, width_px: int, most: int
+) -> list[int]:
+    """Numbers of at most `most` frames whose boards cover the picture and differ in pose.
+
+    A frame is worth what it shows: the cells of the picture that each board covers, together as much as its pose, count
+    1 / (1 + n) where n chosen frames show the same. The frame of the largest worth is chosen, and so on.
+
+    Parameters
+    ----------
+    boards
+        Boards found in each frame, each in one of its numberings.
+    corners_in_board_mm
+        The board's corners (c, 3) as drawn.
+    width_px
+        Width of the pictures.
+    most
+        Number of frames to choose; fewer where fewer show a board.
+    """
+    shown = [dict(_shown(frame, corners_in_board_mm, width_px / CELLS_ACROSS)) for frame in boards]
+    seen: dict[Hashable, int] = {}
+    left = [number for number, some in enumerate(shown) if some]
+    chosen: list[int] = []
+
+    def worth(number: int) -> float:
+        return sum(share / (1 + seen.get(item, 0)) for item, share in shown[number].items())
+
+    while left and len(chosen) < most:
+        best = max(left, key=worth)
+        left.remove(best)
+        chosen.append(best)
+        for item in shown[best]:
+            seen[item] = seen.get(item, 0) + 1
+    return sorted(chosen)
+
+
+def _shown(
+    boards: Sequence[Corners], corners_in_board_mm: FloatArray, cell_px: float
+) -> Iterator[tuple[Hashable, float]]:
+    """What a frame shows, and how much each of it counts: cells with corners, and the poses of its boards."""
+    for board in boards:
+        if len(board) < MIN_CORNERS:
+            continue
+        cells = np.unique((board.pixels // cell_px).astype(np.int64), axis=0)
+        yield from ((("corner", *cell), 1.0 / len(cells)) for cell in cells.tolist())
+        drawn = corners_in_board_mm[board.ids, :2]
+        places = np.column_stack([drawn, np.ones(len(drawn))])
+        by_drawn = np.linalg.lstsq(places, board.pixels, rcond=None)[0][:2]
+        turn, stretch, _ = np.linalg.svd(by_drawn)
+        across = by_drawn.T @ [1.0, 0.0]
+        pose = (
+            *(board.pixels.mean(axis=0) // (2.0 * cell_px)).astype(int).tolist(),
+            int(np.degrees(np.arctan2(across[1], across[0])) // TURN_BIN_DEG),
+            int(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) % 180.0 // (2.0 * TURN_BIN_DEG)),
+            int(stretch[1] / max(stretch[0], 1e-9) // SHORTENED_BIN),
+            int(np.log(max(stretch.prod(), 1e-9)) / 2.0 // SIZE_BIN),
+        )
+        yield ("pose", *pose), 1.0
