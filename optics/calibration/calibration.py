@@ -44,9 +44,10 @@ from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
+from mirrorcam.optics.calibration.frame_choice import most_telling
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures
 from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
 from mirrorcam.optics.geometry.layout import Layout
@@ -68,6 +69,7 @@ def calibrate(
     level: str | None = None,
     detections: Path | None = None,
     workers: int = 1,
+    most: tuple[int | None, int | None] = (None, None),
     on_frame: Callable[[int], None] = lambda done: None,
     on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
@@ -94,6 +96,8 @@ def calibrate(
         Folder that caches detected corners, so that no picture is searched twice.
     workers
         Number of threads that search pictures.
+    most
+        Number of pictures through the mirrors, and without them, to use of those searched; None: all.
     on_frame
         Called with the number of pictures done.
     on_seen
@@ -122,7 +126,12 @@ def calibrate(
     found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
-    seen, base = ([frame.corners for frame in detected] for detected in (found, found_in_base))
+    size = target.corners_in_board_mm, layout.camera.width_px
+    chosen = [_chosen(detected, number, *size) for detected, number in zip((found, found_in_base), most, strict=True)]
+    seen, base = (
+        [detected[number].corners for number in numbers]
+        for detected, numbers in zip((found, found_in_base), chosen, strict=True)
+    )
     # A board that is often partly out of view is found in few pictures: what is found anywhere is the stated one.
     shown = any(len(o) for o in seen), any(len(o) for o in base)
     taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=True)
@@ -136,7 +145,7 @@ def calibrate(
             target.corners_in_board_mm,
             level=level,
             extremes=taken.extremes,
-            pictures=Pictures(taken.mirrored, target),
+            pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target),
             unknown=unknown_mirrors(layout, found),
         )
     except InputError:
@@ -146,6 +155,19 @@ def calibrate(
             raise InputError(UPSIDE_DOWN) from None
         raise
     return calibration.with_damaged_pictures(taken.damaged)
+
+
+def _chosen(
+    detected: Sequence[DetectedFrame], most: int | None, corners_in_board_mm: FloatArray, width_px: int
+) -> Sequence[int]:
+    """Numbers of the pictures to use."""
+    if most is None or len(detected) <= most:
+        return range(len(detected))
+    boards = [
+        [Corners(rows.corner[rows.view == view], rows.pixels[rows.view == view]) for view in np.unique(rows.view)]
+        for rows in (frame.corners for frame in detected)
+    ]
+    return most_telling(boards, corners_in_board_mm, width_px=width_px, most=most)
 
 
 def calibrate_corners(

@@ -22,14 +22,14 @@ class CalibrateOptions(Value):
 
     images: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="(required)")
-    ] = Field(min_length=1, description="pictures of the board through the mirrors, or folders of them")
+    ] = Field(min_length=1, description="pictures or videos of the board through the mirrors, or folders of pictures")
     board: Path = Field(description="board.toml of the target")
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None,
         description="layout.json of the design, to start from; required without --direct-view",
     )
     base: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
-        default=(), description="pictures of the board without mirrors, or folders of them"
+        default=(), description="pictures or videos of the board without mirrors, or folders of pictures"
     )
     direct_view: bool = Field(
         default=False, description="the camera also sees the board, a checkerboard, directly: no layout is needed"
@@ -87,13 +87,16 @@ def run(options: CalibrateOptions) -> int:
         detections=options.out / "detections",
     )
 
-    def on_hint(picture: Path, hint: NextPose) -> None:
-        say("calibrate", f"{picture.name}: {hint.sentence}")
+    def on_hint(picture: str, hint: NextPose) -> None:
+        say("calibrate", f"{picture}: {hint.sentence}")
+
+    def on_video(sentence: str) -> None:
+        say("calibrate", sentence)
 
     with output_folder(options.out, "calibrate", force=options.force) as output:
         output.refuse_others(*FILES)
         with long_work("calibrate", "finding corners", "pictures") as advance:
-            calibration = calibrate_files(request, advance, on_hint if options.live_hint else None)
+            calibration = calibrate_files(request, advance, on_hint if options.live_hint else None, on_video)
         with output.staged() as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from mirrorcam.figures.calibration_figure import residual_figure
 from mirrorcam.optics.base.files import write_metrics
-from mirrorcam.optics.base.pictures import pictures_in, read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
@@ -20,9 +19,12 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
+from mirrorcam.workflow.calibration_pictures import calibration_pictures
 
 FILES = ("layout.json", "metrics.json", "report.html", "residuals.png")
 """Names of the files of a calibration."""
+MOST_FRAMES, MOST_BASE_FRAMES = 30, 15
+"""Frames of videos that a calibration uses, with and without mirrors."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +34,13 @@ class CalibrationRequest:
     Parameters
     ----------
     pictures
-        Pictures of the board through the mirrors, or folders of such pictures.
+        Pictures and videos of the board through the mirrors, or folders of such pictures.
     board
         `board.toml` of the target.
     layout
         Nominal `layout.json`; None where the camera sees the board directly, too.
     base_pictures
-        Pictures of the board by the camera without mirrors, or folders of them.
+        Pictures and videos of the board by the camera without mirrors, or folders of pictures.
     mirrors
         Number of mirrors, where there is no layout.
     level
@@ -65,46 +67,52 @@ class CalibrationRequest:
 def calibrate_files(
     request: CalibrationRequest,
     progress: Progress = no_progress,
-    on_hint: Callable[[Path, NextPose], None] | None = None,
+    on_hint: Callable[[str, NextPose], None] | None = None,
+    on_video: Callable[[str], None] = lambda sentence: None,
 ) -> Calibration:
-    """Calibrate from files; every picture is read when its turn comes.
+    """Calibrate from files; every picture is read when its turn comes, and of every video some frames are used.
 
     `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
-    through the mirrors with the pose that the next one should show. Raises InputError where a file cannot be read or
-    the pictures do not suffice.
+    through the mirrors with its name and the pose that the next one should show; `on_video` with a sentence on the
+    choice of each video's frames. Raises InputError where a file cannot be read or the pictures do not suffice.
     """
-    target, paths = load_board(request.board), pictures_in(request.pictures)
+    target = load_board(request.board)
     if request.layout is None:
-        return _calibrate_directly(request, target, paths, progress)
+        return _calibrate_directly(request, target, progress, on_video)
     layout = Layout.load(request.layout)
-    base_paths = pictures_in(request.base_pictures)
+    seen, base = (
+        calibration_pictures(paths, most, camera=layout.camera, on_video=on_video)
+        for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
+    )
     planner = None if on_hint is None else NextPosePlanner(layout, target)
 
-    def hint(seen: Sequence[Observations]) -> None:
+    def hint(found: Sequence[Observations]) -> None:
         if planner is not None and on_hint is not None:
-            on_hint(paths[len(seen) - 1], planner.after(seen[-1]))
+            on_hint(seen.names[len(found) - 1], planner.after(found[-1]))
 
     return calibrate(
-        paths,
-        base_paths,
+        seen.pictures,
+        base.pictures,
         layout,
         target,
         level=request.level,
         detections=request.detections,
         workers=cores(),
-        on_frame=lambda done: progress(done, len(paths) + len(base_paths)),
+        most=(seen.most, base.most),
+        on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
         on_seen=hint,
     )
 
 
 def _calibrate_directly(
-    request: CalibrationRequest, target: Target, paths: Sequence[Path], progress: Progress
+    request: CalibrationRequest, target: Target, progress: Progress, on_video: Callable[[str], None]
 ) -> Calibration:
     if not isinstance(target, Checkerboard) or request.mirrors is None:
         raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
-    names = [path.name for path in paths]
-    pictures = [read_image(path, grey=True) for path in paths]
-    return calibrate_with_direct_view(pictures, target, mirrors=request.mirrors, names=names, progress=progress)
+    taken = calibration_pictures(request.pictures, MOST_FRAMES, on_video=on_video)
+    return calibrate_with_direct_view(
+        taken.read(), target, mirrors=request.mirrors, names=taken.names, most=taken.most, progress=progress
+    )
 
 
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:

@@ -1,0 +1,96 @@
+"""The pictures of a calibration: files as they are, and of each video its sharpest frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.pictures import check_size, is_picture, pictures_in, read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.frame_choice import SharpestFrames, SharpFrame
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.video import Video
+
+SEARCHED = 60
+"""Frames of a video in which boards are searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationPictures:
+    """Pictures to search, each a file or the grey values (h, w) of a frame, and their names.
+
+    `most` is the number of them to use, where there are frames of a video among them; else None, all.
+    """
+
+    pictures: list[Path | Grey]
+    names: list[str]
+    most: int | None
+
+    def read(self) -> list[Grey]:
+        """All of them in grey; raises InputError for a file that cannot be read."""
+        return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]
+
+
+def calibration_pictures(
+    paths: Sequence[Path], most: int, *, camera: Camera | None = None, on_video: Callable[[str], None]
+) -> CalibrationPictures:
+    """The pictures of files, folders and videos, in order.
+
+    Parameters
+    ----------
+    paths
+        Picture files, folders of them, and videos.
+    most
+        Number of pictures to use where there is a video among them.
+    camera
+        Whose size videos must have; None for any.
+    on_video
+        Called with a sentence about each video: how many of its frames were chosen, and how long it took.
+
+    Raises
+    ------
+    InputError
+        For a folder without pictures, and for a file that is neither a picture nor a video, or of another size.
+    """
+    pictures: list[Path | Grey] = []
+    names: list[str] = []
+    videos = 0
+    for path in pictures_in(paths):
+        if is_picture(path):
+            pictures.append(path)
+            names.append(path.name)
+            continue
+        videos += 1
+        for frame in _sharp_frames(path, camera, on_video):
+            pictures.append(frame.picture)
+            names.append(f"{path.name} frame {frame.number}")
+    return CalibrationPictures(pictures, names, most if videos else None)
+
+
+def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], None]) -> list[SharpFrame]:
+    started = time.monotonic()
+    video, kept, count, lost = Video(path), SharpestFrames(SEARCHED), 0, 0
+    if camera is not None:
+        check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
+    for frame in video.frames():
+        count += 1
+        if not isinstance(frame, Frame):
+            lost += 1
+            continue
+        kept.add(SharpFrame.of(frame.number, np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY))))
+    chosen = kept.chosen()
+    if not chosen:
+        raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
+    damaged = f", {lost} of them damaged" if lost else ""
+    on_video(
+        f"{path.name}: the {len(chosen)} sharpest of {count} frames, from all of the video{damaged}, "
+        f"read in {time.monotonic() - started:.1f} s"
+    )
+    return chosen
