@@ -6,7 +6,7 @@ assigned to the direct view or to one of the mirrors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -14,8 +14,10 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
-from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
@@ -24,6 +26,10 @@ PAIR_MISFIT = 0.15  # of the diagonal across all corners: a pose from one view i
 AGREEING = 0.5  # of the same diagonal, between the middles of one board from several views
 SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
 SAME_PLANE = 0.1  # of the distance of the virtual centre
+FOCAL = ("fx_px", "fy_px")
+FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, relative to the width of the picture
+LIKELY_BOW = 0.02  # of the larger side of a board, where corners are 1 px off
+MOST_ERROR = 0.01  # of the diagonal of the picture, that a corner counts as off
 
 
 @dataclass(frozen=True)
@@ -39,11 +45,15 @@ class FoundBoard:
 
 @dataclass(frozen=True)
 class Start:
-    """A first estimate, the corners by view with frames numbered from 0, and the picture number of each frame."""
+    """A first estimate, the corners by view with frames numbered from 0, and the picture number of each frame.
+
+    `error_px` is the root mean square error of all corners found, none of which counts as more than `MOST_ERROR`.
+    """
 
     estimate: Estimate
     observations: Observations
     pictures: list[int]
+    error_px: float
 
 
 @dataclass(frozen=True)
@@ -78,19 +88,66 @@ def first_estimate(
 ) -> Start:
     """Camera, planes and poses from the boards detected in each picture.
 
-    Raises InputError where they do not determine the camera, or show fewer mirrors.
+    Boards that bow, or are all tilted alike, tell a wrong camera or none: several are tried, and that one is used whose
+    mirrors and boards explain the corners best.
+
+    Raises InputError where the boards do not determine the camera, or show fewer mirrors.
     """
     views = [(board.direct or board.image)[0] for in_picture in found for board in in_picture]
-    camera = initial_estimates.intrinsics(
-        views, corners_in_board_mm, width_px=width_px, height_px=height_px, full_distortion=False
-    )
+    size_px = float(np.hypot(width_px, height_px))
+    best, refusals = None, []
+    for camera in _cameras(views, corners_in_board_mm, width_px, height_px):
+        try:
+            start = _start(camera, found, corners_in_board_mm, mirrors, cap_px=MOST_ERROR * size_px)
+        except InputError as error:
+            refusals.append(str(error))
+            continue
+        if best is None or start.error_px < best.error_px:
+            best = start
+    if best is None:
+        raise InputError(refusals[0])
+    return best
+
+
+def _cameras(
+    views: Sequence[Corners], corners_in_board_mm: FloatArray, width_px: int, height_px: int
+) -> Iterator[Camera]:
+    """Cameras to try: as the views determine one, with one focal length alone, and of common fields of view."""
+    size = {"width_px": width_px, "height_px": height_px}
+    yield initial_estimates.intrinsics(views, corners_in_board_mm, **size, full_distortion=False)
+    middle = {"cx_px": (width_px - 1) / 2.0, "cy_px": (height_px - 1) / 2.0}
+    for focal in FOCAL_LENGTHS:
+        yield Camera(**size, **middle, fx_px=focal * width_px, fy_px=focal * width_px)
+
+
+def _start(
+    camera: Camera,
+    found: Sequence[Sequence[FoundBoard]],
+    corners_in_board_mm: FloatArray,
+    mirrors: int,
+    *,
+    cap_px: float,
+) -> Start:
+    """The first estimate of a camera, after a robust fit of its focal lengths, planes, poses and bows."""
     boards = []
     for in_picture in found:
         candidates = [_placed(camera, board, corners_in_board_mm) for board in in_picture]
         boards.append([board for board in candidates if board.direct or board.image])
     centres = _seed_mirrors(boards, mirrors, size_mm=float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0))))
     observations, pictures, poses = _assign(boards, centres)
-    return Start(Estimate(camera, centres, poses), observations, pictures)
+    estimate = Estimate(camera, centres, poses)
+    board = Board.rigid(corners_in_board_mm)
+    bows = FrameTerms(bow_per_mm=1.0 / (LIKELY_BOW * float(np.ptp(corners_in_board_mm, axis=0).max())))
+    model = Model(FOCAL, thickness=False, curvature=False, board=board, frame_terms=bows)
+    try:
+        estimate, _ = start_robustly(estimate, observations, model)
+    except UndeterminedError as error:
+        raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
+    errors = np.linalg.norm(residuals(estimate, observations, board), axis=1)
+    # A board that is in no view counts as far off: a start that explains few of them well is none.
+    every = sum(len((one.direct or one.image)[0]) for in_picture in found for one in in_picture)
+    squares = float(np.sum(np.minimum(errors, cap_px) ** 2)) + (every - len(observations)) * cap_px**2
+    return Start(estimate, observations, pictures, float(np.sqrt(squares / every)))
 
 
 def _placed(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
@@ -187,11 +244,11 @@ def _assign(boards: list[list[_PosedBoard]], centres: FloatArray) -> tuple[Obser
         views = _views(in_picture, centres)
         if not views:
             continue
-        first = min(views)
+        first = min(views, key=lambda view: (len(views[view]), view))
         reference = views[first][0]
         reference_points = _in_rig(reference, first, centres)
         for view, options in views.items():
-            # A board that looks the same upside down has two numberings; the first view decides.
+            # A board that looks the same upside down has two numberings, a part of one more; the surest view decides.
             places = [_in_rig(option, view, centres) for option in options]
             best = min(range(len(options)), key=lambda i: float(np.abs(places[i] - reference_points).sum()))
             corners = options[best].corners

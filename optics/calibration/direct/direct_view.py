@@ -30,16 +30,19 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 )
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
+from mirrorcam.optics.calibration.frame_choice import most_telling
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Board
-from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import Checkerboard
-from mirrorcam.optics.geometry.transforms import transform
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
+INVERTED = (
+    "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
+    "corners are numbered as if its top left square were black"
+)
 MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
 
 
@@ -49,6 +52,8 @@ def calibrate_with_direct_view(
     *,
     mirrors: int,
     names: Sequence[str],
+    most: int | None = None,
+    level: str | None = None,
     progress: Progress = no_progress,
 ) -> Calibration:
     """Calibrate a camera and mirrors from pictures that show a board directly and in the mirrors, without a layout.
@@ -63,6 +68,10 @@ def calibrate_with_direct_view(
         Number of mirrors.
     names
         Names of the pictures, for the notes.
+    most
+        Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
+    level
+        Model to fit, `joint` with any of `DIRECT_ADDITIONS`; None selects the largest one that the pictures support.
     progress
         Called with the number of pictures searched and of all.
 
@@ -83,41 +92,91 @@ def calibrate_with_direct_view(
     sizes = {picture.shape for picture in pictures}
     if len(sizes) > 1:
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
-    found = _found(pictures, target, progress)
+    if level is not None:
+        additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
+    grids = _found(pictures, target, progress)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
+    notes: tuple[str, ...] = ()
+    if most is not None and len(pictures) > most:
+        used = most_telling([_one_each(some, target) for some in grids], corners_mm, width_px=width, most=most)
+        notes = (f"{len(used)} of {len(pictures)} pictures used: {', '.join(names[number] for number in used)}",)
+        grids, pictures, names = ([items[number] for number in used] for items in (grids, pictures, names))
     try:
-        start = first_estimate(found, corners_mm, mirrors=mirrors, width_px=width, height_px=height)
+        start, inverted = _first_estimate(grids, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
         other = other_board(pictures, target, mirrored=None, found=True, fits=False)
         raise InputError(other or str(error)) from None
-    shown = [pictures[number] for number in start.pictures]
+    if inverted:
+        notes += (INVERTED,)
+    shown = [_negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
-        first = fit(start.estimate, start.observations, rigid)
-        observations = _confirmed(shown, first, target)
-        flat = fit_as("joint", first.estimate, observations, rigid)
+        observations = _confirmed(shown, start.estimate, target)
+        plain = start.estimate.with_poses(start.estimate.rig_from_board)
+        flat = fit_as("joint", plain, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
-        selection, drawn = select_direct_model(flat, observations)
+        selection, drawn = select_direct_model(flat, observations, level=level)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    return direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+    found = direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+    return replace(found, notes=(*notes, *found.notes))
 
 
-def _found(pictures: Sequence[Grey], target: Checkerboard, progress: Progress) -> list[list[FoundBoard]]:
+def _found(pictures: Sequence[Grey], target: Checkerboard, progress: Progress) -> list[list[SeenGrid]]:
     """The boards detected in each picture; raises InputError where there are none at all."""
     found = []
     for number, picture in enumerate(pictures):
-        boards = [_numbered(grid, target) for grid in find_checkerboards(picture, target)]
-        found.append([board for board in boards if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS])
+        found.append(find_checkerboards(picture, target))
         progress(number + 1, len(pictures))
-    if not any(found):
+    if not any(_one_each(grids, target) for grids in found):
         other = other_board(pictures, target, mirrored=False, found=False)
         raise InputError(
             other or f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures"
         )
     return found
+
+
+def _one_each(grids: Sequence[SeenGrid], target: Checkerboard) -> list[Corners]:
+    """The boards of a picture that may be the target or a part of it, each in one of its numberings."""
+    each = [_numbered(way, target) for grid in grids for way in (grid, _inverted(grid))]
+    return [(board.direct or board.image)[0] for board in each if board.direct or board.image][::2]
+
+
+def _first_estimate(
+    grids: Sequence[Sequence[SeenGrid]], target: Checkerboard, *, mirrors: int, width_px: int, height_px: int
+) -> tuple[Start, bool]:
+    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry tells.
+
+    Of a board whose numbers of columns and rows are both even, exchanged colours look like its mirror image.
+    """
+    starts, refusals = [], []
+    for inverted in (False, True):
+        found = []
+        for in_picture in grids:
+            boards = [_numbered(_inverted(grid) if inverted else grid, target) for grid in in_picture]
+            found.append([board for board in boards if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS])
+        try:
+            start = first_estimate(
+                found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
+            )
+            starts.append((start, inverted))
+        except InputError as error:
+            refusals.append(error)
+    if not starts:
+        raise refusals[0]
+    # Colours as stated are believed unless they explain the corners much worse.
+    return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
+
+
+def _inverted(grid: SeenGrid) -> SeenGrid:
+    """The grid with black and white exchanged, as in the negative of its picture."""
+    return replace(grid, places=grid.places + np.array([1, 0]))
+
+
+def _negative(picture: Grey) -> Grey:
+    return np.asarray(255 - picture, dtype=np.uint8)
 
 
 def _steadied(
@@ -181,15 +240,15 @@ def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
     return FoundBoard(direct, image)
 
 
-def _confirmed(pictures: Sequence[Grey], solution: Solution, target: Checkerboard) -> Observations:
-    """All corners of all views, detected again where the first fit predicts them, which completes hidden boards."""
-    estimate = solution.estimate
+def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:
+    """All corners of all views, detected again where an estimate predicts them, which completes hidden boards."""
+    board = Board.rigid(target.corners_in_board_mm)
+    ids = np.arange(len(board.corners_in_board_mm))
     parts = []
-    for frame, (picture, pose) in enumerate(zip(pictures, estimate.rig_from_board, strict=True)):
-        points = transform(pose, target.corners_in_board_mm)
+    for frame, picture in enumerate(pictures):
+        alone = estimate.of_frames(np.array([frame]))
         for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
-            seen = points if view == DIRECT else reflect(points, estimate.virtual_centres_in_rig_mm[view])
-            predicted = estimate.camera.project(seen)
+            predicted = residuals(alone, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
             if not np.isfinite(predicted).all():
                 continue
             corners = confirm(picture, predicted, target)
