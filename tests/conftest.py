@@ -46,3 +46,16 @@ def two_mirror_photos() -> list[Path]:
     if len(photos) != 8:
         pytest.skip(f"{len(photos)} of 8 photographs in $MIRRORCAM_PHOTOS or beside the checkout")
     return photos
+
+
+@pytest.fixture(scope="session")
+def two_mirror_video() -> Path:
+    """200 frames of a checkerboard that a hand moves before two mirrors, which the project does not ship.
+
+    They are looked for in $MIRRORCAM_VIDEO, and in data/two_mirror_video of any folder beside the checkout.
+    """
+    named = os.environ.get("MIRRORCAM_VIDEO")
+    found = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/two_mirror_video/first_200_frames.mp4"))
+    if not found or not found[0].is_file():
+        pytest.skip("no first_200_frames.mp4 in $MIRRORCAM_VIDEO or beside the checkout")
+    return found[0]

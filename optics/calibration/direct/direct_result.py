@@ -24,6 +24,9 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 
+MOST_NAMED = 8
+"""Pictures that notes name one by one."""
+
 
 def direct_result(
     selection: ModelSelection,
@@ -105,22 +108,27 @@ def _views(
     observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[int, tuple[str, ...]]:
     """Number of views that show corners, and notes on those that show none or not all."""
-    notes = []
-    used = 0
-    for number, picture in enumerate(names):
-        if number not in pictures:
-            notes.append(f"{picture}: no board found, not used")
-            continue
-        in_picture = observations.where(observations.frame == pictures.index(number))
-        for view in range(DIRECT, len(mirrors)):
-            name = "direct view" if view == DIRECT else f"mirror {mirrors[view]}"
-            count = int((in_picture.view == view).sum())
-            used += count > 0
-            if count == 0:
-                notes.append(f"{picture}: {name} not found")
-            elif count < corners:
-                notes.append(f"{picture}: {name} shows {count} of {corners} corners")
-    return used, tuple(notes)
+    unused = [f"{picture}: no board found, not used" for n, picture in enumerate(names) if n not in pictures]
+    shown = [names[number] for number in pictures]
+    used, notes = 0, []
+    for view in range(DIRECT, len(mirrors)):
+        name = "direct view" if view == DIRECT else f"mirror {mirrors[view]}"
+        counts = np.bincount(observations.frame[observations.view == view], minlength=len(shown))
+        used += int((counts > 0).sum())
+        missing = np.flatnonzero(counts == 0)
+        partial = np.flatnonzero((counts > 0) & (counts < corners))
+        if len(missing) > MOST_NAMED:
+            notes.append(f"{name} not found in {len(missing)} of {len(shown)} pictures")
+        else:
+            notes += [f"{shown[number]}: {name} not found" for number in missing]
+        if len(partial) > MOST_NAMED:
+            low, high = counts[partial].min(), counts[partial].max()
+            notes.append(
+                f"{name} shows {low} to {high} of {corners} corners in {len(partial)} of {len(shown)} pictures"
+            )
+        else:
+            notes += [f"{shown[number]}: {name} shows {counts[number]} of {corners} corners" for number in partial]
+    return used, (*unused, *notes)
 
 
 def _layout(selection: ModelSelection, observations: Observations) -> Layout:

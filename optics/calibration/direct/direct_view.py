@@ -101,7 +101,8 @@ def calibrate_with_direct_view(
     if most is not None and len(pictures) > most:
         used = most_telling([_one_each(some, target) for some in grids], corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {', '.join(names[number] for number in used)}",)
-        grids, pictures, names = ([items[number] for number in used] for items in (grids, pictures, names))
+        grids = [grids[number] for number in used]
+        pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:
         start, inverted = _first_estimate(grids, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:

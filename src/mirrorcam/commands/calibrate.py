@@ -42,7 +42,8 @@ class CalibrateOptions(Value):
         description=(
             "what is fitted: paper (mirrors only), joint (also the camera), or joint with any of +sheet (thickness of "
             "second-surface mirrors), +bend (curvature of each mirror), +warp (bending of the board) and +bow (bending "
-            "of the board in each picture), as joint+bend"
+            "of the board in each picture), as joint+bend; with --direct-view joint with any of +sheet, +bow, +turn "
+            "(of the camera in each picture) and +board (corners of the board)"
         ),
     )
     live_hint: bool = Field(
@@ -65,8 +66,8 @@ class CalibrateOptions(Value):
     def _check(self) -> Self:
         if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
             raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
-        if self.direct_view and (self.level is not None or self.live_hint):
-            raise ValueError("--level and --live-hint go with --layout")
+        if self.direct_view and self.live_hint:
+            raise ValueError("--live-hint goes with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self

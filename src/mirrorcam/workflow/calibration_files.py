@@ -111,7 +111,13 @@ def _calibrate_directly(
         raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
     taken = calibration_pictures(request.pictures, MOST_FRAMES, on_video=on_video)
     return calibrate_with_direct_view(
-        taken.read(), target, mirrors=request.mirrors, names=taken.names, most=taken.most, progress=progress
+        taken.read(),
+        target,
+        mirrors=request.mirrors,
+        names=taken.names,
+        most=taken.most,
+        level=request.level,
+        progress=progress,
     )
 
 

@@ -33,8 +33,7 @@ TOGETHER = "--direct-view goes with --mirrors N, without --layout and --base"
         ("--direct-view", TOGETHER),
         ("--direct-view --mirrors 2 --layout layout.json", TOGETHER),
         ("--direct-view --mirrors 2 --base base", TOGETHER),
-        ("--direct-view --mirrors 2 --level paper", "--level and --live-hint go with --layout"),
-        ("--direct-view --mirrors 2 --live-hint", "--level and --live-hint go with --layout"),
+        ("--direct-view --mirrors 2 --live-hint", "--live-hint goes with --layout"),
         ("--direct-view --mirrors 5", "--mirrors 5: Input should be less than or equal to 4"),
         ("--layout nowhere.json", "no such file"),
     ],
@@ -76,7 +75,7 @@ def test_an_alarm_is_printed_and_ends_it_with_1(
     found = replace(sound, notes=("a note",), diagnostics=replace(sound.diagnostics, alarms=alarms))
     written: list[Path] = []
     files = "mirrorcam.workflow.calibration_files"
-    monkeypatch.setattr(f"{files}.calibrate_files", lambda request, progress, on_hint: found)
+    monkeypatch.setattr(f"{files}.calibrate_files", lambda *arguments: found)
     monkeypatch.setattr(f"{files}.write_calibration", lambda result, folder, command: written.append(folder))
     arguments = ["calibrate", "picture.png", "--board", "board.toml", "--layout", "layout.json", "--out", str(tmp_path)]
     assert cli.main(arguments) == len(alarms)

@@ -1,0 +1,80 @@
+"""Pictures of a calibration: files as they are, and of videos their sharpest frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.sets.video import write_mjpeg
+from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.workflow.calibration_pictures import SEARCHED, calibration_pictures
+
+FRAMES = 150
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """150 frames of 64 x 48 px; every second is sharp, and the number of each frame is its brightness."""
+    folder = tmp_path_factory.mktemp("clip")
+    texture = np.random.default_rng(0).uniform(-40.0, 40.0, (48, 64))
+    paths = []
+    for number in range(FRAMES):
+        grey = 60.0 + number + gaussian_filter(texture, 0.6 if number % 2 == 1 else 2.5)
+        paths.append(folder / f"{number:03d}.jpg")
+        write_image(paths[-1], np.repeat(np.clip(grey, 0, 255)[:, :, None], 3, axis=2).astype(np.uint8))
+    write_mjpeg(folder / "clip.avi", paths, 30.0, lambda done: None)
+    return folder / "clip.avi"
+
+
+def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
+    said: list[str] = []
+    picture = clip.with_name("007.jpg")
+    taken = calibration_pictures([picture, clip], 30, on_video=said.append)
+    assert taken.pictures[0] == picture
+    assert taken.names[0] == "007.jpg"
+    numbers = [int(name.removeprefix("clip.avi frame ")) for name in taken.names[1:]]
+    assert len(numbers) <= SEARCHED
+    assert all(number % 2 == 1 for number in numbers)
+    assert numbers == sorted(numbers)
+    for number, grey in zip(numbers, taken.read()[1:], strict=True):
+        assert grey.shape == (48, 64)
+        assert abs(grey.mean() - 60.0 - number) < 2.0
+    assert taken.most == 30
+    assert said[0].startswith(f"clip.avi: the {len(numbers)} sharpest of 150 frames, from all of the video, read in ")
+
+
+def test_pictures_alone_are_all_used(clip: Path) -> None:
+    taken = calibration_pictures([clip.with_name("001.jpg")], 30, on_video=lambda sentence: None)
+    assert taken.most is None
+
+
+def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) -> None:
+    camera = Camera(width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0)
+    with pytest.raises(InputError, match="64x48 px, expected 640x480 of the layout's camera"):
+        calibration_pictures([clip], 30, camera=camera, on_video=lambda sentence: None)
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(InputError, match="not a video that can be opened"):
+        calibration_pictures([tmp_path / "text.mp4"], 30, on_video=lambda sentence: None)
+
+
+@pytest.mark.slow
+def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_path: Path) -> None:
+    """A flexing paper with hands over it, cut by the frame: planes, camera and board come out without help."""
+    (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 6\nsquare_mm = 25.0\n')
+    request = CalibrationRequest(pictures=(two_mirror_video,), board=tmp_path / "board.toml", mirrors=2)
+    found = calibrate_files(request)
+    assert found.diagnostics is not None
+    assert {"bow", "board"} < set(found.diagnostics.level.split("+"))
+    for axis in "xy":
+        assert found.metrics[f"rms_{axis}_px"].value < 0.25
+    assert found.metrics["corners"].value > 2000
+    assert found.metrics["outliers"].value < 0.05 * found.metrics["corners"].value
+    assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.5)
+    assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.1
+    assert found.notes[0].startswith("30 of 60 pictures used: first_200_frames.mp4 frame ")
