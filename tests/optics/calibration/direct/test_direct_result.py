@@ -59,9 +59,9 @@ def test_figures_are_those_of_the_scene(result: Calibration) -> None:
 
 def test_what_was_not_found_is_noted(result: Calibration) -> None:
     assert result.notes == (
+        "3.png: no board found, not used",
         "0.png: mirror 0-1 not found",
         "1.png: mirror 0-1 shows 21 of 42 corners",
-        "3.png: no board found, not used",
     )
 
 
