@@ -26,6 +26,7 @@ from mirrorcam.optics.calibration.calibrated_layout import as_estimated
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.moved_outlines import outlined
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
@@ -44,7 +45,6 @@ from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
-from mirrorcam.optics.calibration.frame_choice import most_telling
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations

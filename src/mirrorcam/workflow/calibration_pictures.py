@@ -13,7 +13,7 @@ import numpy as np
 from mirrorcam.optics.base.pictures import check_size, is_picture, pictures_in, read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.frame_choice import SharpestFrames, SharpFrame
+from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.video import Video

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.frame_choice import SharpestFrames, SharpFrame, most_telling
+from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame, most_telling
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard
 
