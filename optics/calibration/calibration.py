@@ -51,6 +51,8 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures
 from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
 from mirrorcam.optics.geometry.targets import Target
 
 UPSIDE_DOWN = (
@@ -67,6 +69,7 @@ def calibrate(
     target: Target,
     *,
     level: str | None = None,
+    lens: LensName | None = None,
     detections: Path | None = None,
     workers: int = 1,
     most: tuple[int | None, int | None] = (None, None),
@@ -90,8 +93,10 @@ def calibrate(
     target
         The board.
     level
-        Model to fit: `paper`, or `joint` with any of `+sheet`, `+bend`, `+warp`. None selects the largest one that the
+        Model to fit: `paper`, or `joint` with additions (`nested_models`). None selects the largest one that the
         pictures support.
+    lens
+        Lens model of the camera; None keeps the layout's, or a larger one that the pictures support.
     detections
         Folder that caches detected corners, so that no picture is searched twice.
     workers
@@ -144,6 +149,7 @@ def calibrate(
             layout,
             target.corners_in_board_mm,
             level=level,
+            lens=lens,
             extremes=taken.extremes,
             pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target),
             unknown=unknown_mirrors(layout, found),
@@ -177,6 +183,7 @@ def calibrate_corners(
     corners_in_board_mm: FloatArray,
     *,
     level: str | None = None,
+    lens: LensName | None = None,
     extremes: Extremes | None = None,
     pictures: Pictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
@@ -191,8 +198,8 @@ def calibrate_corners(
         Nominal layout.
     corners_in_board_mm
         The board's corners (c, 3) as drawn.
-    level
-        Model to fit, as in `calibrate`.
+    level, lens
+        Model to fit and lens of the camera, as in `calibrate`.
     extremes
         Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
     pictures
@@ -209,8 +216,9 @@ def calibrate_corners(
         raise InputError("no pictures given")
     notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
     try:
-        screened = screen(seen, base, layout, corners_in_board_mm)
-        fitted = _fitted(screened, layout, corners_in_board_mm, level, extremes, pictures)
+        start = layout if lens is None else _with_lens(layout, lens)
+        screened = screen(seen, base, start, corners_in_board_mm)
+        fitted = _fitted(screened, start, corners_in_board_mm, level, extremes, pictures, lens_stated=lens is not None)
         return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
@@ -237,6 +245,8 @@ def _fitted(
     level: str | None,
     extremes: Extremes | None,
     pictures: Pictures | None,
+    *,
+    lens_stated: bool,
 ) -> _Fitted:
     """Fit the corners of all frames that show any: first those with mirrors, then the others."""
     numbers = [number for number, o in enumerate(screened.seen) if len(o)]
@@ -259,7 +269,7 @@ def _fitted(
         kept, left_out = wholly_served(seen, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
-    selection = select_model(start, observations, corners_in_board_mm, level=level)
+    selection = select_model(start, observations, corners_in_board_mm, level=level, lens_stated=lens_stated)
     return _Fitted(selection.widened_to(screened.widened), observations, metrics, notes)
 
 
@@ -286,6 +296,11 @@ def _concluded(
     metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
     return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
+
+
+def _with_lens(layout: Layout, lens: LensName) -> Layout:
+    camera, _ = nearest_lens(layout.camera, lens, whole_picture(layout.camera))
+    return layout.replaced(camera=camera)
 
 
 def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:

@@ -16,7 +16,6 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 
 FOLDS = 3
@@ -92,10 +91,6 @@ def _parameters(solution: Solution) -> float:
     return len(solution.parameters) + solution.frame_terms
 
 
-def _penalty(estimate: Estimate, model: Model) -> float:
-    return float(np.sum(model.frame_terms.values(estimate) ** 2))
-
-
 def _rms(solution: Solution) -> float:
     return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
 
@@ -115,10 +110,10 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     # Simulated corners without noise would turn rounding errors into significance.
     floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / seen.sigma_px) ** 2))
     squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
-    squares += _penalty(larger.solution.estimate, larger.model)
+    squares += larger.model.prior_squares(larger.solution.estimate)
     at_smaller = _at_minimum(smaller, observations, rows)
     left = seen.standardised(residuals(at_smaller, seen, smaller.model.board))
-    squares_smaller = float(np.sum(left**2)) + floor + _penalty(at_smaller, smaller.model)
+    squares_smaller = float(np.sum(left**2)) + floor + smaller.model.prior_squares(at_smaller)
     added = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
     spare = 2 * len(seen) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)

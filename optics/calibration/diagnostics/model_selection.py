@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
+from mirrorcam.optics.calibration.diagnostics.lens_additions import LENS_ADDITIONS, further_lenses
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     SUPPORTED_CHANCE,
     ModelComparison,
@@ -23,6 +24,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     additions_of,
     fit_as,
     fit_with,
+    foreseen_gain,
     joint_model,
     paper_model,
     plate_thickness,
@@ -79,7 +81,12 @@ class ModelSelection:
 
 
 def select_model(
-    start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, *, level: str | None = None
+    start: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    *,
+    level: str | None = None,
+    lens_stated: bool = False,
 ) -> ModelSelection:
     """Fit a given level, or select one by forward selection.
 
@@ -99,6 +106,8 @@ def select_model(
     level
         Model to fit (`nested_models.additions_of`); None selects one. An alarm is raised where a larger model than the
         given one is supported.
+    lens_stated
+        Whether the start has the lens model of the camera for certain, so that no other is tried.
 
     Raises
     ------
@@ -123,11 +132,12 @@ def select_model(
         note = "the intrinsics are held: what they may be off is in no uncertainty"
         doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return conclude(paper, comparisons, observations, doubts, [note])
+    additions = [name for name in ADDITIONS if not (lens_stated and name in LENS_ADDITIONS)]
     for name in asked or ():
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward(current, observations, ADDITIONS, extend=level is None)
+    current, further, alarms, notes = forward(current, observations, additions, extend=level is None)
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
     return conclude(current, [*comparisons, *further], observations, alarms, notes)
@@ -141,11 +151,10 @@ def forward(
     Unless the model may be extended, the first supported addition raises an alarm instead, as plates always do where
     the layout has none; `unplated` is the addition that takes the place of "sheet" there.
     """
-    left = [name for name in additions if name not in current.name.split("+")]
     comparisons: list[ModelComparison] = []
     alarms: list[str] = []
     notes: list[str] = []
-    while left:
+    while left := _left(current, additions):
         tried, undetermined = _tried(current, left, observations, unplated)
         notes += undetermined
         best = None
@@ -162,19 +171,30 @@ def forward(
             alarms.append(_alarm(best, addition))
             break
         current = best
-        left.remove(addition)
     return current, comparisons, alarms, notes
+
+
+def _left(current: Fitted, additions: Sequence[str]) -> list[str]:
+    """The additions that a model does not have yet."""
+    made = current.name.split("+")
+    lenses = further_lenses(current.solution.estimate.camera, made)
+    return [name for name in additions if name not in made and (name not in LENS_ADDITIONS or name in lenses)]
 
 
 def _tried(
     current: Fitted, left: Sequence[str], observations: Observations, unplated: str
 ) -> tuple[list[Fitted], list[str]]:
-    """The fits with one more addition each, and a note on each addition that the corners do not determine."""
+    """The fits with one more addition each, and a note on each addition that the corners do not determine.
+
+    Another lens is fitted only where one step towards it foresees a gain of information.
+    """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     found, notes = [], []
     for name in left:
         addition = unplated if name == "sheet" and not plates else name
         try:
+            if name in LENS_ADDITIONS and foreseen_gain(name, current, observations) <= 0.0:
+                continue
             found.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")

@@ -3,7 +3,8 @@
 `paper`: virtual centres and board poses, with the camera held. `joint`: intrinsics as well. Above that, in any order:
 `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of the
 board. `bow`: a board that bows otherwise in each frame. `turn`: a camera that yields between frames. `board`: free
-corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once.
+corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once. `rational`, `prism`:
+further numbers of the lens; `fisheye`: another lens (`lens_additions`).
 """
 
 from __future__ import annotations
@@ -14,15 +15,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.diagnostics.lens_additions import (
+    LENS_ADDITIONS,
+    free_intrinsics,
+    further_lenses,
+    with_addition,
+)
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
+from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations, residuals_of
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.plate import rise_mm
 
-ADDITIONS = ("sheet", "bend", "warp", "bow")
+ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
 """What is tried where frames show their board directly and in mirrors at once."""
 PRIOR_ROUNDS = 3
@@ -31,6 +38,10 @@ TURN_PX = 0.5
 """Standard deviation of what is left of a camera's turn once the background's is taken out."""
 FIRST_BOW, LEAST_BOW = 0.02, 1e-4
 """Standard deviation of the bow of boards to start from, and the smallest, relative to a board's larger side."""
+STEP_DAMPING = 1e-9
+"""Relative damping against rounding, where two numbers of a lens are nearly one."""
+LEAST_LEFT = 1e-3
+"""Fraction of a cost that one step can leave at least, for its prediction is a linear one."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """The plate to start from where the layout has first-surface mirrors; its index is that of acrylic."""
 THIN, GLASS_INDEX = 0.01, 1.52
@@ -111,6 +122,9 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
         raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
     if addition in {"turn", "bow"}:
         return _fit_with_terms(name, smaller, observations, addition)
+    if addition in LENS_ADDITIONS:
+        start, model = _with_lens(addition, smaller)
+        return fit_as(name, start, observations, model)
     if addition == "glass":
         estimate = as_second_surface(estimate, PLATE_MM, PLATE_INDEX)
     if addition == "plates":
@@ -120,6 +134,33 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
     if len(model.board.modes) != len(estimate.shape):
         estimate = replace(estimate, shape=np.zeros(len(model.board.modes)))
     return fit_as(name, estimate, observations, model)
+
+
+def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
+    """Estimate and model with another lens; raises InputError where the camera's own lens cannot become that."""
+    estimate, made = smaller.solution.estimate, smaller.name.split("+")
+    if addition not in further_lenses(estimate.camera, made):
+        raise InputError(f"level {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
+    camera = with_addition(estimate.camera, addition)
+    return replace(estimate, camera=camera), replace(
+        smaller.model, intrinsics=free_intrinsics(camera, [*made, addition])
+    )
+
+
+def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
+    """The decrease of the Bayesian information criterion that one step towards another lens predicts.
+
+    This is Rao's score test, whose statistic needs no fit of the larger model.
+    """
+    estimate, model = _with_lens(addition, smaller)
+    seen = observations.where(smaller.solution.inliers)
+    grouped = Grouped.of(seen, model)
+    before = float(np.sum(residuals_of(smaller.solution.estimate, grouped, smaller.model) ** 2))
+    at_start = float(np.sum(residuals_of(estimate, grouped, model) ** 2))
+    drop = normal_equations(estimate, grouped, model).step(STEP_DAMPING)[2]
+    added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
+    after = max(at_start - drop, LEAST_LEFT * before)
+    return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:

@@ -13,6 +13,11 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
+from mirrorcam.optics.calibration.diagnostics.lens_additions import (
+    free_intrinsics,
+    further_lenses,
+    with_addition,
+)
 from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
@@ -141,9 +146,9 @@ def _packed(observations: Observations) -> Observations:
 def _least_disagreement(
     estimate: Estimate, mirrored: Observations, direct: Observations, layout: Layout, free: Model
 ) -> float:
-    """The camera disagreement; where it is large, the least of those with plates and with bent mirrors.
+    """The camera disagreement; where it is large, the least of those with plates, bent mirrors and other lenses.
 
-    A plate or a bend that the layout leaves out biases the intrinsics, too.
+    A plate or a bend that the layout leaves out biases the intrinsics, too, as does a lens that they do not describe.
     """
     ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
     if ratio <= consistency.DRIFT_WIDENS:
@@ -155,6 +160,12 @@ def _least_disagreement(
         (estimate, replace(free, curvature=True)),
     ):
         ratio = min(ratio, _camera_disagreement(tried, mirrored, direct, layout, richer))
+    for addition in further_lenses(estimate.camera, ()):
+        if ratio <= consistency.DRIFT_WIDENS:
+            break
+        camera = with_addition(estimate.camera, addition)
+        richer = replace(free, intrinsics=free_intrinsics(camera, (addition,)))
+        ratio = min(ratio, _camera_disagreement(replace(estimate, camera=camera), mirrored, direct, layout, richer))
     return ratio
 
 

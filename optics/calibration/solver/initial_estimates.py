@@ -14,6 +14,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 MAX_FOCAL_RATIO = 1.5  # between the fitted and the nominal focal length, or its inverse
@@ -192,8 +193,11 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
     )
     ratio = camera.fx_px / nominal.fx_px
     plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _corner_radius(camera)
+    if not plausible:
+        return nominal
+    camera, _ = nearest_lens(camera, nominal.lens_model, whole_picture(camera))
     # Size, name and pupil are the nominal ones.
-    return nominal.with_intrinsics(camera.intrinsics) if plausible else nominal
+    return nominal.with_intrinsics(camera.intrinsics)
 
 
 def first_estimate(

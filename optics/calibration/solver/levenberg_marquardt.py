@@ -197,7 +197,7 @@ def minimise(
     iterations = 0
     while iterations < max_iterations:
         iterations += 1
-        cost = _squares(r) + _squares(model.frame_terms.values(estimate))
+        cost = _squares(r) + model.prior_squares(estimate)
         normal = normal_equations(estimate, grouped, model)
         found = _descend(estimate, grouped, model, normal, damping, _squares, cost)
         if found is None:
@@ -226,7 +226,7 @@ def start_robustly(start: Estimate, observations: Observations, model: Model) ->
         iterations += 1
         loss = _Huber(HUBER_SCALE * scale)
         normal = normal_equations(estimate, grouped, model, loss.root_weights(r))
-        cost = loss(r) + _squares(model.frame_terms.values(estimate))
+        cost = loss(r) + model.prior_squares(estimate)
         found = _descend(estimate, grouped, model, normal, damping, loss, cost)
         if found is None:
             break
@@ -301,7 +301,7 @@ def _descend(
         trial = _trial(estimate, model, step_global, step_poses)
         if trial is not None:
             r = residuals_of(trial, grouped, model)
-            gain = cost - loss(r) - _squares(model.frame_terms.values(trial))
+            gain = cost - loss(r) - model.prior_squares(trial)
             if gain >= 0.0:
                 damping.accepted(gain / predicted)
                 return trial, r, predicted

@@ -148,6 +148,10 @@ def normal_equations(
     v = np.tile(np.diag(weights**2), (frames, 1, 1))
     gradient_global, gradient_poses = np.zeros(size), weights * model.frame_terms.values(estimate)
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
+    priors, free = model.intrinsic_priors(estimate.camera), slice(len(model.intrinsics))
+    u[free, free] = np.diag(priors**2)
+    known = [name in model.intrinsics for name in estimate.camera.intrinsic_names]
+    gradient_global[free] = priors**2 * estimate.camera.intrinsics[known]
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:

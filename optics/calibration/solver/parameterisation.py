@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
-from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,19 @@ class Model:
     board: Board
     mirrors: bool = True
     frame_terms: FrameTerms = FrameTerms()
+
+    def intrinsic_priors(self, camera: Camera) -> FloatArray:
+        """Priors (i,) of the free intrinsics around zero, as `FrameTerms` has them; 0 where there is none."""
+        sigmas = [*[np.inf] * len(PINHOLE_NAMES), *camera.lens.prior_sigmas]
+        free = [name in self.intrinsics for name in camera.intrinsic_names]
+        return np.asarray(1.0 / np.array(sigmas)[free])
+
+    def prior_squares(self, estimate: Estimate) -> float:
+        """What the priors of frames and intrinsics add to the cost."""
+        camera = estimate.camera
+        free = [name in self.intrinsics for name in camera.intrinsic_names]
+        values = self.intrinsic_priors(camera) * camera.intrinsics[free]
+        return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(values**2))
 
     def parameters(self, camera: Camera, mirrors: int) -> tuple[str, ...]:
         """Names of the free globals of a camera with `mirrors` mirrors, in the order of `global_names`."""

@@ -70,6 +70,11 @@ class Lens(ABC):
         coefficients[:5] += change
         return replace(self, coefficients=coefficients)
 
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        """Standard deviations (k,) around zero that a fit may assume of the coefficients; infinite: nothing."""
+        return np.full(len(self.coefficients), np.inf)
+
     def undistorted_roughly(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Normalized coordinates (n,) near those of distorted ones, from where Newton's method converges."""
         if not np.isfinite(self.valid_radius):

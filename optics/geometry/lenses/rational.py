@@ -11,6 +11,8 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.lenses.brown_conrady import FLIPS, BrownConrady, tangential_by_coefficients
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
+DIVISOR_SIGMA = 0.5
+
 
 class Rational(Lens):
     """Lens with the coefficients (k1, k2, p1, p2, k3, k4, k5, k6).
@@ -57,6 +59,13 @@ class Rational(Lens):
         bend: FloatArray = np.polysub(np.polymul(np.polyder(above), below), np.polymul(above, np.polyder(below)))
         slope = np.polyadd(np.polymul(above, below), np.polymul([2.0, 0.0], bend))
         return float(np.sqrt(min(_first_root(slope), _first_root(below))))
+
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        """Those of k4, k5 and k6: without them a quotient near a polynomial could be written in many ways."""
+        sigmas = np.full(len(self.coefficients), np.inf)
+        sigmas[5:8] = DIVISOR_SIGMA
+        return sigmas
 
     def flipped(self, axis: int) -> Self:
         signs = np.ones(len(self.coefficients))

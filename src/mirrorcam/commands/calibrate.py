@@ -12,6 +12,7 @@ from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.bounds import Bounds
 from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.optics.geometry.lenses.families import FAMILIES, LensName
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.detection.next_pose import NextPose
@@ -42,9 +43,13 @@ class CalibrateOptions(Value):
         description=(
             "what is fitted: paper (mirrors only), joint (also the camera), or joint with any of +sheet (thickness of "
             "second-surface mirrors), +bend (curvature of each mirror), +warp (bending of the board) and +bow (bending "
-            "of the board in each picture), as joint+bend; with --direct-view joint with any of +sheet, +bow, +turn "
+            "of the board in each picture), as joint+bend; +rational, +prism and +fisheye are "
+            "other lenses; with --direct-view joint with any of +sheet, +bow, +turn "
             "(of the camera in each picture) and +board (corners of the board)"
         ),
+    )
+    lens: Annotated[LensName | None, tyro.conf.arg(metavar="LENS", help_behavior_hint="(chosen by tests)")] = Field(
+        default=None, description=f"the camera's lens, so that no other is tried: {', '.join(FAMILIES)}"
     )
     live_hint: bool = Field(
         default=False,
@@ -66,8 +71,8 @@ class CalibrateOptions(Value):
     def _check(self) -> Self:
         if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
             raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
-        if self.direct_view and self.live_hint:
-            raise ValueError("--live-hint goes with --layout")
+        if self.direct_view and (self.lens is not None or self.live_hint):
+            raise ValueError("--lens and --live-hint go with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self
@@ -85,6 +90,7 @@ def run(options: CalibrateOptions) -> int:
         base_pictures=options.base,
         mirrors=options.mirrors,
         level=options.level,
+        lens=options.lens,
         detections=options.out / "detections",
     )
 

@@ -17,6 +17,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
 from mirrorcam.workflow.calibration_pictures import calibration_pictures
@@ -45,6 +46,8 @@ class CalibrationRequest:
         Number of mirrors, where there is no layout.
     level
         Model to fit; None: the one that the pictures support.
+    lens
+        Lens model of the camera; None: the layout's, or the one that the pictures support.
     detections
         Folder that keeps found corners, so that no picture is searched twice.
     """
@@ -55,6 +58,7 @@ class CalibrationRequest:
     base_pictures: tuple[Path, ...] = ()
     mirrors: int | None = None
     level: str | None = None
+    lens: LensName | None = None
     detections: Path | None = None
 
     def __post_init__(self) -> None:
@@ -96,6 +100,7 @@ def calibrate_files(
         layout,
         target,
         level=request.level,
+        lens=request.lens,
         detections=request.detections,
         workers=cores(),
         most=(seen.most, base.most),
