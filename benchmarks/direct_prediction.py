@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, fit_with
+from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -63,6 +67,39 @@ def predicted_mirrored(
             errors[here] = found
             estimates[frame] = replace(posed, shape=fitted.shape)
     return errors, estimates
+
+
+def refitted(found: Calibration, observations: Observations, board: Board, additions: Sequence[str]) -> Fitted:
+    """The fit of a calibration's camera and planes to its corners, or to others of the same frames, with additions."""
+    start = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
+    plain = replace(start, thickness_mm=np.zeros(len(found.layout.mirrors)))
+    model = Model(INTRINSICS, thickness=False, curvature=False, board=board)
+    fitted = fit_as("joint", plain, observations, model)
+    for addition in additions:
+        fitted = fit_with("plates" if addition == "sheet" else addition, fitted, observations)
+    return fitted
+
+
+def prediction_floor(fitted: Fitted, observations: Observations, fold: IntArray, *, rounds: int = 3) -> FloatArray:
+    """Prediction errors (n, 2) of mirrored corners that the model's own noise alone gives, of several simulations.
+
+    Corners are simulated by the fit, with noise of its scale and each frame's turn and bow drawn from their priors.
+    """
+    random = np.random.default_rng(0)
+    solution, terms = fitted.solution, fitted.model.frame_terms
+    errors = []
+    for _ in range(rounds):
+        truth = solution.estimate
+        if terms.turn_per_rad is not None:
+            turn = random.normal(0.0, solution.scale / terms.turn_per_rad, truth.camera_turn.shape)
+            truth = replace(truth, camera_turn=turn)
+        if terms.bow_per_mm is not None:
+            truth = replace(truth, bow_mm=random.normal(0.0, solution.scale / terms.bow_per_mm, truth.bow_mm.shape))
+        noise = random.normal(0.0, solution.scale * observations.sigma_px[:, None], (len(observations), 2))
+        clean = observations.pixels + residuals(truth, observations, fitted.model.board)
+        seen = replace(observations, pixels=clean + noise)
+        errors.append(predicted_mirrored(truth, seen, fitted.model, fold)[0])
+    return np.concatenate(errors)
 
 
 def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[int, int]) -> FloatArray:
