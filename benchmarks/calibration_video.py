@@ -23,7 +23,15 @@ from mirrorcam.workflow.calibration_pictures import calibration_pictures
 
 MIRRORS = 2
 BOARD = Checkerboard(cols=8, rows=6, square_mm=25.0)
-FIGURES = ("rms_x_px", "rms_y_px", "mirrors_0_1_angle_deg", "mirrors_0_1_angle_sigma_deg", "corners", "outliers")
+FIGURES = (
+    "rms_x_px",
+    "rms_y_px",
+    "mirrors_0_1_angle_deg",
+    "mirrors_0_1_angle_sigma_deg",
+    "corners",
+    "outliers",
+    "shutter_readout",
+)
 
 
 def rms(errors: FloatArray) -> str:
@@ -36,7 +44,9 @@ def main(clip: Path, target: Checkerboard) -> None:
     taken = calibration_pictures([clip], 30, on_video=print)
     pictures = taken.read()
     started = time.perf_counter()
-    found = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names, most=taken.most)
+    found = calibrate_with_direct_view(
+        pictures, target, mirrors=MIRRORS, names=taken.names, most=taken.most, beside=taken.beside
+    )
     assert found.diagnostics is not None
     print(f"calibrated in {time.perf_counter() - started:.1f} s: {found.notes[0]}")
     print(f"model {found.diagnostics.level}")
@@ -48,7 +58,7 @@ def main(clip: Path, target: Checkerboard) -> None:
     for alarm in found.diagnostics.alarms:
         print(f"alarm: {alarm}")
 
-    every = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names)
+    every = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names, beside=taken.beside)
     rows = every.observations.where(every.inliers)
     fitted = refitted(every, rows, Board.rigid(target.corners_in_board_mm), found.diagnostics.level.split("+")[1:])
     frames = len(fitted.solution.estimate.rig_from_board)

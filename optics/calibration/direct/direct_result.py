@@ -18,6 +18,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
+from mirrorcam.optics.calibration.direct.rolling_shutter import Shutter
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
@@ -36,6 +37,7 @@ def direct_result(
     pictures: Sequence[int],
     names: Sequence[str],
     turns: FloatArray | None,
+    shutter: Shutter | None = None,
 ) -> Calibration:
     """The calibration of a selected model.
 
@@ -53,6 +55,8 @@ def direct_result(
         Names of all pictures, for the notes.
     turns
         Rotation vectors (f, 3), rad, of the camera, where they were compensated.
+    shutter
+        The rolling shutter, where it was searched for; the corners are those of the middle row where it is supported.
 
     Raises
     ------
@@ -71,12 +75,21 @@ def direct_result(
     if turns is not None:
         farthest = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
         metrics["camera_turned_px"] = Metric(value=farthest, unit="px")
+    if shutter is not None:
+        metrics["shutter_readout"] = Metric(value=shutter.readout, unit="1")
+        metrics["shutter_readout_sigma"] = Metric(value=shutter.sigma, unit="1")
     if "sheet_mm" in solution.parameters:
         place = solution.parameters.index("sheet_mm")
         metrics["sheet_mm"] = Metric(value=estimate.thickness_mm[0], unit="mm")
         metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[place, place]), unit="mm")
     metrics |= _angles(solution)
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, layout.mirror_names)
+    if shutter is not None and shutter.supported:
+        sentence = (
+            f"a rolling shutter reads a frame in {shutter.readout:.2f} +- {shutter.sigma:.1g} of the time to the next: "
+            "moving corners were moved to where the middle row saw them"
+        )
+        notes = (sentence, *notes)
     metrics["views"] = Metric(value=views, unit="1")
     metrics |= diagnostics.metrics
     return Calibration.of(solution, observations, layout, metrics=metrics, notes=notes, diagnostics=diagnostics)

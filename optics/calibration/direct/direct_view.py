@@ -8,7 +8,7 @@ by the static scene.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
+from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -54,6 +55,7 @@ def calibrate_with_direct_view(
     names: Sequence[str],
     most: int | None = None,
     level: str | None = None,
+    beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
     progress: Progress = no_progress,
 ) -> Calibration:
     """Calibrate a camera and mirrors from pictures that show a board directly and in the mirrors, without a layout.
@@ -72,6 +74,9 @@ def calibrate_with_direct_view(
         Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
     level
         Model to fit, `joint` with any of `DIRECT_ADDITIONS`; None selects the largest one that the pictures support.
+    beside
+        Gives of some pictures, by number, the frames before and after them, where they are of a video: a rolling
+        shutter is searched for.
     progress
         Called with the number of pictures searched and of all.
 
@@ -98,6 +103,7 @@ def calibrate_with_direct_view(
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     notes: tuple[str, ...] = ()
+    used = list(range(len(pictures)))
     if most is not None and len(pictures) > most:
         used = most_telling([_one_each(some, target) for some in grids], corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {', '.join(names[number] for number in used)}",)
@@ -119,10 +125,30 @@ def calibrate_with_direct_view(
         flat = fit_as("joint", plain, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
         selection, drawn = select_direct_model(flat, observations, level=level)
+        shutter = None
+        if beside is not None:
+            numbers = [used[number] for number in start.pictures]
+            velocity = _velocities(observations, [pictures[n] for n in start.pictures], beside(numbers))
+            shutter = rolling_shutter(selection, observations, velocity, height)
+            if shutter is not None and shutter.supported:
+                observations = at_middle_row(observations, velocity, shutter.readout, height)
+                flat = fit_as("joint", flat.solution.estimate, observations, rigid)
+                selection, drawn = select_direct_model(flat, observations, level=level)
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    found = direct_result(selection, drawn, observations, pictures=start.pictures, names=names, turns=turns)
+    found = direct_result(
+        selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
+    )
     return replace(found, notes=(*notes, *found.notes))
+
+
+def _velocities(
+    observations: Observations, pictures: Sequence[Grey], beside: Sequence[tuple[Grey, Grey] | None]
+) -> FloatArray:
+    frames = [
+        None if pair is None else (pair[0], picture, pair[1]) for picture, pair in zip(pictures, beside, strict=True)
+    ]
+    return corner_velocities(observations, frames)
 
 
 def _found(pictures: Sequence[Grey], target: Checkerboard, progress: Progress) -> list[list[SeenGrid]]:

@@ -122,6 +122,7 @@ def _calibrate_directly(
         names=taken.names,
         most=taken.most,
         level=request.level,
+        beside=taken.beside if any(taken.sources) else None,
         progress=progress,
     )
 

@@ -26,16 +26,32 @@ SEARCHED = 60
 class CalibrationPictures:
     """Pictures to search, each a file or the grey values (h, w) of a frame, and their names.
 
-    `most` is the number of them to use, where there are frames of a video among them; else None, all.
+    `most` is the number of them to use, where there are frames of a video among them; else None, all. `sources` has the
+    video and frame number of each; None for a picture.
     """
 
     pictures: list[Path | Grey]
     names: list[str]
     most: int | None
+    sources: list[tuple[Path, int] | None]
 
     def read(self) -> list[Grey]:
         """All of them in grey; raises InputError for a file that cannot be read."""
         return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]
+
+    def beside(self, numbers: Sequence[int]) -> list[tuple[Grey, Grey] | None]:
+        """The frames before and after some pictures; None for one that is no frame of a video, or lacks either."""
+        wanted: dict[Path, set[int]] = {}
+        for source in (self.sources[number] for number in numbers):
+            if source is not None:
+                wanted.setdefault(source[0], set()).update((source[1] - 1, source[1] + 1))
+        found = {path: _frames(path, frames) for path, frames in wanted.items()}
+        pairs: list[tuple[Grey, Grey] | None] = []
+        for source in (self.sources[number] for number in numbers):
+            of_video = {} if source is None else found[source[0]]
+            before, after = (None if source is None else of_video.get(source[1] + step) for step in (-1, 1))
+            pairs.append(None if before is None or after is None else (before, after))
+        return pairs
 
 
 def calibration_pictures(
@@ -61,17 +77,18 @@ def calibration_pictures(
     """
     pictures: list[Path | Grey] = []
     names: list[str] = []
-    videos = 0
+    sources: list[tuple[Path, int] | None] = []
     for path in pictures_in(paths):
         if is_picture(path):
             pictures.append(path)
             names.append(path.name)
+            sources.append(None)
             continue
-        videos += 1
         for frame in _sharp_frames(path, camera, on_video):
             pictures.append(frame.picture)
             names.append(f"{path.name} frame {frame.number}")
-    return CalibrationPictures(pictures, names, most if videos else None)
+            sources.append((path, frame.number))
+    return CalibrationPictures(pictures, names, most if any(sources) else None, sources)
 
 
 def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], None]) -> list[SharpFrame]:
@@ -84,7 +101,7 @@ def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], N
         if not isinstance(frame, Frame):
             lost += 1
             continue
-        kept.add(SharpFrame.of(frame.number, np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY))))
+        kept.add(SharpFrame.of(frame.number, _grey(frame)))
     chosen = kept.chosen()
     if not chosen:
         raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
@@ -94,3 +111,18 @@ def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], N
         f"read in {time.monotonic() - started:.1f} s"
     )
     return chosen
+
+
+def _frames(path: Path, numbers: set[int]) -> dict[int, Grey]:
+    """Frames of a video by their numbers, without those that are not there or damaged."""
+    found: dict[int, Grey] = {}
+    for frame in Video(path).frames():
+        if frame.number > max(numbers):
+            break
+        if frame.number in numbers and isinstance(frame, Frame):
+            found[frame.number] = _grey(frame)
+    return found
+
+
+def _grey(frame: Frame) -> Grey:
+    return np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)

@@ -1,0 +1,99 @@
+"""A rolling shutter is told by corners that move, and by nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
+from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
+from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, select_direct_model
+from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from tests.optics.calibration.direct.two_mirrors import (
+    BOARD,
+    CAMERA,
+    corner_of_two_mirrors,
+    corners_of,
+    moved_by_hand,
+)
+
+FRAMES, NOISE_PX = 9, 0.05
+DRAWN = Board.rigid(BOARD.corners_in_board_mm)
+
+
+@pytest.fixture(scope="module")
+def moving() -> tuple[Estimate, Observations, FloatArray]:
+    """Boards moved by hand, up to 4 mm and 1 degree a frame, their corners at one moment, and the velocities."""
+    truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(FRAMES))
+    twists = np.random.default_rng(3).normal(0.0, 1.0, (FRAMES, 6)) * [*[0.01] * 3, *[2.0] * 3]
+    none = np.zeros(9 + 6 * 2 + 1)
+    ahead, back = (residuals(truth.moved(none, sign * twists / 2), clean, DRAWN) for sign in (1, -1))
+    return truth, clean, ahead - back
+
+
+def selected(truth: Estimate, seen: Observations) -> ModelSelection:
+    model = Model(INTRINSICS, thickness=False, curvature=False, board=DRAWN)
+    return select_direct_model(fit_as("joint", truth, seen, model), seen, level="joint")[0]
+
+
+def seen_by(readout: float, moving: tuple[Estimate, Observations, FloatArray]) -> tuple[Estimate, Observations]:
+    """Corners that a shutter of a readout shows, by exact motion along their velocities, with noise."""
+    truth, clean, velocity = moving
+    row = clean.pixels[:, 1]
+    for _ in range(20):  # a corner is seen in the row in which it is when that row is read
+        row = clean.pixels[:, 1] + readout * ((row + 0.5) / CAMERA.height_px - 0.5) * velocity[:, 1]
+    late = readout * ((row + 0.5) / CAMERA.height_px - 0.5)
+    noise = np.random.default_rng(4).normal(0.0, NOISE_PX, clean.pixels.shape)
+    return truth, replace(clean, pixels=clean.pixels + late[:, None] * velocity + noise)
+
+
+@pytest.mark.parametrize("readout", [0.6, -0.3])
+def test_the_readout_comes_out_within_its_uncertainty(
+    readout: float, moving: tuple[Estimate, Observations, FloatArray]
+) -> None:
+    truth, seen = seen_by(readout, moving)
+    found = rolling_shutter(selected(truth, seen), seen, moving[2], CAMERA.height_px)
+    assert found is not None
+    assert found.supported
+    assert abs(found.readout - readout) < 4.0 * found.sigma < 0.1
+    shifted = at_middle_row(seen, moving[2], found.readout, CAMERA.height_px)
+    off = residuals(truth, shifted, DRAWN)
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(NOISE_PX, rel=0.05)
+
+
+def test_a_global_shutter_has_no_readout(moving: tuple[Estimate, Observations, FloatArray]) -> None:
+    truth, seen = seen_by(0.0, moving)
+    found = rolling_shutter(selected(truth, seen), seen, moving[2], CAMERA.height_px)
+    assert found is not None
+    assert not found.supported
+    assert abs(found.readout) < 4.0 * found.sigma
+
+
+def test_boards_that_stand_tell_nothing(moving: tuple[Estimate, Observations, FloatArray]) -> None:
+    truth, seen = seen_by(0.0, moving)
+    assert rolling_shutter(selected(truth, seen), seen, np.zeros_like(moving[2]), CAMERA.height_px) is None
+
+
+def test_velocities_are_those_between_the_frames_beside() -> None:
+    texture = 128.0 + 400.0 * gaussian_filter(np.random.default_rng(0).standard_normal((120, 160)), 2.0)
+
+    def frame(step: float) -> Grey:
+        matrix = np.array([[1.0, 0.004 * step, 1.5 * step], [0.0, 1.0, -0.7 * step]])
+        moved = cv2.warpAffine(texture, matrix, (160, 120), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        return np.clip(moved, 0, 255).astype(np.uint8)
+
+    pixels = np.stack(np.meshgrid(np.linspace(40, 120, 5), np.linspace(30, 90, 4)), axis=-1).reshape(-1, 2)
+    rows = Observations.join([Observations.of_view(f, DIRECT, np.arange(20), pixels) for f in (0, 1)])
+    velocity = corner_velocities(rows, [(frame(-1), frame(0), frame(1)), None])
+    np.testing.assert_allclose(velocity[:20, 0], 1.5 + 0.004 * pixels[:, 1], atol=0.06)
+    np.testing.assert_allclose(velocity[:20, 1], -0.7, atol=0.06)
+    np.testing.assert_array_equal(velocity[20:], 0.0)
