@@ -1,4 +1,4 @@
-"""Calibration of real photographs: `python benchmarks/calibration_photos.py PHOTOS_FOLDER`.
+"""Calibration of real photographs: `python -m benchmarks.calibration_photos FOLDER`.
 
 The folder holds photographs of a checkerboard of 8 x 7 squares (1 unit of length each) and two mirrors that meet in a
 corner. Prints how well nested models fit, how well each photograph's direct view predicts its mirrored views with
@@ -15,13 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
+from benchmarks.direct_prediction import (
+    on_first_mirror,
+    predicted_mirrored,
+    prediction_floor,
+    refitted,
+    twice_reflected,
+)
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
@@ -90,20 +95,31 @@ def main(folder: Path) -> None:
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)] + [errors]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
     shaped = Board.rigid(free.shaped(solution.estimate.shape))
+    own, floor = refitted(found, steady, drawn, ("board", "sheet")), np.empty((0, 2))
+    for label, addition in (("+ camera turns in each photo", "turn"), ("+ board bows in each photo", "bow")):
+        own = fit_with(addition, own, steady)
+        solution = own.solution
+        errors, unseen = predicted_mirrored(solution.estimate, steady, own.model, fold)
+        of_views = [solution.inliers & (steady.view == v) for v in (DIRECT, 0, 1)]
+        parts = [solution.residuals[rows] for rows in (solution.inliers, *of_views)]
+        print(f"{label:32}" + "  ".join(rms(part) for part in (*parts, errors)))
+        floor = prediction_floor(own, steady, fold)
+    print(f"{'the last, simulated':32}" + " " * 60 + rms(floor))
+    solution = fit(
+        start_of(found, free, plate=True), as_seen, Model(INTRINSICS, thickness=True, curvature=False, board=free)
+    )
     for label, board in (("no mirror model, as drawn**", drawn), ("no mirror model, free board**", shaped)):
         rows = apart(as_seen)
         poses = np.repeat(found.rig_from_board, 3, axis=0) if len(np.unique(rows.frame)) == 3 * len(photos) else None
         if poses is None:
             continue
-        start = replace(start_of(found, drawn, plate=True), rig_from_board=poses)
+        start = start_of(found, drawn, plate=True).with_poses(poses)
         solution = fit(start, rows, Model(INTRINSICS, thickness=False, curvature=False, board=board, mirrors=False))
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
     print("* mirrored corners of each photograph, from its direct view alone; the rest from the other photographs")
     print("** every view a pose of its own: what is left is paper, lens and finding")
 
-    model = Model(INTRINSICS, thickness=True, curvature=False, board=free)
-    errors, unseen = predicted_mirrored(start_of(found, free, plate=True), steady, model, fold)
     print(
         "\npredicted* by photograph, px       mirror 0       mirror 1       both mirrors one after the other (corners)"
     )
