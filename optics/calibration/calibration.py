@@ -27,6 +27,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
+from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.detection.moved_outlines import outlined
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
@@ -53,7 +54,7 @@ from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 UPSIDE_DOWN = (
     "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
@@ -131,6 +132,8 @@ def calibrate(
     found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
+    if isinstance(target, Checkerboard):
+        found = numbered_together(found, found_in_base, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
     chosen = [_chosen(detected, number, *size) for detected, number in zip((found, found_in_base), most, strict=True)]
     seen, base = (

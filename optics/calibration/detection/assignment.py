@@ -90,6 +90,13 @@ def regions_px(layout: Layout) -> list[shapely.Polygon]:
     return regions
 
 
+def likely_mirror(corners: Corners, layout: Layout) -> int | None:
+    """The mirror whose sub-image holds most of a board's corners; None where none holds half of them."""
+    inside = [_inside(region, corners) for region in regions_px(layout)]
+    best = int(np.argmax(inside))
+    return best if inside[best] >= MIN_INSIDE else None
+
+
 def unassigned_px(
     boards: Sequence[tuple[Corners, ...]], assigned: Sequence[tuple[int, Corners]], layout: Layout
 ) -> FloatArray:

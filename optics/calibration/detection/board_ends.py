@@ -8,7 +8,6 @@ ones go on in white.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
@@ -22,8 +21,8 @@ MIN_SQUARES = 2  # of each colour
 MIN_AGREEING = 0.8  # of the squares of each colour
 
 
-def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> NDArray[np.bool_]:
-    """Whether a board is seen to end beyond its corners (n), as `SeenGrid.ends`.
+def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArray:
+    """Coordinates (2, 2) of the corners where a board is seen to end, as `SeenGrid.limits`.
 
     Parameters
     ----------
@@ -33,17 +32,17 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> NDArray[
         The corners on their grid (n, 2), as of `corner_grids`, and in the picture (n, 2).
     """
     warp = Warp.through(places.astype(np.float64), pixels)
-    ends = np.zeros((2, 2), dtype=bool)
+    limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     if warp is None:
-        return ends
+        return limits
     for axis in range(2):
         for side, sign in enumerate((-1, 1)):
             last = (places[:, axis] * sign).max() * sign
             along = np.sort(places[places[:, axis] == last, 1 - axis])
             squares = along[:-1][np.diff(along) == 1] + 0.5
-            if len(squares) >= 2 * MIN_SQUARES:
-                ends[side, axis] = _ends(picture, warp, axis, int(last), sign, squares)
-    return ends
+            if len(squares) >= 2 * MIN_SQUARES and _ends(picture, warp, axis, int(last), sign, squares):
+                limits[side, axis] = last
+    return limits
 
 
 def _ends(picture: Image, warp: Warp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_ends import board_ends
-from mirrorcam.optics.calibration.detection.board_growing import connected, grow_grid
+from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArray, connected, grow_grid
 from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
 from mirrorcam.optics.calibration.detection.saddle_points import saddle_points
@@ -28,6 +28,8 @@ SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
 AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
 SAME = 0.3  # of a cell, between two positions of one corner
+NEAR = 2  # squares from a corner to those around it that certainly are of one board
+ROUNDS = 20
 STRAY = 0.25  # of a cell, between a linked corner and the smooth surface through the others
 
 
@@ -92,16 +94,34 @@ def _smooth_parts(places: IntArray, pixels: FloatArray) -> list[IntArray]:
     left = np.arange(len(places))
     while len(left) >= MIN_CORNERS:
         at, seen = places[left].astype(np.float64), pixels[left]
-        warp = Warp.through(at, seen)
-        if warp is None:
+        part = _smooth_around(at, seen, np.ones(len(left), dtype=bool))
+        if not part.all():
+            near = np.abs(at[:, None] - at).max(axis=2) <= NEAR
+            part = _smooth_around(at, seen, near[near.sum(axis=1).argmax()])
+        if part.sum() < MIN_CORNERS:
             break
-        near = np.linalg.norm(warp.at(at) - seen, axis=1) < STRAY * typical_cell_px(at, seen)
-        near[near] = connected(at[near])
-        if near.sum() < MIN_CORNERS:
-            break
-        parts.append(left[near])
-        left = left[~near]
+        parts.append(left[part])
+        left = left[~part]
     return parts
+
+
+def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray) -> BoolArray:
+    """The corners (n) connected with the first ones, on the smooth surface that goes through them and is grown."""
+    part = first
+    for _ in range(ROUNDS):
+        warp = Warp.through(places[part], pixels[part])
+        if warp is None:
+            return np.zeros(len(places), dtype=bool)
+        off = np.linalg.norm(warp.at(places) - pixels, axis=1)
+        near = cKDTree(places[part]).query(places)[0] < REACH
+        grown = near & (off < STRAY * typical_cell_px(places[part], pixels[part]))
+        grown[grown] = connected(places[grown]) if grown.any() else False
+        if (grown == part).all():
+            break
+        part = grown
+        if not part.any():
+            break
+    return part
 
 
 def _sample(grey: Grey, pixels: FloatArray) -> FloatArray:

@@ -2,7 +2,8 @@
 
 Every corner has four edges, which lead to its neighbours. From one corner to the next the colours on the two sides of
 the edge between them stay, so that it is an edge of the first kind for one of them and of the second kind for the
-other (`SaddlePoints.axes`). Links count where four of them close around a square.
+other (`SaddlePoints.axes`). Links count where four of them close around a square, and where they go on as the links
+before or after them do: where two mirrors meet, their boards do not.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ NEIGHBOURS = 24
 MAX_ANGLE = np.deg2rad(20.0)  # between an edge and the line to the next corner
 MAX_RATIO = 1.7  # between opposite sides of a square
 MIN_CORNERS = 6
+MAX_CHANGE, MAX_CHANGE_PX = 0.15, 1.0  # from a link to the next one along a line: relative, and this much more
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 NO_NEIGHBOUR = -1
 
@@ -37,12 +39,13 @@ def corner_grids(points: SaddlePoints) -> list[tuple[IntArray, IntArray]]:
     if len(points) < MIN_CORNERS:
         return []
     neighbour, back = _links(points)
+    neighbour = _straight(points.pixels, neighbour, back)
     closed = _closed(points.pixels, neighbour, back)
     grids = []
     done = np.zeros(len(points), dtype=bool)
     for seed in np.flatnonzero(closed.any(axis=1)):
         if not done[seed]:
-            members, places = _walked(int(seed), neighbour, back, closed)
+            members, places = _walked(int(seed), neighbour, back, closed & ~done[:, None])
             done[members] = True
             if len(members) >= MIN_CORNERS:
                 grids.append((members, places))
@@ -83,6 +86,19 @@ def _links(points: SaddlePoints) -> tuple[IntArray, IntArray]:
 def _between(a: FloatArray, b: FloatArray) -> FloatArray:
     """The angle between directions, rad, from 0 to pi."""
     return np.asarray(np.abs((a - b + np.pi) % (2.0 * np.pi) - np.pi))
+
+
+def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> IntArray:
+    """The neighbours (n, 4) without those that lie otherwise than the next ones on both sides, or on the only one."""
+    linked = neighbour != NO_NEIGHBOUR
+    vector = np.where(linked[..., None], pixels[neighbour] - pixels[:, None], np.nan)
+    length = np.linalg.norm(vector, axis=2)
+    opposite = np.roll(vector, 2, axis=1)
+    beyond = vector[neighbour, (back + 2) % 4]
+    changes = np.stack([np.linalg.norm(vector + opposite, axis=2), np.linalg.norm(beyond - vector, axis=2)])
+    limit = MAX_CHANGE * length + MAX_CHANGE_PX
+    smooth = (changes < limit).any(axis=0) | np.isnan(changes).all(axis=0)
+    return np.where(linked & smooth, neighbour, NO_NEIGHBOUR)
 
 
 def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:

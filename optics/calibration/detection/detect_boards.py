@@ -5,36 +5,34 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
-from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
+from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Target
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 
 def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
     """Find up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
 
     `mirrored` is whether the picture shows them through mirrors. Boards with few corners, or with corners near one
-    line, are left out, because they do not determine a pose.
+    line, are left out, because they do not determine a pose; so are parts of checkerboards that could be several ones.
     """
-    if isinstance(target, Charuco):
-        found: list[tuple[Corners, ...]] = [
-            (board,) for board in charuco.find_boards(grey, target, mirrored=mirrored, most=most)
-        ]
+    if isinstance(target, Checkerboard):
+        found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
+        found = [board for board in found if len(board) <= 1 + target.looks_same_upside_down]
     else:
-        grids = find_checkerboards(grey, target)
-        found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in grids]
-        found = [board for board in found if len(board) <= (1 + target.looks_same_upside_down)][:most]
-    return [board for board in found if board and all(len(spread_out(corners)) for corners in board)]
+        found = [(board,) for board in charuco.find_boards(grey, target, mirrored=mirrored, most=most)]
+    return [board for board in found if board and len(spread_out(board[0]))][:most]
 
 
 def direct_view(grey: Grey, target: Target) -> Observations:
@@ -46,6 +44,8 @@ def direct_view(grey: Grey, target: Target) -> Observations:
 
 def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
+    if isinstance(target, Checkerboard):
+        return _checkerboards(grey, layout, target)
     # More boards than there are mirrors, as some may belong to none.
     boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
     picture = np.asarray(grey, dtype=np.float32)
@@ -55,6 +55,30 @@ def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
         seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[index], target)
         views.append(Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px))
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
+
+
+def _checkerboards(grey: Grey, layout: Layout, target: Checkerboard) -> DetectedFrame:
+    """What a frame shows of checkerboards: corners of those that a view alone can number, and all of them as grids."""
+    grids = [grid for grid in find_checkerboards(grey, target) if len(spread_out(grid.corners))]
+    numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
+    boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
+    assigned = assign(boards, layout, target)
+    chosen = {id(corners): mirror for mirror, corners in assigned}
+    picture = np.asarray(grey, dtype=np.float32)
+    views, seen_grids = [], []
+    for grid, options in numbered:
+        # Where the board is, and so its ghost images, is the same for each numbering.
+        corners = next((option for option in options if id(option) in chosen), options[0] if options else grid.corners)
+        mirror = chosen.get(id(corners), likely_mirror(corners, layout))
+        if mirror is None or not options:
+            continue
+        seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[mirror], target)
+        if id(corners) in chosen:
+            views.append(Observations.of_view(0, mirror, seen.ids, seen.pixels, seen.sigma_px))
+        if len(seen) >= MIN_CORNERS:
+            kept = grid.where(np.isin(corners.ids, seen.ids))
+            seen_grids.append((mirror, replace(kept, corners=replace(seen, ids=kept.corners.ids))))
+    return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout), tuple(seen_grids))
 
 
 def detect_frames(

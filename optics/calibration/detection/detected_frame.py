@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import Observations
 
 
@@ -20,6 +21,9 @@ class DetectedFrame:
         The corners, as frame 0.
     unassigned_px
         Middles (k, 2) of boards in no mirror of the layout.
+    grids
+        Checkerboards, or parts of them, each with the mirror that shows it, whether it could be numbered or not; none
+        where all of them could.
 
     Raises
     ------
@@ -29,6 +33,7 @@ class DetectedFrame:
 
     corners: Observations
     unassigned_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    grids: tuple[tuple[int, SeenGrid], ...] = ()
 
     def __post_init__(self) -> None:
         middles = np.array(self.unassigned_px, dtype=np.float64)

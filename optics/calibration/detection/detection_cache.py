@@ -18,15 +18,17 @@ import numpy as np
 
 from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.fingerprint import Fingerprint, digest, source_digest, versions
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
 FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
+GRIDS = ("grid_mirror", "grid_of", "grid_places", "grid_pixels", "grid_sigma_px", "grid_limits")
 MOST_BYTES = 10_000_000
 """Bytes of the largest file: a corner takes 40."""
 
@@ -56,12 +58,30 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame 
         with np.load(content, allow_pickle=False) as file:
             view, corner, pixels, sigma_px = (np.asarray(file[field]) for field in FIELDS)
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
-            frame = DetectedFrame(seen, file[UNASSIGNED])
+            frame = DetectedFrame(seen, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
         return None  # incomplete, or of another program: detected again
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
-    return frame if known.all() else None
+    return frame if known.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
+
+
+def _grids(
+    mirrors: IntArray, of: IntArray, places: IntArray, pixels: FloatArray, sigma_px: FloatArray, limits: FloatArray
+) -> tuple[tuple[int, SeenGrid], ...]:
+    """The grids (k), whose corners (n) are of those with the numbers `of` (n,); ValueError for other shapes."""
+    count, rows = len(mirrors), len(of)
+    shapes = [places.shape, pixels.shape, sigma_px.shape, limits.shape]
+    if shapes != [(rows, 2), (rows, 2), (rows,), (count, 2, 2)] or not (
+        np.isfinite(pixels).all() and (sigma_px > 0).all()
+    ):
+        raise ValueError(f"grids of {count} mirrors and {rows} corners have arrays of shapes {shapes}")
+    found = []
+    for number, mirror in enumerate(mirrors.tolist()):
+        own = of == number
+        corners = Corners(np.arange(own.sum()), pixels[own], sigma_px[own])
+        found.append((int(mirror), SeenGrid(places[own].astype(np.int64), corners, limits[number])))
+    return tuple(found)
 
 
 def check_folder(folder: Path) -> None:
@@ -79,5 +99,14 @@ def save(folder: Path, name: str, frame: DetectedFrame) -> None:
         return
     content = io.BytesIO()
     arrays = {field: getattr(frame.corners, field) for field in FIELDS} | {UNASSIGNED: frame.unassigned_px}
+    grids = [grid for _, grid in frame.grids]
+    arrays |= {
+        "grid_mirror": np.array([mirror for mirror, _ in frame.grids], dtype=np.int64),
+        "grid_of": np.repeat(np.arange(len(grids)), [len(grid) for grid in grids]),
+        "grid_places": np.concatenate([np.empty((0, 2), dtype=np.int64), *(grid.places for grid in grids)]),
+        "grid_pixels": np.concatenate([np.empty((0, 2)), *(grid.corners.pixels for grid in grids)]),
+        "grid_sigma_px": np.concatenate([np.empty(0), *(grid.corners.sigma_px for grid in grids)]),
+        "grid_limits": np.array([grid.limits for grid in grids]).reshape(-1, 2, 2),
+    }
     np.savez(content, **arrays)
     write_bytes(folder / f"{name}.npz", content.getvalue())

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 TURNS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
-FLIP = np.array([[-1, 0], [0, 1]])
+FLIP, RIGHT = np.array([[-1, 0], [0, 1]]), np.array([1, 0])
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,14 @@ class SeenGrid:
         one as y is from x in the picture; right of and below a corner with an even sum there is white.
     corners
         The corners (n) in the picture, whose ids number them in this order.
-    ends
-        Whether the board is seen to end one square beyond the lowest and the highest coordinate (2,) of each axis: row
-        0 is of the lowest ones.
+    limits
+        The lowest and the highest coordinates (2, 2) that corners have where the board is seen to end, in rows;
+        infinite where it is not.
     """
 
     places: IntArray
     corners: Corners
-    ends: NDArray[np.bool_]
+    limits: FloatArray
 
     def __len__(self) -> int:
         return len(self.places)
@@ -42,6 +44,21 @@ class SeenGrid:
         """Numbers of corners along both axes."""
         across, down = np.ptp(self.places, axis=0) + 1
         return int(across), int(down)
+
+    @property
+    def as_printed(self) -> SeenGrid:
+        """The grid of a board seen in a mirror as it is on the print: its axes turn, and its colours are, as there."""
+        return replace(self, places=self.places @ FLIP + RIGHT, limits=_turned(self.limits, FLIP) + RIGHT)
+
+    def moved(self, turn: int, by: IntArray) -> SeenGrid:
+        """The grid with its coordinates turned by quarters, and moved (2,); their parities must add up to even."""
+        matrix = TURNS[turn]
+        return replace(self, places=self.places @ matrix.T + by, limits=_turned(self.limits, matrix) + by)
+
+    def where(self, mask: NDArray[np.bool_]) -> SeenGrid:
+        """The corners of a mask (n,)."""
+        corners = self.corners.where(mask)
+        return replace(self, places=self.places[mask], corners=replace(corners, ids=np.arange(len(corners))))
 
     def numberings(self, target: Checkerboard, *, mirrored: bool) -> list[Corners]:
         """All the ways in which these may be the target's corners, by their colours, extent and ends.
@@ -58,31 +75,49 @@ class SeenGrid:
         list of Corners
             One or two for a board whose full extent is known, none where it does not fit the target.
         """
-        count = np.array([target.cols - 1, target.rows - 1])
-        white_after = (self.places.sum(axis=1) % 2 == 0) ^ mirrored
+        if mirrored:
+            return self.as_printed.numberings(target, mirrored=False)
+        last = np.array([target.cols - 2, target.rows - 2])
         found = []
-        for number, turn in enumerate(TURNS):
-            matrix = turn @ FLIP if mirrored else turn
-            places, ends = self.places @ matrix.T, _turned(self.ends, matrix)
-            first, last = -places.min(axis=0), count - 1 - places.max(axis=0)
-            first, last = (
-                np.where(ends[1], np.maximum(first, last), first),
-                np.where(ends[0], np.minimum(first, last), last),
-            )
-            for right in range(first[0], last[0] + 1):
-                for down in range(first[1], last[1] + 1):
-                    col, row = (places + np.array([right, down])).T
-                    if (((col + row) % 2 == 1) == (white_after ^ (number % 2 == 1))).all():
-                        found.append(replace(self.corners, ids=(row * count[0] + col).astype(np.int64)))
+        for turn in range(4):
+            for by in _shifts(self.moved(turn, np.zeros(2, dtype=np.int64)), last):
+                # On the print, black is right of and below corners with an even sum.
+                if (by.sum() + turn) % 2 == 1:
+                    col, row = self.moved(turn, by).places.T
+                    found.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
         return found
 
+    @classmethod
+    def together(cls, grids: Sequence[SeenGrid]) -> SeenGrid:
+        """Grids of one board in several views, with common coordinates; ends beyond which others go on are none."""
+        places = np.concatenate([grid.places for grid in grids])
+        corners = Corners(
+            np.arange(len(places)),
+            np.concatenate([grid.corners.pixels for grid in grids]),
+            np.concatenate([grid.corners.sigma_px for grid in grids]),
+        )
+        low, high = places.min(axis=0), places.max(axis=0)
+        lows, highs = np.array([grid.limits for grid in grids]).transpose(1, 0, 2)
+        lows, highs = np.where(lows <= low, lows, -np.inf), np.where(highs >= high, highs, np.inf)
+        return cls(places, corners, np.array([lows.max(axis=0), highs.min(axis=0)]))
 
-def _turned(ends: NDArray[np.bool_], matrix: IntArray) -> NDArray[np.bool_]:
-    """Ends (2, 2) after a turn of the grid."""
-    turned = np.empty_like(ends)
-    for side, sign in enumerate((-1, 1)):
-        for axis in range(2):
-            to = matrix[:, axis] * sign
-            onto = int(np.flatnonzero(to)[0])
-            turned[int(to[onto] > 0), onto] = ends[side, axis]
+
+def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
+    """The shifts (2,) that move a grid to within 0 and `last`, and its limits to there."""
+    first, final = -grid.places.min(axis=0), last - grid.places.max(axis=0)
+    for axis in range(2):
+        for limit, end in zip(grid.limits[:, axis], (0, last[axis]), strict=True):
+            if np.isfinite(limit):
+                first[axis], final[axis] = max(first[axis], end - int(limit)), min(final[axis], end - int(limit))
+    return [
+        np.array([right, down]) for right in range(first[0], final[0] + 1) for down in range(first[1], final[1] + 1)
+    ]
+
+
+def _turned(limits: FloatArray, matrix: IntArray) -> FloatArray:
+    """Limits (2, 2) after a turn or flip of the coordinates."""
+    turned = np.empty_like(limits)
+    for axis in range(2):
+        source = int(np.flatnonzero(matrix[axis])[0])
+        turned[:, axis] = np.sort(matrix[axis, source] * limits[:, source])
     return turned

@@ -29,7 +29,7 @@ def ends(picture: NDArray[np.float32], cols: slice, rows: slice) -> NDArray[np.b
     corners = np.stack([x.ravel(), y.ravel()], axis=1)
     pixels = np.asarray(MARGIN + SIDE * (corners + 2.0) - 0.5, dtype=np.float64)
     # The first corner has black right of and below it, so that its sum is odd.
-    return board_ends(picture, corners + np.array([1, 0]), pixels)
+    return np.isfinite(board_ends(picture, corners + np.array([1, 0]), pixels))
 
 
 @pytest.mark.parametrize("beyond", [20, 120, 250])

@@ -13,11 +13,22 @@ from mirrorcam.optics.base.fingerprint import distributions
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection import detection_cache
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.targets import Charuco
 
 BOARD = Charuco(cols=5, rows=4, square_mm=20.0, marker_mm=15.0)
 GREY = np.arange(24, dtype=np.uint8).reshape(4, 6)
+
+
+GRID = {
+    "grid_mirror": np.array([1]),
+    "grid_of": np.zeros(3, np.int64),
+    "grid_places": np.arange(6).reshape(3, 2),
+    "grid_pixels": np.arange(6.0).reshape(3, 2),
+    "grid_sigma_px": np.ones(3),
+    "grid_limits": np.array([[[-np.inf, 0.0], [np.inf, np.inf]]]),
+}
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +57,17 @@ def loaded(folder: Path) -> DetectedFrame | None:
 def test_what_was_kept_comes_back_whole_or_not_at_all(tmp_path: Path) -> None:
     seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
     assert loaded(tmp_path) is None
-    detection_cache.save(tmp_path, "a", DetectedFrame(seen, np.array([[7.25, 8.0]])))
+    corners = Corners(np.arange(3), GRID["grid_pixels"])
+    grid = SeenGrid(GRID["grid_places"], corners, GRID["grid_limits"][0])
+    detection_cache.save(tmp_path, "a", DetectedFrame(seen, np.array([[7.25, 8.0]]), ((1, grid),)))
     found = loaded(tmp_path)
     assert found is not None and found.corners.pixels.tobytes() == seen.pixels.tobytes()
     assert found.unassigned_px.tolist() == [[7.25, 8.0]]
+    ((mirror, kept),) = found.grids
+    assert mirror == 1
+    np.testing.assert_array_equal(kept.places, grid.places)
+    np.testing.assert_array_equal(kept.corners.pixels, corners.pixels)
+    np.testing.assert_array_equal(kept.limits, grid.limits)
     content = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(content[: len(content) // 2])
     assert loaded(tmp_path) is None
@@ -80,11 +98,16 @@ def test_what_is_there_is_not_replaced(tmp_path: Path) -> None:
         {"unassigned": np.zeros(2)},
         {"unassigned": np.full((1, 2), np.inf)},
         {"unassigned": np.array([["a", "b"]])},
+        {"grid_mirror": np.array([2])},
+        {"grid_places": np.zeros((2, 2))},
+        {"grid_pixels": np.full((3, 2), np.inf)},
+        {"grid_sigma_px": np.zeros(3)},
+        {"grid_limits": np.zeros((2, 2))},
     ],
 )
 def test_what_somebody_else_put_there_is_found_anew(arrays: dict[str, Any], tmp_path: Path) -> None:
     right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
-    right |= {"sigma_px": np.ones(2), "unassigned": np.empty((0, 2))}
+    right |= {"sigma_px": np.ones(2), "unassigned": np.empty((0, 2))} | GRID
     np.savez_compressed(tmp_path / "a.npz", **right)
     assert loaded(tmp_path) is not None
     np.savez_compressed(tmp_path / "a.npz", **(right | arrays))

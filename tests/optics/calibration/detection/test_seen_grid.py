@@ -28,13 +28,14 @@ def part(
     # By the print: black right of and below corner (0, 0), which is white in a mirror, and after a quarter turn.
     white = ((row + col) % 2 == 1) ^ mirrored ^ (turn % 2 == 1)
     places[:, 0] += (places[0].sum() % 2 == 0) != white[0]
-    shown = np.zeros((2, 2), dtype=bool)
+    limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     if ends:
         whole = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
         box = (whole * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
         at = (pixels / 20.0).astype(np.int64)
-        shown[0], shown[1] = at.min(axis=0) == box.min(axis=0), at.max(axis=0) == box.max(axis=0)
-    return SeenGrid(places, Corners(np.arange(len(ids)), pixels), shown), ids
+        limits[0][at.min(axis=0) == box.min(axis=0)] = places.min(axis=0)[at.min(axis=0) == box.min(axis=0)]
+        limits[1][at.max(axis=0) == box.max(axis=0)] = places.max(axis=0)[at.max(axis=0) == box.max(axis=0)]
+    return SeenGrid(places, Corners(np.arange(len(ids)), pixels), limits), ids
 
 
 @pytest.mark.parametrize("target", BOARDS)
@@ -89,3 +90,29 @@ def test_a_larger_board_has_none() -> None:
     assert grid.numberings(ODD, mirrored=False) == []
     assert grid.extent == (7, 5)
     assert len(grid) == 35
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_grid_in_a_mirror_is_that_of_the_print(turn: int) -> None:
+    grid, ids = part(ODD, np.s_[:3], np.s_[2:], turn, mirrored=True, ends=True)
+    found = {tuple(corners.ids.tolist()) for corners in grid.as_printed.numberings(ODD, mirrored=False)}
+    assert tuple(ids.tolist()) in found
+    assert found == {tuple(corners.ids.tolist()) for corners in grid.numberings(ODD, mirrored=True)}
+    moved = grid.as_printed.moved(1, np.array([4, 1]))
+    assert found == {tuple(corners.ids.tolist()) for corners in moved.numberings(ODD, mirrored=False)}
+
+
+def test_parts_together_are_numbered_where_each_alone_is_not() -> None:
+    left, _ = part(ODD, np.s_[:], np.s_[:4], 0, mirrored=False, ends=True)
+    right, ids = part(ODD, np.s_[:], np.s_[2:], 0, mirrored=False)
+    whole = SeenGrid.together([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
+    numbered = [corners.ids[-len(ids) :].tolist() for corners in whole.numberings(ODD, mirrored=False)]
+    assert numbered == [ids.tolist()]
+
+
+def test_an_end_that_another_view_goes_beyond_is_none() -> None:
+    left, _ = part(ODD, np.s_[:], np.s_[:3], 0, mirrored=False)
+    false_end = SeenGrid(left.places, left.corners, np.array([[-np.inf, -np.inf], left.places.max(axis=0)]))
+    right, _ = part(ODD, np.s_[:], np.s_[1:], 0, mirrored=False)
+    assert np.isinf(SeenGrid.together([false_end, right]).limits[1, 0])
+    assert np.isfinite(SeenGrid.together([false_end]).limits[1, 0])

@@ -1,0 +1,294 @@
+"""Numbering of checkerboards of which each mirror shows only a part, by all views of all frames together.
+
+One view tells where its part of the board is in space, up to a shift by squares and a turn by quarters. From the image
+of a board in one mirror to that in another one, the same rigid motion leads in every frame. So the motions that the
+possible shifts in some frames propose are put to the vote of all frames. With the motions known, the parts that all
+mirrors of a frame show make up one larger part, and often one that can be numbered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.seen_grid import TURNS, SeenGrid
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.transforms import inverse, transform
+
+MIN_CORNERS = 20  # of a part whose pose is trusted
+MIN_FRAMES = 4  # that must agree on a motion
+MIN_AGREEING = 0.8  # of the frames that show the board in both mirrors
+MAX_RIVAL = 0.5  # of the frames that agree, for those that agree on another motion
+MAX_OFF = 0.2  # squares, between what two mirrors show of one board
+FARTHEST = 8  # squares by which mirrors that are not at their nominal places may seem to shift a board
+MAX_TURN = np.deg2rad(20.0)  # by which they may seem to turn it
+SAME = 0.5  # squares, between the shifts of one motion as two frames propose it
+POSED = 24  # parts, and other pictures, that the camera is estimated from
+PROPOSING = 3  # frames that propose motions
+SAMPLED = 20  # corners of a part that vote
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What a mirror shows of the board in a frame: a grid as on the print, and the pose (4, 4) of its image.
+
+    Lengths are in squares. `rays` (n, 3) and `places` (n, 2) are of some of its corners.
+    """
+
+    grid: SeenGrid
+    camera_from_image: FloatArray
+    rays: FloatArray
+    places: IntArray
+
+    @classmethod
+    def of(cls, seen: SeenGrid, camera: Camera) -> _Part | None:
+        """None where no pose explains the corners."""
+        grid = seen.as_printed
+        points = np.column_stack([grid.places, np.zeros(len(grid))]).astype(np.float64)
+        pose = initial_estimates.camera_from_flat_board(camera, grid.corners, points)
+        if pose is None:
+            return None
+        some = np.linspace(0, len(grid) - 1, min(SAMPLED, len(grid))).astype(np.int64)
+        return cls(grid, pose, camera.unproject(grid.corners.pixels[some]), grid.places[some])
+
+    def __len__(self) -> int:
+        return len(self.grid)
+
+    def seen_on(self, camera_from_board: FloatArray) -> FloatArray:
+        """Where the rays meet a board at a pose (4, 4): (n, 2)."""
+        board_from_camera = inverse(camera_from_board)
+        along = self.rays @ board_from_camera[:3, :3].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(board_from_camera[:2, 3] - along[:, :2] * (board_from_camera[2, 3] / along[:, 2:]))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How a part continues another view's: a turn by quarters, a shift (2,), and how far off it is, in squares."""
+
+    turn: int
+    by: IntArray
+    off: float
+
+    @classmethod
+    def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
+        """That of a part which should be an image of a board at a pose (4, 4)."""
+        places = part.seen_on(camera_from_board)
+        if not np.isfinite(places).all():
+            return cls(0, np.zeros(2, dtype=np.int64), float("inf"))
+        own = part.places @ _ALL_TURNS  # (4, n, 2)
+        shifts = np.median(places - own, axis=1)
+        off = np.linalg.norm(places - own - shifts[:, None], axis=2).mean(axis=1)
+        turn = int(np.argmin(off))
+        by = np.rint(shifts[turn]).astype(np.int64)
+        if (by.sum() + turn) % 2:
+            return cls(turn, by, float("inf"))
+        return cls(turn, by, float(np.linalg.norm(places - own[turn] - by, axis=1).max()))
+
+
+_ALL_TURNS = np.array([turn.T for turn in TURNS])
+
+
+def numbered_together(
+    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], layout: Layout, target: Checkerboard
+) -> list[DetectedFrame]:
+    """Number the boards of frames by what all views of a frame show of it.
+
+    Parameters
+    ----------
+    frames, base
+        What was detected in pictures through the mirrors, and without them.
+    layout
+        The nominal layout.
+    target
+        The board.
+
+    Returns
+    -------
+    list of DetectedFrame
+        The frames, with more corners where those of several views can be numbered together. What stays ambiguous is
+        left out, and so is a frame whose views contradict each other.
+    """
+    if not any(frame.grids for frame in frames):
+        return list(frames)
+    camera = _camera(frames, base, layout.camera, target)
+    parts = [_parts(frame, camera) for frame in frames]
+    motions = _motions(parts, layout, target.square_mm)
+    return [
+        _numbered(frame, in_frame, motions, target) if frame.grids else frame
+        for frame, in_frame in zip(frames, parts, strict=True)
+    ]
+
+
+def _camera(
+    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], nominal: Camera, target: Checkerboard
+) -> Camera:
+    """The camera from the largest parts in the mirrors, which reach the picture's edges, and from the other pictures.
+
+    Each part is a view of a flat board, whichever of its corners it shows.
+    """
+    largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:POSED]
+    views = [(grid.places, grid.corners.pixels) for grid in largest]
+    for seen in [frame.corners for frame in base if len(frame.corners)][:POSED]:
+        row, col = np.divmod(seen.corner, target.cols - 1)
+        views.append((np.stack([col, row], axis=1), seen.pixels))
+    places = np.concatenate([at for at, _ in views])
+    lattice, ids = np.unique(places, axis=0, return_inverse=True)
+    frame = np.repeat(np.arange(len(views)), [len(at) for at, _ in views])
+    pixels = np.concatenate([seen for _, seen in views])
+    corners = Observations(frame, np.full(len(frame), DIRECT), ids.ravel(), pixels)
+    try:
+        return initial_estimates.base_camera(corners, nominal, lattice @ np.eye(2, 3))
+    except InputError:
+        return nominal
+
+
+def _parts(frame: DetectedFrame, camera: Camera) -> dict[int, _Part]:
+    """The largest part in each mirror whose pose can be found."""
+    found: dict[int, _Part] = {}
+    for mirror, seen in sorted(frame.grids, key=lambda pair: -len(pair[1])):
+        part = None if mirror in found else _Part.of(seen, camera)
+        if part is not None:
+            found[mirror] = part
+    return found
+
+
+def _motions(parts: list[dict[int, _Part]], layout: Layout, square_mm: float) -> dict[int, FloatArray]:
+    """Motions (4, 4) from images in one mirror to those in each other mirror about which the frames agree."""
+    shown = [sum(len(p[m]) >= MIN_CORNERS for p in parts if m in p) for m in range(len(layout.mirrors))]
+    order = np.argsort(shown)[::-1].tolist()
+    reflections = [_reflection(mirror, square_mm) for mirror in layout.mirrors]
+    motions = {order[0]: np.eye(4)}
+    again = True
+    while again:
+        again = False
+        for mirror in order:
+            if mirror not in motions:
+                motion = _agreed(parts, mirror, motions, reflections[mirror] @ reflections[order[0]])
+                if motion is not None:
+                    motions[mirror] = motion
+                    again = True
+    return motions
+
+
+def _reflection(mirror: Mirror, square_mm: float) -> FloatArray:
+    """The reflection (4, 4) in a mirror, in squares."""
+    seen = mirror.apparent
+    normal = seen.normal_in_rig
+    matrix = np.eye(4)
+    matrix[:3, :3] -= 2.0 * np.outer(normal, normal)
+    matrix[:3, 3] = seen.virtual_centre_in_rig_mm / square_mm
+    return matrix
+
+
+def _agreed(
+    parts: list[dict[int, _Part]], mirror: int, motions: dict[int, FloatArray], nominal: FloatArray
+) -> FloatArray | None:
+    """The motion under which a mirror continues, in most frames, what others show; None where there is none."""
+    pairs = [
+        (pose, in_frame[mirror])
+        for in_frame in parts
+        if mirror in in_frame and len(in_frame[mirror]) >= MIN_CORNERS
+        if (pose := _reference(in_frame, motions)) is not None
+    ]
+    if len(pairs) < MIN_FRAMES:
+        return None
+    largest = sorted(pairs, key=lambda pair: -len(pair[1]))[:PROPOSING]
+    votes = []
+    for pose, part in largest:
+        for motion in _proposed(pose, part, nominal):
+            off = np.array([_Fit.of(other, motion @ at).off for at, other in pairs])
+            votes.append((int((off < MAX_OFF).sum()), -float(np.minimum(off, MAX_OFF).sum()), motion))
+    if not votes:
+        return None
+    most, _, best = max(votes, key=lambda vote: vote[:2])
+    others = [count for count, _, motion in votes if not _same(motion, best, pairs)]
+    enough = most >= max(MIN_FRAMES, MIN_AGREEING * len(pairs))
+    return best if enough and max(others, default=0) <= MAX_RIVAL * most else None
+
+
+def _same(motion: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> bool:
+    """Whether two motions lead to the same place in the middle of the boards."""
+    middles = np.array(
+        [transform(pose, part.places.mean(axis=0, keepdims=True) @ np.eye(2, 3)) for pose, part in pairs]
+    )
+    apart = transform(motion, middles[:, 0]) - transform(other, middles[:, 0])
+    return bool(np.median(np.linalg.norm(apart, axis=1)) < SAME)
+
+
+def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
+    """The pose (4, 4) of the board's image in the first mirror, from the largest part whose motion is known."""
+    known = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
+    if not known:
+        return None
+    mirror = max(known, key=lambda m: len(in_frame[m]))
+    return inverse(motions[mirror]) @ in_frame[mirror].camera_from_image
+
+
+def _proposed(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatArray]:
+    """Motions under which a mirror's part is an image of the board at a pose, for all shifts near the nominal one."""
+    found: list[FloatArray] = []
+    places = part.seen_on(nominal @ pose)
+    if not np.isfinite(places).all():
+        return found
+    reach = np.arange(-FARTHEST, FARTHEST + 1)
+    around = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    around = around[np.linalg.norm(around, axis=1) <= FARTHEST]
+    for turn, matrix in enumerate(TURNS):
+        board_from_part = np.eye(4)
+        board_from_part[:2, :2] = matrix
+        turned = (part.camera_from_image @ inverse(board_from_part) @ inverse(pose))[:3, :3] @ nominal[:3, :3].T
+        if np.arccos(np.clip((np.trace(turned) - 1.0) / 2.0, -1.0, 1.0)) > MAX_TURN:
+            continue
+        near = np.rint(np.median(places - part.places @ matrix.T, axis=0)).astype(np.int64)
+        for by in near + around:
+            if (by.sum() + turn) % 2 == 0:
+                board_from_part[:2, 3] = by
+                found.append(part.camera_from_image @ inverse(board_from_part) @ inverse(pose))
+    return found
+
+
+def _numbered(
+    frame: DetectedFrame, in_frame: dict[int, _Part], motions: dict[int, FloatArray], target: Checkerboard
+) -> DetectedFrame:
+    pose = _reference(in_frame, motions)
+    if pose is None:
+        return frame
+    fits = {m: _Fit.of(part, motions[m] @ pose) for m, part in in_frame.items() if m in motions}
+    views = [m for m in sorted(fits) if fits[m].off < MAX_OFF]
+    if len(views) < 2:
+        return frame
+    moved = [in_frame[m].grid.moved(fits[m].turn, fits[m].by) for m in views]
+    whole = SeenGrid.together(moved)
+    view = np.repeat(views, [len(grid) for grid in moved])
+    numberings = [
+        Observations(np.zeros(len(view), dtype=np.int64), view, corners.ids, corners.pixels, corners.sigma_px)
+        for corners in whole.numberings(target, mirrored=False)
+    ]
+    if not numberings:
+        return replace(frame, corners=Observations.none())
+    if len(numberings) > 1 + target.looks_same_upside_down:
+        return frame
+    best = max(numberings, key=lambda found: _agreement(found, frame.corners))
+    alone = frame.corners.where(~np.isin(frame.corners.view, views))
+    contradicted = len(alone) < len(frame.corners) and _agreement(best, frame.corners) == 0
+    return replace(frame, corners=best if contradicted else Observations.join([best, alone]))
+
+
+def _agreement(found: Observations, other: Observations) -> int:
+    """Number of corners that two numberings of a frame have in common."""
+    common = 0
+    for view in np.unique(found.view):
+        own, others = found.where(found.view == view), other.where(other.view == view)
+        _, first, second = np.intersect1d(own.corner, others.corner, return_indices=True)
+        common += int((np.abs(own.pixels[first] - others.pixels[second]) < 1.0).all(axis=1).sum())
+    return common
