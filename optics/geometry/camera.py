@@ -22,6 +22,7 @@ from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
 from mirrorcam.optics.geometry.lenses.lens import Lens
+from mirrorcam.optics.geometry.lenses.spline import LensGrid
 from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
 
 PINHOLE_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -48,6 +49,8 @@ class Camera(Value):
         Focal lengths and principal point; pixel (0, 0) is the centre of the top-left pixel.
     lens_model : str
         Family of the lens (`lenses.families`).
+    lens_grid : LensGrid, optional
+        Control points of a spline lens.
     distortion : ndarray
         Coefficients of the lens: (k1, k2, p1, p2, k3) of a Brown-Conrady one, in the order of OpenCV.
     aperture_mm : float
@@ -66,6 +69,7 @@ class Camera(Value):
     cx_px: float = PLACE_PX.field()
     cy_px: float = PLACE_PX.field()
     lens_model: LensName = Field(default=PLAIN_LENS, exclude_if=lambda name: name == PLAIN_LENS)
+    lens_grid: LensGrid | None = Field(default=None, exclude_if=lambda grid: grid is None)
     distortion: Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)] = Field(
         default_factory=lambda: np.zeros(5), validate_default=True
     )
@@ -77,8 +81,8 @@ class Camera(Value):
     @field_validator("distortion")
     @classmethod
     def _check_distortion(cls, distortion: FloatArray, others: ValidationInfo) -> FloatArray:
-        if "lens_model" in others.data:  # else refused already
-            lens_of(others.data["lens_model"], distortion)
+        if others.data.keys() >= {"lens_model", "lens_grid"}:  # else refused already
+            lens_of(others.data["lens_model"], distortion, others.data["lens_grid"])
         return distortion
 
     @model_validator(mode="after")
@@ -126,7 +130,7 @@ class Camera(Value):
     @cached_property
     def lens(self) -> Lens:
         """The lens as `lens_model` and `distortion` describe it."""
-        return lens_of(self.lens_model, self.distortion)
+        return lens_of(self.lens_model, self.distortion, self.lens_grid)
 
     @property
     def intrinsic_names(self) -> tuple[str, ...]:

@@ -7,26 +7,43 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from mirrorcam.optics.base.bounds import FOCAL_PX
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.lenses.families import FAMILIES, LensName
+from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
+from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
+from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
 SAMPLES = 40  # across and down the fitted part of the picture
 EXACT_PX = 1e-9
+LEAST_PX = 1e-3  # error that a coefficient is worth which has the size of its prior
 
 
 def with_lens(camera: Camera, model: LensName) -> Camera:
     """The camera in another model, with the coefficients that both name and the others zero.
 
     Where the other model has all coefficients that are not zero, it is the same camera. Those of a fisheye lens mean
-    something else: none is kept.
+    something else: none is kept. A spline lens gets a grid over the whole sensor.
     """
     if model == camera.lens_model:
         return camera
-    kept = (
-        {} if "fisheye" in (model, camera.lens_model) else dict(zip(camera.lens.names, camera.distortion, strict=True))
-    )
-    return camera.replaced(lens_model=model, distortion=[kept.get(name, 0.0) for name in FAMILIES[model].NAMES])
+    common = "fisheye" not in (model, camera.lens_model)
+    kept = dict(zip(camera.lens.names, camera.distortion, strict=True)) if common else {}
+    grid = None if model != "spline" else LensGrid.covering(_border(camera))
+    names = NUMBERED[model].NAMES if grid is None else Spline(np.zeros(0), grid).names
+    return camera.replaced(lens_model=model, lens_grid=grid, distortion=[kept.get(name, 0.0) for name in names])
+
+
+def _border(camera: Camera) -> FloatArray:
+    """Normalized coordinates (n, 2) of the border of the sensor, as far as the lens is defined there."""
+    along = np.linspace(-0.5, 0.5, SAMPLES)
+    x, y = along * camera.width_px, along * camera.height_px
+    edges = [np.column_stack(np.broadcast_arrays(*edge)) for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
+    middle = np.array([camera.width_px - 1.0, camera.height_px - 1.0]) / 2.0
+    normalized = camera.normalized_from_pixels(np.concatenate(edges) + middle)
+    known = np.isfinite(normalized).all(axis=1)
+    if not known.any():
+        raise InputError(f"camera {camera.name}: its lens is not defined at the border of the sensor")
+    return np.asarray(normalized[known])
 
 
 def nearest_lens(
@@ -77,14 +94,21 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
         intrinsics[free] = values
         return start.with_intrinsics(intrinsics)
 
+    # Of coefficients that hardly matter, the smallest are taken.
+    sigmas = np.array([*[np.inf] * len(PINHOLE_NAMES), *start.lens.prior_sigmas])[free]
+    least = np.diag(LEAST_PX / sigmas)[np.isfinite(sigmas)]
+
     def residuals(values: FloatArray) -> FloatArray:
-        return np.asarray((camera(values).project_with_jacobians(rays)[0] - pixels).ravel())
+        off = camera(values).project_with_jacobians(rays)[0] - pixels
+        return np.concatenate([off.ravel(), least @ values])
 
     def jacobian(values: FloatArray) -> FloatArray:
-        return np.asarray(camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free)))
+        by_free = camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free))
+        return np.concatenate([by_free, least])
 
+    lowest = np.where(np.isin(free, [0, 1]), FOCAL_PX.least, -np.inf)
     found = least_squares(
-        residuals, start.intrinsics[free], jac=jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12
+        residuals, start.intrinsics[free], jac=jacobian, bounds=(lowest, np.inf), x_scale="jac", xtol=1e-12, ftol=1e-12
     )
     return camera(found.x).intrinsics
 

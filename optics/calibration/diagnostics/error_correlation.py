@@ -48,9 +48,10 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     """Compare the scores of whole frames with those that independent errors of the inliers would have.
 
     Residuals r and their derivatives are standardised. Let G be the derivatives by the free globals, less what the
-    frame's pose and other own numbers explain of them, N_f = G_f^T G_f, and N the sum of N_f. At the minimum,
-    independent errors give the scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1 N_f), so that, in
-    coordinates where N = 1, sum |s_f|^2 / scale^2 has the mean g - sum tr N_f^2 and the variance
+    frame's pose and other own numbers explain of them, N_f = G_f^T G_f, and N the sum of N_f and of the priors of the
+    lens. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
+    scale^2 (N_f - N_f N^-1 N_f), so that, in coordinates where N = 1, sum |s_f|^2 / scale^2 has the mean
+    sum tr N_f - sum tr N_f^2, whose first sum is g without priors, and the variance
     2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated by a scaled chi squared
     distribution.
     """
@@ -76,13 +77,16 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
         left = globals_ - own @ np.linalg.lstsq(own, globals_, rcond=None)[0]
         scores.append(left.T @ np.concatenate([r[of].ravel(), values[frame]]))
         squares.append(left.T @ left)
-    scale = 1.0 / np.sqrt(np.diag(np.sum(squares, axis=0)))
-    values, vectors = np.linalg.eigh(np.sum(squares, axis=0) * np.outer(scale, scale))
+    every, lens = np.sum(squares, axis=0), np.zeros(len(places))
+    lens[: len(model.intrinsics)] = model.intrinsic_priors(solution.estimate.camera)
+    every += np.diag(lens**2)
+    scale = 1.0 / np.sqrt(np.diag(every))
+    values, vectors = np.linalg.eigh(every * np.outer(scale, scale))
     white = scale[:, None] * vectors / np.sqrt(values)
     squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.scale**2
     n = white.T @ np.array(squares) @ white
     n2 = n @ n
-    mean = len(places) - float(np.trace(n2.sum(axis=0)))
+    mean = len(places) - float(np.sum((lens[:, None] * white) ** 2)) - float(np.trace(n2.sum(axis=0)))
     spread = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
     if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
         return CorrelatedErrors(1.0, 1.0)

@@ -10,12 +10,18 @@ from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
 
 LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
-    {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye"}
+    {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )
 """Additions by the lens model that has their numbers. A fisheye is no larger lens but another one."""
 
 _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
-    {"brown_conrady": ("rational", "prism", "fisheye"), "rational": ("prism",), "thin_prism": (), "fisheye": ()}
+    {
+        "brown_conrady": ("rational", "prism", "fisheye", "spline"),
+        "rational": ("prism",),
+        "thin_prism": (),
+        "fisheye": (),
+        "spline": (),
+    }
 )
 
 

@@ -37,6 +37,8 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
 """Fraction of the noise that mirrors must leave unexplained beyond it to raise an alarm."""
+NEAR_GREATEST, LEAST_FORESEEN = 0.5, 1e-6
+"""A lens is fitted where its foreseen gain is at least this fraction of the greatest, and positive."""
 MIN_PLATE_MM = 0.1  # no plate that holds a mirror is thinner
 
 
@@ -186,15 +188,15 @@ def _tried(
 ) -> tuple[list[Fitted], list[str]]:
     """The fits with one more addition each, and a note on each addition that the corners do not determine.
 
-    Another lens is fitted only where one step towards it foresees a gain of information.
+    Another lens is fitted only where one step towards it foresees a gain of information, near the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     found, notes = [], []
-    for name in left:
+    gains = {name: foreseen_gain(name, current, observations) for name in left if name in LENS_ADDITIONS}
+    least = max(NEAR_GREATEST * max(gains.values(), default=0.0), LEAST_FORESEEN)
+    for name in (name for name in left if gains.get(name, least) >= least):
         addition = unplated if name == "sheet" and not plates else name
         try:
-            if name in LENS_ADDITIONS and foreseen_gain(name, current, observations) <= 0.0:
-                continue
             found.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")

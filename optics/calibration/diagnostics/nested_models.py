@@ -4,7 +4,7 @@
 `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of the
 board. `bow`: a board that bows otherwise in each frame. `turn`: a camera that yields between frames. `board`: free
 corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once. `rational`, `prism`:
-further numbers of the lens; `fisheye`: another lens (`lens_additions`).
+further numbers of the lens; `spline`: a field over the view; `fisheye`: another lens (`lens_additions`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics.lens_additions import (
@@ -38,6 +39,8 @@ TURN_PX = 0.5
 """Standard deviation of what is left of a camera's turn once the background's is taken out."""
 FIRST_BOW, LEAST_BOW = 0.02, 1e-4
 """Standard deviation of the bow of boards to start from, and the smallest, relative to a board's larger side."""
+PATTERN_CELLS, LEAST_IN_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
+"""Cells across and down the sensor, corners that each needs, and how seldom noise may look like a pattern."""
 STEP_DAMPING = 1e-9
 """Relative damping against rounding, where two numbers of a lens are nearly one."""
 LEAST_LEFT = 1e-3
@@ -150,8 +153,11 @@ def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
 def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
     """The decrease of the Bayesian information criterion that one step towards another lens predicts.
 
-    This is Rao's score test, whose statistic needs no fit of the larger model.
+    This is Rao's score test, whose statistic needs no fit of the larger model. Of a field, with its many numbers, none
+    is foreseen where the residuals have no pattern over the sensor.
     """
+    if addition == "spline" and not _has_pattern(smaller.solution, observations):
+        return 0.0
     estimate, model = _with_lens(addition, smaller)
     seen = observations.where(smaller.solution.inliers)
     grouped = Grouped.of(seen, model)
@@ -161,6 +167,19 @@ def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) ->
     added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
     after = max(at_start - drop, LEAST_LEFT * before)
     return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
+
+
+def _has_pattern(solution: Solution, observations: Observations) -> bool:
+    """Whether the mean residuals in cells of the sensor are larger than noise makes them by chance."""
+    camera, rows = solution.estimate.camera, solution.inliers
+    along = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
+    col, row = np.clip(along.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
+    cell = row * PATTERN_CELLS[0] + col
+    counts = np.bincount(cell)
+    sums = [np.bincount(cell, weights=left) for left in solution.standardised[rows].T / solution.scale]
+    shown = counts >= LEAST_IN_CELL
+    squares = float(sum(np.sum(each[shown] ** 2 / counts[shown]) for each in sums))
+    return bool(chi2.sf(squares, 2 * int(shown.sum())) < PATTERN_CHANCE)
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:

@@ -15,6 +15,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     project,
     uncertainty_of,
 )
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MOTIONS_NAMED = 3
@@ -63,7 +64,7 @@ def motions_of(layout: Layout) -> list[Motion]:
     parameters = _Parameters(uncertainty_of(layout).parameters)
     has_mirrors = "mirror 0 x_mm" in parameters.names
     found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
-    found += _camera_motions(parameters)
+    found += _camera_motions(layout.camera, parameters)
     if "sheet_mm" in parameters.names:
         found.append(Motion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
     for m in range(len(layout.mirrors) if has_mirrors else 0):
@@ -104,13 +105,14 @@ def _common_motions(layout: Layout, parameters: _Parameters) -> list[Motion]:
     return [*turns, *shifts, Motion("all mirrors away from the camera", "mm", parameters.centres(away))]
 
 
-def _camera_motions(parameters: _Parameters) -> list[Motion]:
+def _camera_motions(camera: Camera, parameters: _Parameters) -> list[Motion]:
+    numbers = sorted(name for name in camera.lens.names if not name.startswith("field "))
     named = [
         ("focal length", "px", {"fx_px": 1.0, "fy_px": 1.0}),
         ("shape of a pixel", "px", {"fx_px": 0.5, "fy_px": -0.5}),
         ("principal point in x", "px", {"cx_px": 1.0}),
         ("principal point in y", "px", {"cy_px": 1.0}),
-        *((f"lens distortion {name}", "", {name: 1.0}) for name in ("k1", "k2", "k3", "p1", "p2")),
+        *((f"lens distortion {name}", "", {name: 1.0}) for name in numbers),
     ]
     free = set(parameters.names)
     return [Motion(words, unit, parameters.change(parts)) for words, unit, parts in named if parts.keys() <= free]
@@ -151,6 +153,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     )
     derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
     scale = np.linalg.norm(derivatives, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)  # nothing that is shown depends on some numbers of a field
     covariance = uncertainty_of(layout).covariance * np.outer(scale, scale)
     variances, axes = np.linalg.eigh(covariance)
     motions = motions_of(layout)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.mirror_variables import Kind
+from mirrorcam.optics.design.program.mirror_variables import Kind, expressible
 from mirrorcam.optics.design.program.nonlinear_program import Program
 from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds
 from mirrorcam.optics.design.program.terms import Indices, Term
@@ -84,7 +84,7 @@ class Draft:
     @property
     def lens(self) -> list[ArrayLike]:
         """Intrinsics (k) and sensor px (2)."""
-        camera = self.spec.camera
+        camera = expressible(self.spec.camera)
         return [camera.intrinsics, [camera.width_px, camera.height_px]]
 
     @property

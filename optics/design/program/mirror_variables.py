@@ -9,8 +9,10 @@ from typing import Any, Self
 import casadi as ca
 
 from mirrorcam.optics.design.program.terms import Expression, TermBuilder
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.lenses.families import FAMILIES, LensName
+from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
 
 GLASS_AND_PUPIL = 4
 """Numbers of all mirrors: thickness, refractive index, pupil's radius, 1 / focus."""
@@ -29,7 +31,7 @@ class Kind:
     @classmethod
     def of(cls, spec: DesignSpec) -> Self:
         """The form of a spec's mirrors."""
-        camera = spec.camera
+        camera = expressible(spec.camera)
         return cls(
             spec.sides, not camera.is_undistorted, spec.is_second_surface, camera.aperture_mm == 0.0, camera.lens_model
         )
@@ -37,7 +39,7 @@ class Kind:
     @property
     def intrinsics(self) -> int:
         """Number of intrinsics."""
-        return 4 + len(FAMILIES[self.lens_model].NAMES)
+        return 4 + len(NUMBERED[self.lens_model].NAMES)
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,13 @@ class MirrorVariables:
         return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
 
 
+def expressible(camera: Camera) -> Camera:
+    """The camera with a lens that has a formula: of a spline lens the nearest thin-prism one."""
+    if camera.lens_model != "spline":
+        return camera
+    return nearest_lens(camera, "thin_prism", whole_picture(camera))[0]
+
+
 def turn(a: Expression, b: Expression) -> Expression:
     """The 2-D cross product."""
     return a[0] * b[1] - a[1] * b[0]
@@ -133,7 +142,7 @@ def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
 
 def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression) -> Expression:
     """Distortion and intrinsics (k) of a lens model, as `Camera.pixels_from_normalized`."""
-    names = FAMILIES[lens_model].NAMES
+    names = NUMBERED[lens_model].NAMES
     fx, fy, cx, cy, *distortion = (intrinsics[k] for k in range(4 + len(names)))
     x, y = normalized[0], normalized[1]
     if lens_model == "fisheye":
@@ -142,7 +151,7 @@ def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression)
         factor = angle / r * (1.0 + sum(k * angle ** (2 * n) for n, k in enumerate(distortion, 1)))
         xd, yd = x * factor, y * factor
     else:
-        family: Any = FAMILIES[lens_model]  # polynomials, of expressions as of numbers
+        family: Any = NUMBERED[lens_model]  # polynomials, of expressions as of numbers
         xd, yd = family(distortion).distorted(x, y)
     return ca.vertcat(fx * xd + cx, fy * yd + cy)
 

@@ -11,21 +11,29 @@ from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
 from mirrorcam.optics.geometry.lenses.lens import Lens
 from mirrorcam.optics.geometry.lenses.rational import Rational
+from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 from mirrorcam.optics.geometry.lenses.thin_prism import ThinPrism
 
-LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye"]
+LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye", "spline"]
 
-FAMILIES: Mapping[LensName, type[Lens]] = MappingProxyType(
+NUMBERED: Mapping[LensName, type[Lens]] = MappingProxyType(
     {"brown_conrady": BrownConrady, "rational": Rational, "thin_prism": ThinPrism, "fisheye": Fisheye}
 )
+"""Families with a few numbers, the same for every camera."""
+LENS_NAMES: tuple[LensName, ...] = (*NUMBERED, "spline")
 
 
-def lens_of(name: LensName, coefficients: FloatArray) -> Lens:
-    """The lens of a family; raises ValueError for another number of coefficients than the family has."""
-    family = FAMILIES[name]
-    if len(coefficients) != len(family.NAMES):
+def lens_of(name: LensName, coefficients: FloatArray, grid: LensGrid | None = None) -> Lens:
+    """The lens of a family.
+
+    Raises ValueError for another number of coefficients than the family has, and for a spline without its grid.
+    """
+    if (grid is None) == (name == "spline"):
+        raise ValueError(f"a {name} lens {'without' if grid is None else 'with'} lens_grid, which a spline lens has")
+    lens = NUMBERED[name](coefficients) if grid is None else Spline(coefficients, grid)
+    if len(coefficients) != len(lens.names):
+        numbers = ", ".join(lens.names) if grid is None else f"k1, k2, p1, p2, k3 and 2 x {grid.count} of its grid"
         raise ValueError(
-            f"{len(coefficients)} numbers of distortion, expected the {len(family.NAMES)} of a {name} lens: "
-            f"{', '.join(family.NAMES)}"
+            f"{len(coefficients)} numbers of distortion, expected the {len(lens.names)} of a {name} lens: {numbers}"
         )
-    return family(coefficients)
+    return lens

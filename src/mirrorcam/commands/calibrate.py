@@ -12,7 +12,7 @@ from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.bounds import Bounds
 from mirrorcam.optics.base.values import Metric, Value
-from mirrorcam.optics.geometry.lenses.families import FAMILIES, LensName
+from mirrorcam.optics.geometry.lenses.families import LENS_NAMES, LensName
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.detection.next_pose import NextPose
@@ -43,13 +43,13 @@ class CalibrateOptions(Value):
         description=(
             "what is fitted: paper (mirrors only), joint (also the camera), or joint with any of +sheet (thickness of "
             "second-surface mirrors), +bend (curvature of each mirror), +warp (bending of the board) and +bow (bending "
-            "of the board in each picture), as joint+bend; +rational, +prism and +fisheye are "
+            "of the board in each picture), as joint+bend; +rational, +prism, +fisheye and +spline are "
             "other lenses; with --direct-view joint with any of +sheet, +bow, +turn "
             "(of the camera in each picture) and +board (corners of the board)"
         ),
     )
     lens: Annotated[LensName | None, tyro.conf.arg(metavar="LENS", help_behavior_hint="(chosen by tests)")] = Field(
-        default=None, description=f"the camera's lens, so that no other is tried: {', '.join(FAMILIES)}"
+        default=None, description=f"the camera's lens, so that no other is tried: {', '.join(LENS_NAMES)}"
     )
     live_hint: bool = Field(
         default=False,

@@ -90,6 +90,8 @@ def _camera_rows(calibration: Calibration) -> list[list[str]]:
     rows = []
     camera = calibration.layout.camera
     for name, value in zip(camera.intrinsic_names, camera.intrinsics, strict=True):
+        if name.startswith("field "):  # hundreds of numbers, which the maps of the views show better
+            continue
         unit = UNITS.get(name, "")
         sigma = sigma_text(sigmas[name]) if name in sigmas else "held"
         rows.append([f"{name.removesuffix('_px')} {unit}".strip(), f"{value:.3f}" if unit else f"{value:.6f}", sigma])

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.lens_additions import free_intrinsics, further_lenses, with_addition
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, fit_with, foreseen_gain, joint_model
+from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import Checkerboard
-from tests.optics.calibration.solver.scenes import nominal_layout, scene
+from tests.optics.calibration.solver.scenes import SIGMA_PX, nominal_layout, scene
 from tests.optics.geometry.lenses.cameras import points
 
 TARGET = Checkerboard(cols=14, rows=10, square_mm=14.0)
@@ -26,7 +31,7 @@ LENSES: dict[str, tuple[LensName, list[float]]] = {
 
 def test_additions_lead_from_one_lens_to_the_next_and_keep_what_is_seen() -> None:
     camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
-    assert set(further_lenses(camera, ("joint",))) == {"rational", "prism", "fisheye"}
+    assert set(further_lenses(camera, ("joint",))) == {"rational", "prism", "fisheye", "spline"}
     for path in (("rational", "prism"), ("prism", "rational")):
         grown, made = camera, ["joint"]
         for addition in path:
@@ -44,6 +49,41 @@ def test_additions_lead_from_one_lens_to_the_next_and_keep_what_is_seen() -> Non
 def test_a_prism_alone_leaves_the_quotient_as_it_is() -> None:
     prism = with_addition(Camera.c920(), "prism")
     assert set(prism.intrinsic_names) - set(free_intrinsics(prism, ("joint", "prism"))) == {"k4", "k5", "k6"}
+
+
+def waving(camera: Camera) -> Camera:
+    """A camera with a random field of 0.1 px."""
+    empty = with_addition(camera, "spline")
+    field = 1e-4 * np.random.default_rng(0).standard_normal(len(empty.distortion) - 5)
+    return empty.replaced(distortion=np.append(camera.distortion, field))
+
+
+def fitted(camera: Camera, frames: int, base_frames: int) -> tuple[Fitted, Observations]:
+    """Corners that a camera shows, with noise, and the joint fit of a Brown-Conrady lens to them."""
+    nominal = nominal_layout()
+    taken = scene(nominal.replaced(camera=camera), frames=frames, base_frames=base_frames, target=TARGET, seed=1)
+    seen, _ = taken.noisy(0)
+    seen = replace(seen, sigma_px=np.full(len(seen), SIGMA_PX))
+    start = replace(taken.truth, camera=nominal.camera.replaced(distortion=LENSES["joint"][1]))
+    model = joint_model(start.camera, TARGET.corners_in_board_mm)
+    return fit_as("joint", start, seen, model), seen
+
+
+def test_a_field_is_foreseen_where_residuals_have_a_pattern_and_only_there() -> None:
+    plain = nominal_layout().camera.replaced(distortion=LENSES["joint"][1])
+    joint, seen = fitted(plain, 5, 3)
+    assert [foreseen_gain(name, joint, seen) > 0.0 for name in ("spline", "rational", "prism")] == [False] * 3
+    joint, seen = fitted(waving(plain), 5, 3)
+    assert foreseen_gain("spline", joint, seen) > 500.0
+
+
+@pytest.mark.slow
+def test_evidence_finds_a_field_that_no_formula_has() -> None:
+    plain = nominal_layout().camera.replaced(distortion=LENSES["joint"][1])
+    joint, seen = fitted(waving(plain), FRAMES, BASE)
+    made = compare(fit_with("spline", joint, seen), joint, seen)
+    assert made.supported
+    assert made.held_out_rms_px < 1.03 * SIGMA_PX
 
 
 @pytest.mark.parametrize("level", LENSES)

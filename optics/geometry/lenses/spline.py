@@ -1,0 +1,173 @@
+"""A lens with a field of corrections: Brown-Conrady's, and what cubic B-splines add to it over the whole view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.bounds import Bounds
+from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
+from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
+
+FIELD_SIGMA = 3e-4
+"""Prior of the field, in distorted coordinates: .4 px of a webcam. Where nothing is seen, the field stays zero."""
+CELLS = 8  # along the longer side of the field
+DIRECTIONS, RADII = 24, 24  # samples of the field's Jacobian
+_CONTROLS = Bounds(4, 64)
+_REACH = Bounds(1e-3, 100.0)
+
+
+class LensGrid(Value):
+    """Control points of a spline lens, row by row over a rectangle about the axis.
+
+    Its coordinates are stereographic: 2 tan(a / 2) from the axis, with a the angle of a ray.
+
+    Attributes
+    ----------
+    cols, rows : int
+        Number of control points, three more than cells.
+    reach_x, reach_y : float
+        Half the sides of the rectangle.
+    """
+
+    cols: int = _CONTROLS.field()
+    rows: int = _CONTROLS.field()
+    reach_x: float = _REACH.field()
+    reach_y: float = _REACH.field()
+
+    @classmethod
+    def covering(cls, normalized: FloatArray) -> Self:
+        """The grid, of nearly square cells, over all of some rays with normalized coordinates (n, 2)."""
+        x, y = np.abs(normalized).T
+        half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
+        reach = 1.02 * np.array([(half * x).max(), (half * y).max()])
+        cols, rows = np.maximum(np.rint(CELLS * reach / reach.max()), 1).astype(int).tolist()
+        return cls(cols=cols + 3, rows=rows + 3, reach_x=float(reach[0]), reach_y=float(reach[1]))
+
+    @property
+    def count(self) -> int:
+        """Number of control points."""
+        return self.cols * self.rows
+
+
+@dataclass(frozen=True)
+class _Weights:
+    """The 16 control points (16, n) that each ray depends on, their weights, and these by stereographic coordinates."""
+
+    place: NDArray[np.int64]
+    weight: FloatArray
+    by_u: FloatArray
+    by_v: FloatArray
+
+
+@dataclass(frozen=True)
+class Spline(Lens):
+    """Lens with the coefficients k1, k2, p1, p2, k3, and those of the field's x and of its y at all control points.
+
+    The field is added to the distorted coordinates of Brown and Conrady's lens. It is twice differentiable over the
+    grid's rectangle, and constant outside across the border. After the splined stereographic model of mrcal.
+    """
+
+    grid: LensGrid
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        places = [f"{row}-{col}" for row in range(self.grid.rows) for col in range(self.grid.cols)]
+        return (*BrownConrady.NAMES, *(f"field {axis} {place}" for axis in "xy" for place in places))
+
+    @property
+    def _plain(self) -> BrownConrady:
+        return BrownConrady(self.coefficients[:5])
+
+    @property
+    def _field(self) -> FloatArray:
+        """The field's coefficients (2, controls)."""
+        return self.coefficients[5:].reshape(2, -1)
+
+    def _weights(self, u: FloatArray, v: FloatArray) -> _Weights:
+        """The weights of the control points at stereographic coordinates (n,)."""
+        col, across, across_by = _basis(u, self.grid.reach_x, self.grid.cols)
+        row, down, down_by = _basis(v, self.grid.reach_y, self.grid.rows)
+        step = np.arange(4)[:, None]
+        place = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
+        return _Weights(
+            place,
+            (down[:, None] * across[None]).reshape(16, -1),
+            (down[:, None] * across_by[None]).reshape(16, -1),
+            (down_by[:, None] * across[None]).reshape(16, -1),
+        )
+
+    def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        xd, yd = self._plain.distorted(x, y)
+        half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
+        at = self._weights((half * x).ravel(), (half * y).ravel())
+        dx, dy = np.einsum("akn,kn->an", self._field[:, at.place], at.weight)
+        return xd + dx.reshape(np.shape(x)), yd + dy.reshape(np.shape(y))
+
+    def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
+        plain = self._plain.linearized(x, y, focal, out[:, :, :5])
+        root = np.sqrt(1.0 + x * x + y * y)
+        half, bend = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # `bend` is that by x, over x
+        at = self._weights(half * x, half * y)
+        controls = self._field[:, at.place]
+        dx, dy = np.einsum("akn,kn->an", controls, at.weight)
+        (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (at.by_u, at.by_v))
+        u_x, cross, v_y = half + bend * x * x, bend * x * y, half + bend * y * y
+        rows, count = np.arange(len(x)), self.grid.count
+        for place, weight in zip(at.place, at.weight, strict=True):
+            out[rows, 0, 5 + place] = focal[0] * weight
+            out[rows, 1, 5 + count + place] = focal[1] * weight
+        return Linearized(
+            plain.x + dx,
+            plain.y + dy,
+            plain.xx + x_u * u_x + x_v * cross,
+            plain.xy + x_u * cross + x_v * v_y,
+            plain.yx + y_u * u_x + y_v * cross,
+            plain.yy + y_u * cross + y_v * v_y,
+        )
+
+    @property
+    def valid_radius(self) -> float:
+        """Where the plain lens turns back, or the first radius at which the field folds the view."""
+        largest = min(self._plain.valid_radius, 1.5 * float(np.hypot(*self._normalized_reach)))
+        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        radius = np.repeat(largest * (np.arange(RADII) + 1.0) / RADII, DIRECTIONS)
+        x, y = radius * np.tile(np.cos(angle), RADII), radius * np.tile(np.sin(angle), RADII)
+        at = self.linearized(x, y, (1.0, 1.0), np.zeros((len(x), 2, len(self.coefficients))))
+        folded = radius[at.xx * at.yy - at.xy * at.yx <= 0.0]
+        return float(folded.min()) if folded.size else self._plain.valid_radius
+
+    @property
+    def _normalized_reach(self) -> tuple[float, float]:
+        """Normalized coordinates of the ends of the grid's axes; 1e3 where these are beyond 90 degrees."""
+        ends = np.array([self.grid.reach_x, self.grid.reach_y])
+        x, y = np.where(ends < 1.99, ends / np.maximum(1.0 - (ends / 2.0) ** 2, 1e-3), 1e3)
+        return float(x), float(y)
+
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        sigmas = np.full(len(self.coefficients), FIELD_SIGMA)
+        sigmas[:5] = np.inf
+        return sigmas
+
+    def flipped(self, axis: int) -> Self:
+        field = np.flip(self._field.reshape(2, self.grid.rows, self.grid.cols), axis=2 - axis).copy()
+        field[axis] *= -1.0
+        return replace(self, coefficients=np.append(self._plain.flipped(axis).coefficients, field.ravel()))
+
+
+def _basis(at: FloatArray, reach: float, controls: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """First of the four control points of each place (n,), their cubic weights (4, n), and these by the place."""
+    cells = controls - 3
+    per_unit = cells / (2.0 * reach)
+    along = np.clip((at + reach) * per_unit, 0.0, cells)
+    first = np.clip(np.floor(np.nan_to_num(along)), 0, cells - 1).astype(np.int64)
+    t = along - first
+    weights = np.array([(1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0, -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3])
+    slopes = np.array([-3.0 * (1.0 - t) ** 2, 9.0 * t**2 - 12.0 * t, -9.0 * t**2 + 6.0 * t + 3.0, 3.0 * t**2])
+    inside = np.where(np.abs(at) <= reach, per_unit, 0.0)
+    return first, weights / 6.0, slopes / 6.0 * inside
