@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.files import write_bytes, write_text
 from mirrorcam.optics.base.names import word
 from mirrorcam.optics.base.pictures import check_size, read_image, write_image
 from mirrorcam.optics.base.values import InputError
@@ -18,6 +18,7 @@ from mirrorcam.optics.exports.kalibr import camchain_yaml
 from mirrorcam.optics.exports.nearest_pinhole import DISTANCES_MM
 from mirrorcam.optics.exports.nerfstudio_views import transforms_json
 from mirrorcam.optics.exports.opencv import opencv_yaml
+from mirrorcam.optics.exports.pose_cameras import calibration_toml, pictures_table, pose_cameras, stereo_params
 from mirrorcam.optics.exports.ros import camera_info_yaml
 from mirrorcam.optics.exports.urdf import urdf
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, view_name, virtual_cameras
@@ -28,6 +29,7 @@ PICTURE = "0000.png"
 FILES = (
     *("README.md", "opencv.yaml", "kalibr_camchain.yaml", "mirrorcam_calibrated.urdf"),
     *("colmap/rig_config.json", "nerfstudio/transforms.json"),
+    *("anipose/calibration.toml", "deeplabcut/camera_matrix/stereo_params.pickle"),
     *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
 """Files of the exports of all cameras together."""
@@ -53,7 +55,7 @@ def export_names(layout: Layout, pictures: Sequence[Path] = ()) -> tuple[str, ..
 
 
 def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:
-    """Write the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF into `folder`, with a README.md.
+    """Write the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut, with a README.md.
 
     `pictures` are frames of this camera: COLMAP gets all of them, as frames of one rig, nerfstudio the first, for a
     picture is one moment of a rig whose motion only COLMAP finds. Raises InputError where a mirror shows nothing and
@@ -67,6 +69,9 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     write_text(folder / "mirrorcam_calibrated.urdf", urdf(views))
     for view in views:
         write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
+    animals = pose_cameras(layout, views)
+    write_text(folder / "anipose" / "calibration.toml", calibration_toml(animals))
+    write_bytes(folder / "deeplabcut" / "camera_matrix" / "stereo_params.pickle", stereo_params(animals))
     cameras = rig_cameras(views)
     write_text(colmap / "rig_config.json", rig_config(cameras, layout.central_index))
     for name, text in sparse_model(cameras, layout.central_index, (names or [PICTURE])[0]).items():
@@ -120,6 +125,8 @@ Here each mirror is a separate camera. A mirror reverses the image, so the pictu
 | `kalibr_camchain.yaml` | whole flipped frame, one topic for each view | the centre of the top-left pixel | m |
 | `colmap/` | whole flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
 | `nerfstudio/` | flipped frame cut to the view, in `images/` | the corner of the top-left pixel | m |
+| `anipose/calibration.toml` | frame flipped, then cut, by the table below | the centre of the top-left pixel | mm |
+| `deeplabcut/camera_matrix/stereo_params.pickle` | the same | the centre of the top-left pixel | mm |
 
 OpenCV: x_camera = R x_rig + T; the rig's origin is the pupil, x right, y down, z along the optical axis.
 ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, which is the
@@ -138,6 +145,16 @@ COLMAP, with the cameras as they are calibrated:
 triangulates one picture. For many, `colmap mapper --Mapper.ba_refine_sensor_from_rig 0
 --Mapper.ba_refine_focal_length 0 --Mapper.ba_refine_extra_params 0` also estimates the motion of the rig.
 nerfstudio: `ns-train splatfacto --data nerfstudio`.
+
+Anipose (also lightning-pose) and DeepLabCut 3-D: the pictures of each camera are made with
+
+| camera | `ffmpeg -i FRAMES ... NAME.mp4` | error of k1 k2 p1 p2 k3, px |
+|---|---|---|
+{pictures_table(pose_cameras(layout, views))}
+A point at (u, v) of the frame is at (W - 1 - u - x, v - y) of a picture made with `hflip,crop=w:h:x:y`, at
+(u - x, H - 1 - v - y) with `vflip`, of frames of W x H px. For another crop, subtract the change of
+x and y from the third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME", and gives points in the frame
+of the first.
 
 The last columns give the largest error of each camera within its view, in px: as a pinhole with the layout's lens
 ({layout.camera.lens_model}), and in the lens models of each format. OpenCV has k1 k2 p1 p2 k3, k4 k5 k6 and s1 s2 s3

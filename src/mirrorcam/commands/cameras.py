@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import Value
 
 
 class CamerasOptions(Value):
-    """Export every mirror as a camera for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF, with pictures."""
+    """Export every mirror as a camera for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut."""
 
     layout: tyro.conf.Positional[Path] = Field(description="layout.json, calibrated if possible")
     pictures: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
@@ -37,5 +37,6 @@ def run(options: CamerasOptions) -> int:
         output.refuse_others(*(glob.escape(name) for name in export_names(layout, pictures)))
         with output.staged() as folder:
             write_exports(layout, folder, pictures)
-    say("cameras", f"files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio and URDF written to {options.out}")
+    tools = "OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut"
+    say("cameras", f"files for {tools} written to {options.out}")
     return 0
