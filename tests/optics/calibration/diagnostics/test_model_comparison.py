@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
+    MIN_GAIN_SIGMAS,
     SUPPORTED_CHANCE,
     compare,
     compare_likelihood,
     cross_validated,
+    gain_sigmas,
     smallest,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, joint_model, paper_model
@@ -61,3 +63,15 @@ def test_exact_corners_support_nothing(scene: Scene) -> None:
     comparison = compare(*models_of(scene, scene.clean), scene.clean)
     assert not comparison.supported
     assert comparison.drop < 1.0
+
+
+def test_a_gain_is_significant_by_its_mean_or_by_nearly_all_frames() -> None:
+    random = np.random.default_rng(0)
+    even = 1.0 + 0.1 * random.standard_normal(20)
+    few = np.append(even, [400.0, 300.0])
+    assert gain_sigmas(even) > 20.0
+    assert few.mean() / (few.std(ddof=1) / np.sqrt(len(few))) < 2.0 < gain_sigmas(few) < 6.0
+    assert gain_sigmas(-even) < -20.0
+    assert gain_sigmas(np.zeros(5)) == 0.0
+    by_chance = [gain_sigmas(random.standard_normal(16)) for _ in range(2000)]
+    assert np.mean(np.array(by_chance) > MIN_GAIN_SIGMAS) < 0.06
