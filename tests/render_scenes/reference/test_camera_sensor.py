@@ -8,6 +8,7 @@ import pytest
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.nearest_lens import with_lens
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.settings import SENSORS
@@ -54,6 +55,16 @@ def test_rays_are_those_of_the_camera_to_a_thousandth_of_a_pixel(lens: str) -> N
 def test_rays_of_every_lens_are_those_of_the_camera(model: LensName) -> None:
     use_variant()
     camera = camera_of(model, ANY_LENS[model][-1])
+    grid = np.random.default_rng(0).uniform(-0.5, [1279.5, 719.5], (500, 2))
+    found = directions(camera, grid, (0, 0, 1280, 720))
+    np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)
+
+
+def test_rays_of_a_spline_lens_are_those_of_the_camera() -> None:
+    use_variant()
+    camera = with_lens(camera_of("brown_conrady", [0.05, -0.12, 4e-4, -6e-4, 0.01]), "spline")
+    field = 5e-4 * np.random.default_rng(1).standard_normal(len(camera.distortion) - 5)
+    camera = camera.replaced(distortion=np.append(camera.distortion[:5], field))
     grid = np.random.default_rng(0).uniform(-0.5, [1279.5, 719.5], (500, 2))
     found = directions(camera, grid, (0, 0, 1280, 720))
     np.testing.assert_allclose(camera.project(found), grid, atol=1e-3, rtol=0)
