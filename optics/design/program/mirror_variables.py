@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Self
 
 import casadi as ca
+import numpy as np
 
 from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
@@ -108,11 +110,22 @@ class MirrorVariables:
         return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
 
 
+@lru_cache
 def expressible(camera: Camera) -> Camera:
-    """The camera with a lens that has a formula: of a spline lens the nearest thin-prism one."""
+    """The camera with a lens that has a formula: of a spline lens the nearest thin-prism one.
+
+    The sensor of that is smaller by the largest error, so that what is on it is on the camera's own.
+    """
     if camera.lens_model != "spline":
         return camera
-    return nearest_lens(camera, "thin_prism", whole_picture(camera))[0]
+    near, error_px = nearest_lens(camera, "thin_prism", whole_picture(camera))
+    edge = int(np.ceil(error_px))
+    return near.replaced(
+        width_px=near.width_px - 2 * edge,
+        height_px=near.height_px - 2 * edge,
+        cx_px=near.cx_px - edge,
+        cy_px=near.cy_px - edge,
+    )
 
 
 def turn(a: Expression, b: Expression) -> Expression:

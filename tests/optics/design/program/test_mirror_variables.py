@@ -14,6 +14,7 @@ from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import reflect
+from mirrorcam.optics.geometry.nearest_lens import with_lens
 from tests.optics.design.program.seeded_mirrors import DISTORTION, KINDS, expressed, number, spec_of
 from tests.optics.geometry.lenses.cameras import LENSES, camera_of
 
@@ -31,6 +32,21 @@ def test_pixels_are_those_of_the_camera(camera: Camera) -> None:
         expected = camera.pixels_from_normalized(np.array(normalized))
         found = mirror_variables.pixels(camera.lens_model, ca.SX(camera.intrinsics), ca.SX(normalized))
         assert_allclose(number(found).ravel(), expected)
+
+
+def test_a_spline_lens_is_replaced_by_a_formula_with_a_sensor_within_its_own() -> None:
+    assert mirror_variables.expressible(BENT) is BENT
+    empty = with_lens(BENT, "spline")
+    field = 2e-4 * np.random.default_rng(0).standard_normal(len(empty.distortion) - 5)
+    camera = empty.replaced(distortion=np.append(BENT.distortion, field))
+    near = mirror_variables.expressible(camera)
+    assert near.lens_model == "thin_prism"
+    width, height = near.width_px, near.height_px
+    assert camera.width_px - 4 <= width < camera.width_px
+    border = np.array([[x, y] for x in (-0.5, width - 0.5) for y in np.linspace(-0.5, height - 0.5, 50)])
+    own = camera.project(near.unproject(border))
+    assert (own >= -0.5).all()
+    assert (own <= [camera.width_px - 0.5, camera.height_px - 0.5]).all()
 
 
 def test_reflection_is_that_of_the_mirror() -> None:
