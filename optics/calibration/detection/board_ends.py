@@ -12,6 +12,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.board_warp import Warp
+from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
 INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, where a square and the paper are sampled
@@ -32,7 +33,7 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
         The corners on their grid (n, 2), as of `corner_grids`, and in the picture (n, 2).
     """
     warp = Warp.through(places.astype(np.float64), pixels)
-    limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    limits = NO_LIMITS.copy()
     if warp is None:
         return limits
     for axis in range(2):

@@ -24,6 +24,7 @@ REACH = 1.6  # squares beyond the known points to which the warp is extrapolated
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
 ROUNDS = 15
 TRIES = 2  # of each corner: its expected position improves once its neighbours are found
+MANY = 40  # known points, from which positions are expected well enough at once
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
@@ -105,6 +106,7 @@ def _seen_corners(
     warp = Warp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
         return NONE
+    look = replace(look, rough=False)
     ids, seen = _confirmed(picture, have, warp.expected(corners[have], found[have]), look, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
@@ -118,13 +120,14 @@ def _grown(
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
     known_places, known_pixels = places, pixels
-    look = _first_appearance(places, pixels, target)
+    look = replace(_first_appearance(places, pixels, target), rough=True)
+    most_tries = 1 if len(places) >= MANY else TRIES
     for _ in range(ROUNDS):
         warp = Warp.through(known_places, known_pixels)
         if warp is None:
             break
         near = cKDTree(known_places).query(corners, distance_upper_bound=REACH)[0] < REACH
-        new = np.flatnonzero(near & (tries < TRIES) & np.isnan(found[:, 0]))
+        new = np.flatnonzero(near & (tries < most_tries) & np.isnan(found[:, 0]))
         if not len(new):
             break
         tries[new] += 1

@@ -49,7 +49,7 @@ class Warp:
         if len(places) < MIN_POINTS:
             return None
         off_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
-        homography, _ = cv2.findHomography(places, pixels, cv2.RANSAC, off_px, None, 2000, 0.9999)
+        homography = _homography(places, pixels, off_px)
         if homography is None:
             return None
         middle = places.mean(axis=0)
@@ -109,6 +109,17 @@ class Warp:
         """Corners at places (n, 2), expected at pixels (n, 2), with the warp's derivatives there."""
         cells, bends = self.shapes(places)
         return ExpectedCorners(places, pixels, cells, bends)
+
+
+def _homography(places: FloatArray, pixels: FloatArray, off_px: float) -> FloatArray | None:
+    """The homography (3, 3) of all points where it fits all of them within `off_px`, else that of most of them."""
+    fitted, _ = cv2.findHomography(places, pixels, 0)
+    if fitted is not None:
+        lifted = np.column_stack([places, np.ones(len(places))]) @ fitted.T
+        if (np.abs(lifted[:, :2] - pixels * lifted[:, 2:]) < off_px * np.abs(lifted[:, 2:])).all():
+            return np.asarray(fitted)
+    most, _ = cv2.findHomography(places, pixels, cv2.RANSAC, off_px, None, 2000, 0.9999)
+    return None if most is None else np.asarray(most)
 
 
 def corner_places(target: Target) -> FloatArray:

@@ -1,6 +1,8 @@
-"""Any number of ChArUco boards in one image: markers are detected once and grouped into boards."""
+"""Any number of ChArUco boards in one image, by grids of corners and the markers between them."""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -14,9 +16,11 @@ from mirrorcam.optics.calibration.detection.board_growing import (
     same_board,
 )
 from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners
+from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
+from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -30,6 +34,9 @@ SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to
 def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
+    Grids of saddle points are numbered by the markers between them. Where they are not, as on boards whose markers
+    nearly touch the corners, the search starts from markers instead.
+
     Parameters
     ----------
     grey
@@ -37,11 +44,36 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
     target
         The board.
     mirrored
-        Whether the picture shows the boards through mirrors. No dictionary holds a mirrored marker, so the picture is
-        flipped for the detection of markers, and their corners are flipped back.
+        Whether the picture shows the boards through mirrors.
     most
         How many boards to return at most.
     """
+    picture = np.asarray(grey, dtype=np.float32)
+    found: list[Corners] = []
+    markers = _markers(target)
+    for places, pixels in linked_grids(grey):
+        if not new_corners(pixels, found):
+            continue
+        grid = SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS)
+        numbered = numbered_by_markers(picture, grid.as_printed if mirrored else grid, markers)
+        if numbered is None:
+            continue
+        board = grow_board(picture, numbered.places + 1.0, pixels, target, mirrored=mirrored)
+        if len(board) and not any(same_board(board, other) for other in found):
+            found.append(board)
+    return sorted(found or _from_markers(grey, target, mirrored=mirrored), key=len, reverse=True)[:most]
+
+
+@lru_cache(maxsize=8)
+def _markers(target: Charuco) -> Markers:
+    dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
+    white = [(col - 1, row - 1) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2]
+    codes = [dictionary.generateImageMarker(number, modules, borderBits=1)[1:-1, 1:-1] for number in range(len(white))]
+    return Markers(np.array(codes) > 0, np.array(white), target.marker_mm / target.square_mm, parity=1)
+
+
+def _from_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> list[Corners]:
+    """The boards in a picture, grown from markers that were found one by one."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     places = marker_places(target)[ids]
     picture = np.asarray(grey, dtype=np.float32)
@@ -64,7 +96,7 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
         rest = members[~shown[members]]
         if MIN_MARKERS <= len(rest) < len(members):
             waiting = [rest[part] for part in groups(places[rest], quads[rest])] + waiting
-    return sorted(found, key=len, reverse=True)[:most]
+    return found
 
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco) -> BoolArray:

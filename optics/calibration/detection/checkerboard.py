@@ -65,27 +65,35 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
 
     Grids of saddle points start them; the print, compared with the picture, decides which corners are there.
     """
-    points = saddle_points(grey)
     picture = np.asarray(grey, dtype=np.float32)
     most = max(target.cols, target.rows)
     found: list[SeenGrid] = []
-    for members, places in corner_grids(points):
-        for part in _smooth_parts(places, points.pixels[members]):
-            pixels = points.pixels[members[part]]
-            if len(part) - _known(pixels, found) < MIN_CORNERS:
-                continue
-            at, corners = grow_grid(picture, places[part], pixels, most=most)
-            if len(at) >= MIN_CORNERS and len(at) - _known(corners.pixels, found) >= MIN_CORNERS:
-                found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
+    for places, pixels in linked_grids(grey):
+        known = [grid.corners for grid in found]
+        if not new_corners(pixels, known):
+            continue
+        at, corners = grow_grid(picture, places, pixels, most=most)
+        if new_corners(corners.pixels, known):
+            found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
     return sorted(found, key=lambda grid: -len(grid))
 
 
-def _known(pixels: FloatArray, found: Sequence[SeenGrid]) -> int:
-    """Number of corners (n, 2) that are corners of the boards found."""
-    if not found:
-        return 0
-    apart, _ = cKDTree(np.concatenate([grid.corners.pixels for grid in found])).query(pixels)
-    return int((apart < SAME * np.median(cell_px(pixels))).sum())
+def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
+    """Places (n, 2) of corners on grids of their own, as of `corner_grids`, and their approximate pixels (n, 2)."""
+    points = saddle_points(grey)
+    return [
+        (places[part], points.pixels[members[part]])
+        for members, places in corner_grids(points)
+        for part in _smooth_parts(places, points.pixels[members])
+    ]
+
+
+def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
+    """Whether there are enough corners (n, 2) for a board beside those that are corners of the boards found."""
+    if len(pixels) < MIN_CORNERS or not found:
+        return len(pixels) >= MIN_CORNERS
+    apart, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
+    return bool((apart > SAME * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
 
 
 def _smooth_parts(places: IntArray, pixels: FloatArray) -> list[IntArray]:

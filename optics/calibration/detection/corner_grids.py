@@ -67,15 +67,16 @@ def _links(points: SaddlePoints) -> tuple[IntArray, IntArray]:
     second = first + (second - first) % np.pi
     directions = np.stack([first, second, first + np.pi, second + np.pi], axis=1)
     off = _between(towards[:, None, :], directions[:, :, None])
-    theirs = _between((towards + np.pi)[:, None, :, None], directions[other][:, None, :, :])
+    row, side, rank = np.nonzero(off < MAX_ANGLE)
+    theirs = _between((towards[row, rank] + np.pi)[:, None], directions[other[row, rank]])
     # An edge of the first kind here is one of the second kind there.
-    unlike = (np.arange(4)[:, None] + np.arange(4)) % 2 == 1
-    theirs = np.where(unlike[None, :, None, :], theirs, np.inf)
-    returning = theirs.argmin(axis=3)
-    worst = np.maximum(off, theirs.min(axis=3))
-    cost = np.where(worst < MAX_ANGLE, distance[:, None, :] * (1.0 + worst), np.inf)
+    theirs[(side[:, None] + np.arange(4)) % 2 == 0] = np.inf
+    cost, returning = np.full(off.shape, np.inf), np.zeros(off.shape, dtype=np.int64)
+    worst = np.maximum(off[row, side, rank], theirs.min(axis=1))
+    cost[row, side, rank] = np.where(worst < MAX_ANGLE, distance[row, rank] * (1.0 + worst), np.inf)
+    returning[row, side, rank] = theirs.argmin(axis=1)
     best = cost.argmin(axis=2)
-    rows, sides = np.indices(best.shape)
+    rows, sides = np.meshgrid(np.arange(count), np.arange(4), indexing="ij")
     linked = np.isfinite(cost[rows, sides, best])
     neighbour = np.where(linked, other[rows, best], NO_NEIGHBOUR)
     back = returning[rows, sides, best]

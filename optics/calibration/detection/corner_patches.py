@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.targets import Target
 
 HALF_CELLS = 0.5  # half the side of the compared patch, in cells
 MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
-SAMPLES = 17  # along each side of the patch
+SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are sought roughly
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
 LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # of ink that reflects at least a fortieth of what paper does
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
@@ -98,12 +98,15 @@ class Appearance:
         Ghost images beside every corner, if there are any.
     fit_strengths
         Whether the strength of each ghost image is estimated at each corner, instead of taken as given.
+    rough
+        Whether corners are sought to some hundredths of a pixel only, which takes a fifth of the time.
     """
 
     target: Target
     blur_cells: float
     ghosts: GhostImages | None = None
     fit_strengths: bool = False
+    rough: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,8 +125,8 @@ class Patches:
     side_px: FloatArray
 
     @classmethod
-    def around(cls, expected: ExpectedCorners) -> Patches:
-        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, SAMPLES)] * 2))
+    def around(cls, expected: ExpectedCorners, samples: int = SAMPLES) -> Patches:
+        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples)] * 2))
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
         half = np.minimum(HALF_CELLS, MAX_HALF_PX / np.maximum(side_px, 1e-6))
         on_print = half[:, None, None] * np.stack([u, v], axis=1)
@@ -141,7 +144,8 @@ class Patches:
         sum_k B(k h) / B(0) times the variance that independent ones had.
         """
         half = np.minimum(HALF_CELLS * self.side_px, MAX_HALF_PX)
-        apart = np.maximum(2.0 * half / (SAMPLES - 1), 1e-6)[:, None] * np.arange(SAMPLES)
+        samples = round(np.sqrt(len(self.u)))
+        apart = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
         far = np.clip(2.0 - apart, 0.0, None) ** 3 / 6.0
         share = np.where(apart < 1.0, 2.0 / 3.0 - apart**2 + apart**3 / 2.0, far)
         return np.asarray(2.0 * share.sum(axis=1) / share[:, 0] - 1.0)

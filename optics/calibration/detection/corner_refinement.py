@@ -16,7 +16,9 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.corner_patches import (
     BLUR,
     CONTRAST,
+    FEW_SAMPLES,
     GHOSTS,
+    SAMPLES,
     SHIFT,
     Appearance,
     ExpectedCorners,
@@ -24,8 +26,8 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
     Patches,
 )
 
-ITERATIONS = 5
-SETTLED_PX = 2e-3
+ITERATIONS, FEW_ITERATIONS = 5, 3
+SETTLED_PX, ROUGH_PX = 2e-3, 0.05
 OUTLIER_SIGMAS = 4.0  # of the noise around a corner, from where a sample has no weight
 MIN_SIGMA = 0.04  # of the contrast: a print is itself no more even than this
 MAX_STEP_CELLS = 0.15  # per iteration
@@ -152,7 +154,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     RefinedCorners
         As many corners (n), with pixels NaN where the search diverged.
     """
-    patches = Patches.around(expected)
+    patches = Patches.around(expected, FEW_SAMPLES if appearance.rough else SAMPLES)
     seen = sample(picture, expected.pixels[:, None] + patches.offsets_px)
     model = LinearModel.of(expected, patches, appearance, seen)
     count, near = len(expected.places), patches.near
@@ -162,7 +164,9 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     strengths = np.zeros((count, model.columns[:, :, GHOSTS].shape[2]))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
-    for iteration in range(ITERATIONS):
+    few = appearance.rough or appearance.fit_strengths
+    iterations, settled_px = FEW_ITERATIONS if few else ITERATIONS, ROUGH_PX if appearance.rough else SETTLED_PX
+    for iteration in range(iterations):
         if iteration:
             seen = sample(picture, found[moving, None] + patches.offsets_px[moving])
         fit = _Fit.of(seen, model.columns[moving], model.scale[moving], weights[moving])
@@ -175,7 +179,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         strengths[moving], sigma_px[moving] = fit.ghost_strengths, fit.sigma_px
         blur[moving] = fit.blur_cells(appearance.blur_cells)
         seen_at_all = fit.contrast > 0
-        moving = moving[seen_at_all & (length > SETTLED_PX)] if iteration else moving[seen_at_all]
+        moving = moving[seen_at_all & (length > settled_px)] if iteration else moving[seen_at_all]
         if not len(moving):
             break
     sigma_px *= patches.noise_gain

@@ -13,6 +13,7 @@ from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 TURNS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
+NO_LIMITS = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 FLIP, RIGHT = np.array([[-1, 0], [0, 1]]), np.array([1, 0])
 
 

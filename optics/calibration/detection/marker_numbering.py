@@ -1,0 +1,123 @@
+"""Numbering of a grid of corners by the markers between them, read where they must be and compared all at once.
+
+Every square of the grid that may hold a marker is sampled where the marker's modules would be. How well it agrees
+with each marker counts for the numbering that puts that marker there, so that markers which are too blurred to be read
+one by one still number a board together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.solver.observations import IntArray
+
+MIN_CORRELATION = 0.5  # of what the squares show with the markers of a numbering, on average
+MIN_SIGMAS = 5.0  # of chance, for that average
+MAX_RIVAL = 0.6  # of it, for any other numbering
+WITHIN = (-0.2, 0.2)  # modules from the middle of one, where it is sampled
+
+
+@dataclass(frozen=True)
+class Markers:
+    """The markers of a print.
+
+    Attributes
+    ----------
+    codes
+        White modules (m, b, b) of each marker, inside its black border.
+    places
+        Lowest coordinates (m, 2), along x and y, of the corners of the square that holds each.
+    side
+        Side of a marker with its border, in sides of that square.
+    parity
+        Sum of the coordinates of such corners, modulo 2.
+    """
+
+    codes: NDArray[np.bool_]
+    places: IntArray
+    side: float
+    parity: int
+
+
+def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> SeenGrid | None:
+    """Move a grid to where its corners are on the print.
+
+    Parameters
+    ----------
+    picture
+        Grey values (h, w).
+    grid
+        Corners, as on the print (`SeenGrid.as_printed`) but for a shift and a turn.
+    markers
+        The markers of the print.
+
+    Returns
+    -------
+    SeenGrid or None
+        The grid, in the coordinates of the markers' places; None where its squares show no markers of the print, or
+        more than one numbering is as likely.
+    """
+    codes = _standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
+    scores: list[tuple[float, int, IntArray, int]] = []
+    for turn in range(4):
+        turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
+        # Right of and below even corners is white on a grid, black on a print; a quarter turn swaps them.
+        low, quads = _squares(turned, markers.parity + turn + 1)
+        if not len(low):
+            continue
+        agreement = _standardised(_modules(picture, quads, markers)) @ codes.T
+        shifts = markers.places - low[:, None]
+        first = shifts.min(axis=(0, 1))
+        width = np.ptp(shifts, axis=(0, 1)) + 1
+        total = np.zeros(width)
+        np.add.at(total, tuple(np.moveaxis(shifts - first, -1, 0)), agreement)
+        best = np.argsort(total, axis=None)[-2:][::-1]
+        scores += [
+            (float(total.flat[at]) / len(low), turn, first + np.unravel_index(at, width), len(low)) for at in best
+        ]
+    scores.sort(key=lambda score: -score[0])
+    if not scores:
+        return None
+    mean, turn, by, count = scores[0]
+    chance = 1.0 / np.sqrt(codes.shape[1] * count)
+    if mean < max(MIN_CORRELATION, MIN_SIGMAS * chance) or any(other[0] > MAX_RIVAL * mean for other in scores[1:]):
+        return None
+    return grid.moved(turn, np.asarray(by, dtype=np.int64))
+
+
+def _standardised(values: FloatArray) -> FloatArray:
+    """Rows with the mean 0 and the norm 1."""
+    apart = values - values.mean(axis=1, keepdims=True)
+    return np.asarray(apart / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9))
+
+
+def _squares(grid: SeenGrid, parity: int) -> tuple[IntArray, FloatArray]:
+    """Lowest coordinates (n, 2) of the squares of one colour, and the pixels (n, 4, 2) of their corners, row by row."""
+    low = grid.places.min(axis=0)
+    index = np.full(np.ptp(grid.places, axis=0) + 2, -1)
+    index[tuple((grid.places - low).T)] = np.arange(len(grid))
+    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1)
+    x, y = np.nonzero((corners >= 0).all(axis=-1))
+    squares = np.stack([x, y], axis=1) + low
+    right = (squares.sum(axis=1) - parity) % 2 == 0
+    return squares[right], grid.corners.pixels[corners[x, y][right]]
+
+
+def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
+    """Mean grey values (n, b * b) where squares (n, 4, 2) should show the modules of a marker, row by row."""
+    count = markers.codes.shape[1]
+    middles = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
+    step = markers.side / (count + 2)
+    total = np.zeros((len(quads), count * count))
+    for down in WITHIN:
+        for right in WITHIN:
+            v, u = (axis.ravel() for axis in np.meshgrid(middles + down * step, middles + right * step, indexing="ij"))
+            shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+            total += sample(picture, np.einsum("km,nkj->nmj", shares, quads))
+    return total
