@@ -58,7 +58,7 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
         numbered = numbered_by_markers(picture, grid.as_printed if mirrored else grid, markers)
         if numbered is None:
             continue
-        board = grow_board(picture, numbered.places + 1.0, pixels, target, mirrored=mirrored)
+        board = grow_board(picture, numbered.places.astype(np.float64) + 1.0, pixels, target, mirrored=mirrored)
         if len(board) and not any(same_board(board, other) for other in found):
             found.append(board)
     return sorted(found or _from_markers(grey, target, mirrored=mirrored), key=len, reverse=True)[:most]

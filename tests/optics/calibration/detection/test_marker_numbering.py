@@ -38,7 +38,7 @@ def part(cols: slice, rows: slice, turn: int) -> tuple[SeenGrid, np.ndarray]:
     true = np.stack([x.ravel(), y.ravel()], axis=1)
     by = np.array([5, -3])
     by[0] += (by.sum() + turn) % 2 == 0
-    corners = Corners(np.arange(len(true)), SIDE * (true + 1.0) - 0.5)
+    corners = Corners(np.arange(len(true)), (SIDE * (true + 1.0) - 0.5).astype(np.float64))
     return SeenGrid(true @ TURNS[turn].T + by, corners, NO_LIMITS), true
 
 
