@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.targets import DICTIONARIES, Checkerboard, Target
 Image = NDArray[np.float32]
 
 PX_PER_SQUARE = 40
-BLUR_STEP = 2.0**0.25
+BLUR_STEP = 2.0**0.125
 LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
 SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
 
@@ -77,7 +77,7 @@ def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]
     return target, places
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=48)
 def _blurred(target: Target, step: int) -> BlurredPrint:
     blur_px = BLUR_STEP**step * PX_PER_SQUARE
     padded = np.pad(1.0 - 2.0 * _ink(target), PX_PER_SQUARE, constant_values=1.0).astype(np.float32)

@@ -49,11 +49,11 @@ def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
     # More boards than there are mirrors, as some may belong to none.
     boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
     picture = np.asarray(grey, dtype=np.float32)
-    views = []
     assigned = assign(boards, layout, target)
-    for index, corners in assigned:
-        seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[index], target)
-        views.append(Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px))
+    views = [
+        Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px)
+        for index, seen in refine_with_ghost_images(picture, assigned, layout, target)
+    ]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 

@@ -6,25 +6,35 @@ off in the plane of incidence. At an edge one ghost image is white already (or t
 the edge by some hundredths of a pixel: the same way in all views, as if the plate were thicker.
 
 The nominal layout and the board's pose in the view give the offsets of the ghost images, and Fresnel's equations their
-strengths. How coating and front deviate from that is estimated from the view: one factor for each ghost image, from all
-its corners. One ghost image ends before the picture does, where its light would leave the plate past the edge. Exactly
-where depends on how the plate was cut and glued, so corners near that place are left out.
+strengths. How coating and front deviate from that is estimated from the frame: one factor for each ghost image, from
+all corners of all views, with the blur that these show. One ghost image ends before the picture does, where its light
+would leave the plate past the edge. Exactly where depends on how the plate was cut and glued, so corners near that
+place are left out.
+
+Light adds, grey values do not: a camera that encodes light by a power shows what is added to black several times as
+strong as what is added to white. So everything is done in light, as the power that the frame shows encodes it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import refine_board, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import HALF_CELLS, MAX_HALF_PX, GhostImages
+from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import surface_reflectance
 from mirrorcam.optics.geometry.targets import Target
@@ -34,33 +44,149 @@ REFLECTANCE = 0.92  # of the coating; the factor for each ghost image corrects i
 PASSES = (0, 2)  # to the coating and back, of the ghost images; the picture itself has one; three carry 1/500 of it
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
-MIN_CORNERS_FOR_STRENGTH = 40  # with fewer corners, the strengths are those of Fresnel's equations
+MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in a frame, the strengths are those of Fresnel's equations
 MAX_STRENGTH = 2.0  # relative to those
+ROUNDS = 3  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
+GAMMAS = (1.0, 1.6, 2.2, 2.8)
+VIEWS_FOR_GAMMA = 2
+
+
+@dataclass(frozen=True)
+class _Ghosted:
+    """The corners of a view with complete ghost images, these, and the blur (None: not known yet)."""
+
+    corners: Corners
+    ghosts: GhostImages
+    blur_cells: float | None = None
+
+    def fitted(self, light: Image, target: Target) -> tuple[_Ghosted, RefinedCorners] | None:
+        """The same with the blur and the strengths that a picture of light shows, and the fit that tells them."""
+        seen = refine_board(light, self.corners, target, self.ghosts, fit_strengths=True, blur_cells=self.blur_cells)
+        return None if seen is None else (replace(self, blur_cells=float(np.median(seen.blur_cells))), seen)
+
+    def of_ghosts(self, mask: NDArray[np.bool_]) -> _Ghosted:
+        """The same with some of the ghost images (k,)."""
+        ghosts = GhostImages(self.ghosts.offsets_px[:, mask], self.ghosts.strengths[:, mask])
+        return replace(self, ghosts=ghosts)
+
+    def times(self, factors: FloatArray) -> _Ghosted:
+        """The same with ghost images of other strengths, by factors (k,)."""
+        return replace(self, ghosts=GhostImages(self.ghosts.offsets_px, self.ghosts.strengths * factors))
 
 
 def refine_with_ghost_images(
-    picture: Image, corners: Corners, camera: Camera, mirror: Mirror, target: Target
-) -> Corners:
-    """Refine the corners of a mirror's view once more, with the ghost images of a second-surface mirror.
+    picture: Image, views: Sequence[tuple[int, Corners]], layout: Layout, target: Target
+) -> list[tuple[int, Corners]]:
+    """Refine the corners of the views in second-surface mirrors once more, with their ghost images.
 
     Only corners with complete ghost images are kept. Corners in a first-surface mirror are returned as they are.
+
+    Parameters
+    ----------
+    picture
+        Grey values (h, w).
+    views
+        Mirrors and the corners of the board that each shows.
+    layout
+        Where mirrors and camera are, nearly.
+    target
+        The board.
     """
-    if not mirror.is_second_surface:
-        return corners
-    whole = _inside(corners, camera, _passed(mirror, max(PASSES)))
-    corners = corners.where(whole)
+    light: Image | None = None
+    ghosted = {
+        place: _ghosted(corners, layout.camera, layout.mirrors[mirror], target)
+        for place, (mirror, corners) in enumerate(views)
+        if layout.mirrors[mirror].is_second_surface
+    }
+    whole = {place: view for place, view in ghosted.items() if view is not None}
+    if whole:
+        light = in_light(picture, _gamma(picture, list(whole.values()), target))
+        whole = _with_strengths(light, whole, target)
+    refined = []
+    for place, (mirror, corners) in enumerate(views):
+        if place not in ghosted:
+            refined.append((mirror, corners))
+        elif light is None or place not in whole:
+            refined.append((mirror, corners.where(np.zeros(len(corners), dtype=bool))))
+        else:
+            refined.append((mirror, _refined(light, whole[place], target)))
+    return refined
+
+
+def in_light(picture: Image, gamma: float) -> Image:
+    """The light behind grey values that its power 1 / gamma encodes, of the same white."""
+    white = max(float(picture.max()), 1.0)
+    return np.asarray(white * np.power(np.clip(picture / white, 0.0, None), gamma), dtype=np.float32)
+
+
+def _ghosted(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> _Ghosted | None:
+    corners = corners.where(_inside(corners, camera, _passed(mirror, max(PASSES))))
     ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
-    free = None if ghosts is None else refine_board(picture, corners, target, ghosts, fit_strengths=True)
-    if ghosts is None or free is None:
-        return corners.where(np.zeros(len(corners), dtype=bool))
-    if len(corners) >= MIN_CORNERS_FOR_STRENGTH:
-        factors = np.clip(np.median(free.ghost_strengths, axis=0), 0.0, MAX_STRENGTH)
-        ghosts = GhostImages(ghosts.offsets_px, ghosts.strengths * factors)
-    seen = refine_board(picture, corners, target, ghosts, blur_cells=float(np.median(free.blur_cells)))
+    return None if ghosts is None else _Ghosted(corners, ghosts)
+
+
+def _gamma(picture: Image, views: Sequence[_Ghosted], target: Target) -> float:
+    """The power of light for which the print explains the largest views best.
+
+    The vertex of the parabola through the best of `GAMMAS` and its neighbours; `GAMMAS[0]` where no view shows enough.
+    """
+    largest = sorted(views, key=lambda view: -len(view.corners))[:VIEWS_FOR_GAMMA]
+    unexplained = np.zeros(len(GAMMAS))
+    for view in largest:
+        if len(view.corners) < MIN_CORNERS_FOR_STRENGTH:
+            continue
+        known = view.fitted(in_light(picture, GAMMAS[1]), target)
+        for place, gamma in enumerate(GAMMAS):
+            found = None if known is None else known[0].fitted(in_light(picture, gamma), target)
+            if found is not None:
+                unexplained[place] += 1.0 - float(np.mean(found[1].explained))
+    best = int(np.argmin(unexplained))
+    if best in {0, len(GAMMAS) - 1}:
+        return GAMMAS[best]
+    before, here, after = unexplained[best - 1 : best + 2]
+    return GAMMAS[best] + 0.5 * (GAMMAS[1] - GAMMAS[0]) * float((before - after) / (before - 2.0 * here + after))
+
+
+def _with_strengths(light: Image, views: Mapping[int, _Ghosted], target: Target) -> dict[int, _Ghosted]:
+    """The views with their blur, and with the strengths that all their corners together show.
+
+    Coating and front are of one kind in all mirrors. A ghost image that comes out negative is not there, and the others
+    are fitted without it. Of few corners, the strengths are those of Fresnel's equations.
+    """
+    found, factors = _fitted(light, views, target)
+    if not len(factors):
+        return found
+    if (factors <= 0.0).any():
+        there = {place: view.of_ghosts(factors > 0.0) for place, view in views.items()}
+        return _with_strengths(light, there, target) if (factors > 0.0).any() else there
+    return {place: view.times(np.minimum(factors, MAX_STRENGTH)) for place, view in found.items()}
+
+
+def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tuple[dict[int, _Ghosted], FloatArray]:
+    """The views with their blur, and the median factor (k,) on each ghost image; (0,) where few corners show it."""
+    found, factors = {}, []
+    for place, view in views.items():
+        seen = None
+        for _ in range(ROUNDS):
+            fitted = view.fitted(light, target)
+            if fitted is None:
+                break
+            view, seen = fitted
+        if seen is not None:
+            found[place] = view
+            factors.append(seen.ghost_strengths[np.isfinite(seen.pixels).all(axis=1)])
+    if sum(map(len, factors)) < MIN_CORNERS_FOR_STRENGTH:
+        return found, np.empty(0)
+    return found, np.median(np.concatenate(factors), axis=0)
+
+
+def _refined(light: Image, view: _Ghosted, target: Target) -> Corners:
+    """The corners of a view whose blur and ghost images are known."""
+    seen = refine_board(light, view.corners, target, view.ghosts, blur_cells=view.blur_cells)
     if seen is None:
-        return corners.where(np.zeros(len(corners), dtype=bool))
+        return view.corners.where(np.zeros(len(view.corners), dtype=bool))
     found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
-    refined = Corners(corners.ids, seen.pixels, seen.sigma_px).where(found)
+    refined = Corners(view.corners.ids, seen.pixels, seen.sigma_px).where(found)
     return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels))
 
 

@@ -76,7 +76,7 @@ def test_the_ghost_of_the_front_moves_no_corner(
     assert np.abs(mean_errors(seen, truth)).max() < 0.006
     # What it would do to them: along the plane of incidence, in all mirrors the same way.
     with monkeypatch.context() as patched:
-        patched.setattr(detect_boards, "refine_with_ghost_images", lambda picture, corners, *_: corners)
+        patched.setattr(detect_boards, "refine_with_ghost_images", lambda picture, views, *_: list(views))
         pulled = [sub_images(picture, NOMINAL, BOARD).corners for picture in pictures]
     assert (mean_errors(pulled, truth)[:, 1] > 0.015).all()
     assert sum(map(len, seen)) > 0.7 * sum(map(len, pulled))
@@ -103,4 +103,6 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(frames: tuple[
 def test_a_first_surface_mirror_has_no_ghost_image() -> None:
     corners = Corners(np.arange(12), np.random.default_rng(0).uniform(100.0, 200.0, (12, 2)))
     picture = np.zeros((540, 960), dtype=np.float32)
-    assert ghost_images.refine_with_ghost_images(picture, corners, CAMERA, FRONT.mirrors[0], BOARD) is corners
+    ((mirror, seen),) = ghost_images.refine_with_ghost_images(picture, [(0, corners)], FRONT, BOARD)
+    assert mirror == 0
+    assert seen is corners
