@@ -32,12 +32,25 @@ def sample(image: Image, at: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class BlurredPrint:
-    """A print of values -1 (black) to 1 (white), blurred, and its derivatives per square, as images."""
+    """A print of values -1 (black) to 1 (white), blurred, as images.
+
+    `first` are its derivatives per square to the right and down, `second` those twice to the right, both, twice down.
+    `sigma` is the blur, in cells.
+    """
 
     value: Image
-    right: Image
-    down: Image
-    laplacian: Image
+    first: tuple[Image, Image]
+    second: tuple[Image, Image, Image]
+    sigma: float
+
+
+@dataclass(frozen=True)
+class PrintSamples:
+    """Samples (n, m) of a blurred print: values, derivatives per square (n, m, 2) and second ones (n, m, 3)."""
+
+    value: FloatArray
+    first: FloatArray
+    second: FloatArray
 
 
 def _ink(target: Target) -> FloatArray:
@@ -64,7 +77,40 @@ def _ink(target: Target) -> FloatArray:
 
 def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
     """The print of a target with a blur of about `blur_cells`, sigma in cells: the nearest of a geometric series."""
-    return _blurred(target, round(float(np.log(np.clip(blur_cells, SHARPEST, SOFTEST)) / np.log(BLUR_STEP))))
+    return _blurred(target, int(_step(np.array(blur_cells))))
+
+
+def sample_blurred(target: Target, places: FloatArray, blur: FloatArray) -> PrintSamples:
+    """A print with the blur that covariances describe, at places on it.
+
+    A blur along one direction more than along the other is that of the same area, plus what heat would spread on top of
+    it: half the second derivatives times the rest of the covariance.
+
+    Parameters
+    ----------
+    target
+        The print.
+    places
+        Where to sample (n, m, 2), in squares from its top left.
+    blur
+        Covariances (n, 2, 2) of the blur around each of n corners, in cells.
+    """
+    at = (places + 1.0) * PX_PER_SQUARE - 0.5
+    steps = _step(np.linalg.det(blur) ** 0.25)
+    value, first, second = (np.empty((*places.shape[:2], *more)) for more in ((), (2,), (3,)))
+    for step in np.unique(steps):
+        rows = np.flatnonzero(steps == step)
+        print_ = _blurred(target, int(step))
+        first[rows] = np.stack([sample(image, at[rows]) for image in print_.first], axis=-1)
+        second[rows] = np.stack([sample(image, at[rows]) for image in print_.second], axis=-1)
+        rest = blur[rows] - print_.sigma**2 * np.eye(2)
+        spread = np.stack([rest[:, 0, 0] / 2.0, rest[:, 0, 1], rest[:, 1, 1] / 2.0], axis=1)
+        value[rows] = sample(print_.value, at[rows]) + np.einsum("nmk,nk->nm", second[rows], spread)
+    return PrintSamples(value, first, second)
+
+
+def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
+    return np.rint(np.log(np.clip(blur_cells, SHARPEST, SOFTEST)) / np.log(BLUR_STEP)).astype(np.int64)
 
 
 def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]:
@@ -82,6 +128,9 @@ def _blurred(target: Target, step: int) -> BlurredPrint:
     blur_px = BLUR_STEP**step * PX_PER_SQUARE
     padded = np.pad(1.0 - 2.0 * _ink(target), PX_PER_SQUARE, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
-    down, right = (np.asarray(d, dtype=np.float32) * PX_PER_SQUARE for d in np.gradient(value))
-    laplacian = np.asarray(cv2.Laplacian(value, cv2.CV_32F, ksize=1), dtype=np.float32) * PX_PER_SQUARE**2
-    return BlurredPrint(value, right, down, laplacian)
+    half, twice = np.array([[-0.5, 0.0, 0.5]]) * PX_PER_SQUARE, np.array([[1.0, -2.0, 1.0]]) * PX_PER_SQUARE**2
+    right, down, twice_right, both, twice_down = (
+        np.asarray(cv2.filter2D(value, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
+        for kernel in (half, half.T, twice, half.T @ half, twice.T)
+    )
+    return BlurredPrint(value, (right, down), (twice_right, both, twice_down), BLUR_STEP**step)

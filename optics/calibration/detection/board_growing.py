@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, Image
+from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, SOFTEST, Image
 from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
@@ -137,7 +137,7 @@ def _grown(
         found[ids] = seen.pixels
         # The last corners are few, some of them false, and would blur the print that all are compared with.
         if len(ids) >= (1 if first else MIN_CORNERS):
-            look = replace(look, blur_cells=float(np.median(seen.blur_cells)))
+            look = replace(look, blur_px=float(np.median(seen.blur_px)))
         have = np.flatnonzero(np.isfinite(found[:, 0]))
         if len(have) >= MIN_CORNERS:
             known_places, known_pixels = corners[have], found[have]
@@ -145,7 +145,7 @@ def _grown(
 
 
 def _first_appearance(places: FloatArray, pixels: FloatArray, target: Target) -> Appearance:
-    return Appearance(target, FIRST_BLUR_PX / max(typical_cell_px(places, pixels), MIN_CELL_PX))
+    return Appearance(target, min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels)))
 
 
 def refine_board(
@@ -155,7 +155,7 @@ def refine_board(
     ghosts: GhostImages,
     *,
     fit_strengths: bool = False,
-    blur_cells: float | None = None,
+    blur_px: float | None = None,
 ) -> RefinedCorners | None:
     """Refine the corners of a board with their common warp and ghost images; None where they have no common warp."""
     places = corner_places(target)[corners.ids]
@@ -165,7 +165,7 @@ def refine_board(
     look = _first_appearance(places, corners.pixels, target)
     look = replace(
         look,
-        blur_cells=look.blur_cells if blur_cells is None else blur_cells,
+        blur_px=look.blur_px if blur_px is None else blur_px,
         ghosts=ghosts,
         fit_strengths=fit_strengths,
     )

@@ -14,6 +14,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     blurred_print,
     local_print,
     sample,
+    sample_blurred,
 )
 from mirrorcam.optics.geometry.targets import Target
 
@@ -92,8 +93,8 @@ class Appearance:
     ----------
     target
         The print.
-    blur_cells
-        Sigma of the blur that is expected, in cells.
+    blur_px
+        Sigma of the blur that is expected, in the picture: that of the lens, alike in all directions.
     ghosts
         Ghost images beside every corner, if there are any.
     fit_strengths
@@ -103,7 +104,7 @@ class Appearance:
     """
 
     target: Target
-    blur_cells: float
+    blur_px: float
     ghosts: GhostImages | None = None
     fit_strengths: bool = False
     rough: bool = False
@@ -162,15 +163,21 @@ class LinearModel:
     def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: FloatArray) -> LinearModel:
         """The model of corners (n); `seen` (n, m) are the grey values where they are expected."""
         local, places = local_print(appearance.target, expected.places)
-        blurred = blurred_print(local, appearance.blur_cells)
-        at = (places[:, None] + patches.on_print + 1.0) * PX_PER_SQUARE - 0.5
-        value, laplacian = sample(blurred.value, at), sample(blurred.laplacian, at)
-        by_square = np.stack([sample(blurred.right, at), sample(blurred.down, at)], axis=2)
         squares_per_px = expected.squares_per_px
-        ghosts = [] if appearance.ghosts is None else _ghosts(blurred, at, squares_per_px, appearance.ghosts)
+        metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
+        at = places[:, None] + patches.on_print
+        printed = sample_blurred(local, at, appearance.blur_px**2 * metric)
+        value = printed.value
+        laplacian = np.einsum(
+            "nmk,nk->nm", printed.second, np.stack([metric[:, 0, 0], 2.0 * metric[:, 0, 1], metric[:, 1, 1]], axis=1)
+        )
+        ghosts = []
+        if appearance.ghosts is not None:
+            blur_cells = appearance.blur_px / float(np.median(patches.side_px))
+            ghosts = _ghosts(blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
-        by_px = by_square @ squares_per_px
+        by_px = printed.first @ squares_per_px
         steep = np.linalg.norm(by_px, axis=2)
         # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
         # fading of a lens towards the rim would pull all corners inwards.
@@ -196,9 +203,9 @@ def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
 
 
 def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:
-    """The ghost images (n, m) of a print at samples (n, m, 2) of it."""
-    shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1) * PX_PER_SQUARE
+    """The ghost images (n, m) of a print at places (n, m, 2) on it."""
+    shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
     return [
-        strength[:, None] * sample(blurred.value, at - shift[:, None])
+        strength[:, None] * sample(blurred.value, (at - shift[:, None] + 1.0) * PX_PER_SQUARE - 0.5)
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T, strict=True)
     ]

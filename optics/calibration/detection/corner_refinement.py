@@ -47,8 +47,8 @@ class RefinedCorners:
         White less black, in grey levels (n,).
     explained
         Fraction (n,) of the variance around the corner that the print explains.
-    blur_cells
-        Sigma (n,) of the blur, in cells.
+    blur_px
+        Sigma (n,) of the blur, px.
     ghost_strengths
         Estimated strengths (n, k) of the ghost images, relative to those expected; (n, 0) where they are not estimated.
     """
@@ -57,7 +57,7 @@ class RefinedCorners:
     sigma_px: FloatArray
     contrast: FloatArray
     explained: FloatArray
-    blur_cells: FloatArray
+    blur_px: FloatArray
     ghost_strengths: FloatArray
 
     def where(self, mask: NDArray[np.bool_]) -> RefinedCorners:
@@ -115,7 +115,7 @@ class _Fit:
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.coefficients[:, GHOSTS] / self.contrast[:, None]
 
-    def blur_cells(self, assumed: float) -> FloatArray:
+    def blur_px(self, assumed: float) -> FloatArray:
         """Sigma of the blur (n,), where `assumed` was used: the Laplacian's coefficient is half the added variance."""
         with np.errstate(divide="ignore", invalid="ignore"):
             added = 2.0 * self.coefficients[:, BLUR] / (self.contrast * assumed**2)
@@ -160,7 +160,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     count, near = len(expected.places), patches.near
     found = np.array(expected.pixels, dtype=np.float64)
     explained, contrast = np.zeros(count), np.zeros(count)
-    sigma_px, blur = np.full(count, np.inf), np.full(count, appearance.blur_cells)
+    sigma_px, blur = np.full(count, np.inf), np.full(count, appearance.blur_px)
     strengths = np.zeros((count, model.columns[:, :, GHOSTS].shape[2]))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
@@ -177,12 +177,12 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         weights[moving] = fit.weights(near)
         explained[moving], contrast[moving] = fit.explained(near), 2.0 * fit.contrast
         strengths[moving], sigma_px[moving] = fit.ghost_strengths, fit.sigma_px
-        blur[moving] = fit.blur_cells(appearance.blur_cells)
+        blur[moving] = fit.blur_px(appearance.blur_px)
         seen_at_all = fit.contrast > 0
         moving = moving[seen_at_all & (length > settled_px)] if iteration else moving[seen_at_all]
         if not len(moving):
             break
     sigma_px *= patches.noise_gain
-    found -= expected.skew_px(blur * patches.side_px)
+    found -= expected.skew_px(blur)
     found[~(contrast > 0)] = np.nan
     return RefinedCorners(found, sigma_px, contrast, explained, blur, strengths)

@@ -57,12 +57,12 @@ class _Ghosted:
 
     corners: Corners
     ghosts: GhostImages
-    blur_cells: float | None = None
+    blur_px: float | None = None
 
     def fitted(self, light: Image, target: Target) -> tuple[_Ghosted, RefinedCorners] | None:
         """The same with the blur and the strengths that a picture of light shows, and the fit that tells them."""
-        seen = refine_board(light, self.corners, target, self.ghosts, fit_strengths=True, blur_cells=self.blur_cells)
-        return None if seen is None else (replace(self, blur_cells=float(np.median(seen.blur_cells))), seen)
+        seen = refine_board(light, self.corners, target, self.ghosts, fit_strengths=True, blur_px=self.blur_px)
+        return None if seen is None else (replace(self, blur_px=float(np.median(seen.blur_px))), seen)
 
     def of_ghosts(self, mask: NDArray[np.bool_]) -> _Ghosted:
         """The same with some of the ghost images (k,)."""
@@ -182,7 +182,7 @@ def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tupl
 
 def _refined(light: Image, view: _Ghosted, target: Target) -> Corners:
     """The corners of a view whose blur and ghost images are known."""
-    seen = refine_board(light, view.corners, target, view.ghosts, blur_cells=view.blur_cells)
+    seen = refine_board(light, view.corners, target, view.ghosts, blur_px=view.blur_px)
     if seen is None:
         return view.corners.where(np.zeros(len(view.corners), dtype=bool))
     found = np.asarray(np.isfinite(seen.pixels).all(axis=1))

@@ -26,8 +26,8 @@ from mirrorcam.optics.geometry.targets import Charuco
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
 PLACES = corner_places(BOARD)
-LOOK = Appearance(BOARD, blur_cells=0.0625)
 CELL_PX = 24.0
+LOOK = Appearance(BOARD, blur_px=0.0625 * CELL_PX)
 
 
 def corners(places: FloatArray = PLACES, cell_px: float = CELL_PX) -> ExpectedCorners:
@@ -115,8 +115,8 @@ def test_edges_are_skewed_as_a_shift_that_fits_them_best() -> None:
 
 def test_ghost_images_of_known_strength_belong_to_the_print_and_others_have_a_column_each() -> None:
     ghosts = GhostImages(np.tile([[3.0, -2.0]], (len(PLACES), 1, 1)), np.full((len(PLACES), 1), 0.1))
-    plain, known = columns(corners()), columns(corners(), Appearance(BOARD, 0.0625, ghosts))
-    free = columns(corners(), Appearance(BOARD, 0.0625, ghosts, fit_strengths=True))
+    plain, known = columns(corners()), columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts))
+    free = columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts, fit_strengths=True))
     assert plain[..., GHOSTS].shape[2] == known[..., GHOSTS].shape[2] == 0
     assert free[..., GHOSTS].shape[2] == 1
     np.testing.assert_allclose(known[..., CONTRAST], plain[..., CONTRAST] + free[..., GHOSTS][..., 0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import pytest
@@ -18,16 +20,27 @@ PLACES = corner_places(BOARD)
 SIZE = (300, 360)
 BLUR = 0.0625  # an exact step of the blurs
 SQUARES_FROM_PX = np.array([[0.028, 0.002, -0.9], [-0.0015, 0.027, -0.8]])
+BLUR_PX = BLUR / np.sqrt(np.linalg.det(SQUARES_FROM_PX[:, :2]))
 PIXELS = (PLACES - SQUARES_FROM_PX[:, 2]) @ np.linalg.inv(SQUARES_FROM_PX[:, :2]).T
 
 
 def picture(contrast: float = 80.0, offset_px: FloatArray | None = None) -> Image:
     """An affine picture of the print, white less black of `contrast`, shifted by some pixels."""
-    v, u = np.mgrid[: SIZE[0], : SIZE[1]].astype(np.float64)
-    pixels = np.stack([u, v], axis=-1) - (np.zeros(2) if offset_px is None else offset_px)
-    places = pixels @ SQUARES_FROM_PX[:, :2].T + SQUARES_FROM_PX[:, 2]
-    value = sample(blurred_print(BOARD, BLUR).value, (places + 1.0) * PX_PER_SQUARE - 0.5)
+    value = blurred_picture(*(0.0, 0.0) if offset_px is None else offset_px.tolist())
     return np.asarray(120.0 + contrast / 2.0 * value, dtype=np.float32)
+
+
+@lru_cache
+def blurred_picture(x_px: float, y_px: float) -> FloatArray:
+    """The print from -1 to 1, sampled five times along each pixel, and blurred there as a lens does it."""
+    cut = 5
+    v, u = (np.arange(cut * length) / cut - (cut // 2) / cut for length in SIZE)
+    pixels = np.stack(np.meshgrid(u, v), axis=-1) - [x_px, y_px]
+    places = pixels @ SQUARES_FROM_PX[:, :2].T + SQUARES_FROM_PX[:, 2]
+    sharp = blurred_print(BOARD, 0.0)
+    fine = sample(sharp.value, (places + 1.0) * PX_PER_SQUARE - 0.5)
+    rest_px = np.sqrt(BLUR_PX**2 - (sharp.sigma * BLUR_PX / BLUR) ** 2)
+    return np.asarray(cv2.GaussianBlur(fine, (0, 0), cut * rest_px)[cut // 2 :: cut, cut // 2 :: cut])
 
 
 def expected(off_px: FloatArray) -> ExpectedCorners:
@@ -37,7 +50,7 @@ def expected(off_px: FloatArray) -> ExpectedCorners:
 
 
 def found(grey: Image, off_px: FloatArray, look: Appearance | None = None) -> RefinedCorners:
-    return refine(grey, expected(off_px), Appearance(BOARD, BLUR) if look is None else look)
+    return refine(grey, expected(off_px), Appearance(BOARD, BLUR_PX) if look is None else look)
 
 
 def test_corners_are_found_from_a_pixel_away_to_a_hundredth() -> None:
@@ -46,7 +59,7 @@ def test_corners_are_found_from_a_pixel_away_to_a_hundredth() -> None:
     assert np.abs(seen.pixels - PIXELS).max() < 0.01
     np.testing.assert_allclose(seen.contrast, 80.0, rtol=0.03)
     assert (seen.explained > 0.99).all()
-    np.testing.assert_allclose(seen.blur_cells, BLUR, rtol=0.2)
+    np.testing.assert_allclose(seen.blur_px, BLUR_PX, rtol=0.2)
     assert seen.ghost_strengths.shape == (len(PLACES), 0)
 
 
@@ -86,7 +99,7 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
     assert warp is not None
     shown = ((pixels > 25.0) & (pixels < np.array(size[::-1]) - 26.0)).all(axis=1)
     corners = warp.expected(places, pixels).where(shown)
-    off = refine(grey, corners, Appearance(board, 0.0884)).pixels - pixels[shown]
+    off = refine(grey, corners, Appearance(board, blur_px)).pixels - pixels[shown]
     assert np.abs(off.mean(axis=0)).max() < 5e-4
     skew = corners.skew_px(np.full(len(off), blur_px)).mean(axis=0)
     assert np.linalg.norm(off.mean(axis=0)) < 0.4 * np.linalg.norm(skew)
@@ -125,10 +138,10 @@ def test_a_ghost_image_is_modelled_and_measured(strength: float) -> None:
     together = np.asarray(picture() + ghost, dtype=np.float32)
     ghosts = GhostImages(np.tile(offset, (len(PLACES), 1, 1)), np.full((len(PLACES), 1), strength))
     pulled = np.abs(found(together, np.zeros(2)).pixels - PIXELS).max()
-    known = found(together, np.zeros(2), Appearance(BOARD, BLUR, ghosts))
+    known = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, ghosts))
     assert np.abs(known.pixels - PIXELS).max() < 0.5 * pulled
     half = GhostImages(ghosts.offsets_px, ghosts.strengths / 2.0)
-    free = found(together, np.zeros(2), Appearance(BOARD, BLUR, half, fit_strengths=True))
+    free = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, half, fit_strengths=True))
     assert np.median(free.ghost_strengths * half.strengths) == pytest.approx(strength, rel=0.15)
 
 
