@@ -162,6 +162,17 @@ class Layout(Value):
         on_plane = mirror.cut(edges)
         return self.camera.project(on_plane + mirror.sag_mm(on_plane)[:, None] * mirror.normal_in_rig)
 
+    def with_surface(self, surface: Literal["first", "second"], thickness_mm: float | None = None) -> Self:
+        """The layout with mirrors of one kind that look the same along their chief rays; one of that kind is itself.
+
+        Plates of second-surface mirrors are `thickness_mm` thick, or as thick as the mirrors are now.
+        """
+        if all(mirror.surface == surface for mirror in self.mirrors):
+            return self
+        return self.replaced(
+            mirrors=tuple(mirror.with_surface(surface, thickness_mm) for mirror in self.mirrors), spec=None
+        )
+
     def save(self, path: Path) -> None:
         """Write `layout.json` atomically."""
         write_text(path, self.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n")

@@ -152,6 +152,16 @@ class Mirror(Value):
             curvature_per_m=self.curvature_per_m,
         )
 
+    def with_surface(self, surface: Literal["first", "second"], thickness_mm: float | None = None) -> Mirror:
+        """The mirror of that kind that looks the same along its chief ray, of another thickness where one is given."""
+        if surface == "first":
+            return self.apparent
+        thick = self.thickness_mm if thickness_mm is None else thickness_mm
+        apparent = self.apparent
+        centre, outline = apparent.virtual_centre_in_rig_mm, apparent.outline_in_rig_mm
+        second = Mirror.second_surface(centre, outline, thickness_mm=thick, refractive_index=self.refractive_index)
+        return second.replaced(curvature_per_m=self.curvature_per_m)
+
     @cached_property
     def usable_normalized(self) -> FloatArray:
         """The part (n, 2) of the outline that shows the scene, in normalized coordinates; (0, 2) where there is none.

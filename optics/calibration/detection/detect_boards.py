@@ -16,6 +16,7 @@ from mirrorcam.optics.calibration.detection.assignment import assign, likely_mir
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target
@@ -42,37 +43,72 @@ def direct_view(grey: Grey, target: Target) -> Observations:
     return Observations.none()
 
 
-def sub_images(grey: Grey, layout: Layout, target: Target) -> DetectedFrame:
-    """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows."""
+def sub_images(grey: Grey, layout: Layout, target: Target, folder: Path | None = None) -> DetectedFrame:
+    """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows.
+
+    The boards are kept in a folder, where one is given: they are the same in the mirrors of any layout.
+    """
+    most = 2 * len(layout.mirrors)  # more boards than there are mirrors, as some may belong to none
     if isinstance(target, Checkerboard):
-        return _checkerboards(grey, layout, target)
-    # More boards than there are mirrors, as some may belong to none.
-    boards = find_boards(grey, target, mirrored=True, most=2 * len(layout.mirrors))
-    picture = np.asarray(grey, dtype=np.float32)
+        kept = _kept(grey, target, most, folder, lambda: _as_grids(find_checkerboards(grey, target)))
+        return _checkerboards(grey, [grid for _, grid in kept.grids], layout, target)
+    kept = _kept(grey, target, most, folder, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
+    boards = _boards_of(kept.corners)
     assigned = assign(boards, layout, target)
-    views = [
-        Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px)
-        for index, seen in refine_with_ghost_images(picture, assigned, layout, target)
-    ]
+    refined = refine_with_ghost_images(np.asarray(grey, dtype=np.float32), assigned, layout, target)
+    views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in refined]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
-def _checkerboards(grey: Grey, layout: Layout, target: Checkerboard) -> DetectedFrame:
+def _kept(
+    grey: Grey, target: Target, most: int, folder: Path | None, find: Callable[[], DetectedFrame]
+) -> DetectedFrame:
+    """What is found in a picture whatever the mirrors are, from a folder that keeps it, if one is given."""
+    if folder is None:
+        return find()
+    name = detection_cache.key(grey, target, f"{most} boards")
+    kept = detection_cache.load(folder, name, views=most, corners=len(target.corners_in_board_mm))
+    if kept is None:
+        kept = find()
+        detection_cache.save(folder, name, kept)
+    return kept
+
+
+def _as_grids(grids: Sequence[SeenGrid]) -> DetectedFrame:
+    return DetectedFrame(Observations.none(), grids=tuple((0, grid) for grid in grids))
+
+
+def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
+    """Boards of one numbering each as the views of a frame, numbered in their order."""
+    parts = [
+        Observations.of_view(0, place, board.ids, board.pixels, board.sigma_px) for place, (board,) in enumerate(boards)
+    ]
+    return DetectedFrame(Observations.join(parts))
+
+
+def _boards_of(views: Observations) -> list[tuple[Corners, ...]]:
+    parts = [views.where(views.view == place) for place in np.unique(views.view)]
+    return [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
+
+
+def _checkerboards(grey: Grey, found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
     """What a frame shows of checkerboards: corners of those that a view alone can number, and all of them as grids."""
-    grids = [grid for grid in find_checkerboards(grey, target) if len(spread_out(grid.corners))]
+    grids = [grid for grid in found if len(spread_out(grid.corners))]
     numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
     boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
     assigned = assign(boards, layout, target)
     chosen = {id(corners): mirror for mirror, corners in assigned}
-    picture = np.asarray(grey, dtype=np.float32)
-    views, seen_grids = [], []
+    placed = []
     for grid, options in numbered:
         # Where the board is, and so its ghost images, is the same for each numbering.
         corners = next((option for option in options if id(option) in chosen), options[0] if options else grid.corners)
         mirror = chosen.get(id(corners), likely_mirror(corners, layout))
-        if mirror is None or not options:
-            continue
-        seen = refine_with_ghost_images(picture, corners, layout.camera, layout.mirrors[mirror], target)
+        if mirror is not None and options:
+            placed.append((grid, mirror, corners))
+    picture = np.asarray(grey, dtype=np.float32)
+    refined = refine_with_ghost_images(picture, [(mirror, corners) for _, mirror, corners in placed], layout, target)
+    views, seen_grids = [], []
+    for (grid, mirror, corners), (_, seen) in zip(placed, refined, strict=True):
         if id(corners) in chosen:
             views.append(Observations.of_view(0, mirror, seen.ids, seen.pixels, seen.sigma_px))
         if len(seen) >= MIN_CORNERS:
@@ -126,14 +162,14 @@ def detect_frames(
         detection_cache.check_folder(folder)
 
     def find(grey: Grey) -> DetectedFrame:
-        return sub_images(grey, layout, target) if mirrored else DetectedFrame(direct_view(grey, target))
+        return sub_images(grey, layout, target, folder) if mirrored else DetectedFrame(direct_view(grey, target))
 
     def look(grey: Grey | None) -> DetectedFrame:
         if grey is None:
             return DetectedFrame(Observations.none())
         if folder is None:
             return find(grey)
-        name = detection_cache.key(grey, target, layout if mirrored else None)
+        name = detection_cache.key(grey, target, layout.identity if mirrored else "none")
         seen = detection_cache.load(folder, name, views=len(layout.mirrors), corners=len(target.corners_in_board_mm))
         if seen is None:
             seen = find(grey)

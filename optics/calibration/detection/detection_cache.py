@@ -23,7 +23,6 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
 FIELDS = ("view", "corner", "pixels", "sigma_px")
@@ -39,9 +38,8 @@ def version() -> str:
     return Fingerprint(sources={"mirrorcam.optics": source_digest("mirrorcam.optics")}, versions=versions()).digest
 
 
-def key(grey: Grey, target: Target, layout: Layout | None) -> str:
-    """Return 64 hexadecimal digits of what decides which corners are found, in the mirrors of a layout or without."""
-    mirrors = "none" if layout is None else layout.identity
+def key(grey: Grey, target: Target, mirrors: str) -> str:
+    """Return 64 hexadecimal digits of what decides which corners are found; `mirrors` identifies the mirrors."""
     asked = f"{version()} {target.model_dump_json()} {mirrors} {grey.shape}\n"
     return digest(asked.encode(), np.ascontiguousarray(grey).data)
 

@@ -11,7 +11,7 @@ from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUnce
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty, mirror_uncertainty
 from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, OtherSurface
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     ProjectionMap,
     projection_map,
@@ -61,6 +61,8 @@ class Diagnostics:
         What contradicts the model, one sentence each.
     notes
         What could not be determined, one sentence each.
+    other_surface
+        Evidence that the mirrors are of another kind than in the layout, where there is any.
     mismatches
         Those alarms that say that the pictures are not of the board or layout that was given.
     """
@@ -78,6 +80,7 @@ class Diagnostics:
     widened: float
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
+    other_surface: OtherSurface | None = None
     mismatches: tuple[str, ...] = ()
 
     @property
@@ -159,7 +162,13 @@ def diagnose(
         reference=reference,
         range_mm=range_mm,
         widened=widened,
-        alarms=(*mismatches, *selection.alarms, *(split.alarm for split in halves if split.alarm is not None)),
+        alarms=(
+            *mismatches,
+            *([other.sentence(widened)] if (other := selection.other_surface) is not None else []),
+            *selection.alarms,
+            *(split.alarm for split in halves if split.alarm is not None),
+        ),
+        other_surface=selection.other_surface,
         notes=(*selection.notes, *notes),
         mismatches=mismatches,
     )

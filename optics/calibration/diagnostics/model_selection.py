@@ -43,6 +43,34 @@ MIN_PLATE_MM = 0.1  # no plate that holds a mirror is thinner
 
 
 @dataclass(frozen=True)
+class OtherSurface:
+    """Evidence that the mirrors are of another kind than in the layout: the thickness of their plates, mm.
+
+    `sigma_mm` is the standard deviation that independent corner errors would give; `second` is whether the pictures
+    show second-surface mirrors.
+    """
+
+    thickness_mm: float
+    sigma_mm: float
+    second: bool
+
+    def sentence(self, widened: float) -> str:
+        """What the pictures show, with the standard deviation widened by a factor."""
+        thickness = f"{self.thickness_mm:.3g} +- {widened * self.sigma_mm:.2g} mm"
+        if self.second:
+            return (
+                f"the mirrors look second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout has "
+                "first-surface ones"
+            )
+        return (
+            f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface ones"
+        )
+
+
+Alarm = str | OtherSurface
+
+
+@dataclass(frozen=True)
 class ModelSelection:
     """The selected model and how it was selected.
 
@@ -60,6 +88,8 @@ class ModelSelection:
         Comparison with free virtual cameras, where it was possible.
     alarms
         What contradicts the model, one sentence each.
+    other_surface
+        Evidence that the mirrors are of another kind than in the layout, where there is any.
     notes
         What could not be determined, one sentence each.
     widened
@@ -73,6 +103,7 @@ class ModelSelection:
     free_views: FreeViews | None
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
+    other_surface: OtherSurface | None = None
     widened: float = 1.0
 
     def widened_to(self, factor: float) -> ModelSelection:
@@ -147,14 +178,14 @@ def select_model(
 
 def forward(
     current: Fitted, observations: Observations, additions: Sequence[str], *, extend: bool, unplated: str = "glass"
-) -> tuple[Fitted, list[ModelComparison], list[str], list[str]]:
+) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """The largest supported model, the comparisons made, alarms and notes.
 
     Unless the model may be extended, the first supported addition raises an alarm instead, as plates always do where
     the layout has none; `unplated` is the addition that takes the place of "sheet" there.
     """
     comparisons: list[ModelComparison] = []
-    alarms: list[str] = []
+    alarms: list[Alarm] = []
     notes: list[str] = []
     while left := _left(current, additions):
         tried, undetermined = _tried(current, left, observations, unplated)
@@ -203,23 +234,16 @@ def _tried(
     return found, notes
 
 
-def _missing_plate(fitted: Fitted) -> list[str]:
+def _missing_plate(fitted: Fitted) -> list[Alarm]:
     thickness, sigma = plate_thickness(fitted)
     if thickness > max(3.0 * sigma, MIN_PLATE_MM):
         return []
-    return [
-        f"the plates come out {thickness:.2g} +- {sigma:.2g} mm thick: the mirrors look first-surface, "
-        "the layout has second-surface ones"
-    ]
+    return [OtherSurface(thickness, sigma, second=False)]
 
 
-def _alarm(best: Fitted, addition: str) -> str:
+def _alarm(best: Fitted, addition: str) -> Alarm:
     if addition == "glass":
-        thickness, sigma = plate_thickness(best)
-        return (
-            f"the mirrors look second-surface, {thickness:.2f} +- {sigma:.2g} mm thick if the index is "
-            f"{PLATE_INDEX}: the layout has first-surface ones"
-        )
+        return OtherSurface(*plate_thickness(best), second=True)
     return f"the data support a further level, {best.name}"
 
 
@@ -227,7 +251,7 @@ def conclude(
     current: Fitted,
     comparisons: Sequence[ModelComparison],
     observations: Observations,
-    alarms: Sequence[str] = (),
+    alarms: Sequence[Alarm] = (),
     notes: Sequence[str] = (),
 ) -> ModelSelection:
     """The selection of `current`, with the check by free virtual cameras and the correlation of errors."""
@@ -254,6 +278,13 @@ def conclude(
         )
         notes = [*notes, note]
     selected = ModelSelection(
-        current.name, current.model, current.solution, tuple(comparisons), free, tuple(alarms), tuple(notes)
+        current.name,
+        current.model,
+        current.solution,
+        tuple(comparisons),
+        free,
+        tuple(alarm for alarm in alarms if isinstance(alarm, str)),
+        tuple(notes),
+        next((alarm for alarm in alarms if isinstance(alarm, OtherSurface)), None),
     )
     return selected.widened_to(widening)

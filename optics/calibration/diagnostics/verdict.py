@@ -82,6 +82,9 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
         return []
     if diagnostics.mismatches:  # other failures may follow from these
         return ["Correct the board or layout as the alarm says, and calibrate again."]
+    if diagnostics.other_surface is not None:
+        kind = "second" if diagnostics.other_surface.second else "first"
+        return [f"If the mirrors are {kind}-surface, calibrate again with --surface {kind}, or state it in the layout."]
     wanted = [
         comparison
         for comparison in diagnostics.comparisons
@@ -90,11 +93,6 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     if not wanted:
         return ["Look for what moved or bent while the pictures were taken, and take them again."]
     best = max(wanted, key=lambda comparison: comparison.information_gain)
-    if best.name.endswith("+glass"):
-        return [
-            'State in the layout that the mirrors are second-surface ("surface": "second", "thickness_mm", '
-            '"refractive_index"), and calibrate again.'
-        ]
     return [f"Calibrate again as {best.name}, which the pictures support."]
 
 

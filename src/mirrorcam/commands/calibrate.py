@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import tyro
 from pydantic import Field, model_validator
@@ -51,6 +51,15 @@ class CalibrateOptions(Value):
     lens: Annotated[LensName | None, tyro.conf.arg(metavar="LENS", help_behavior_hint="(chosen by tests)")] = Field(
         default=None, description=f"the camera's lens, so that no other is tried: {', '.join(LENS_NAMES)}"
     )
+    surface: Annotated[
+        Literal["first", "second"] | None, tyro.conf.arg(metavar="{first,second}", help_behavior_hint="(the layout's)")
+    ] = Field(
+        default=None,
+        description=(
+            "which surface of the mirrors reflects, where the layout says otherwise; the thickness of plates that it "
+            "does not have is found from the pictures"
+        ),
+    )
     live_hint: bool = Field(
         default=False,
         description=(
@@ -71,8 +80,8 @@ class CalibrateOptions(Value):
     def _check(self) -> Self:
         if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
             raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
-        if self.direct_view and (self.lens is not None or self.live_hint):
-            raise ValueError("--lens and --live-hint go with --layout")
+        if self.direct_view and (self.lens is not None or self.surface is not None or self.live_hint):
+            raise ValueError("--lens, --surface and --live-hint go with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self
@@ -91,6 +100,7 @@ def run(options: CalibrateOptions) -> int:
         mirrors=options.mirrors,
         level=options.level,
         lens=options.lens,
+        surface=options.surface,
         detections=options.out / "detections",
     )
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from mirrorcam.figures.calibration_figure import residual_figure
 from mirrorcam.optics.base.files import write_metrics
@@ -48,6 +50,8 @@ class CalibrationRequest:
         Model to fit; None: the one that the pictures support.
     lens
         Lens model of the camera; None: the layout's, or the one that the pictures support.
+    surface
+        Which surface of the mirrors reflects, where that is not what the layout says; None: as it says.
     detections
         Folder that keeps found corners, so that no picture is searched twice.
     """
@@ -59,6 +63,7 @@ class CalibrationRequest:
     mirrors: int | None = None
     level: str | None = None
     lens: LensName | None = None
+    surface: Literal["first", "second"] | None = None
     detections: Path | None = None
 
     def __post_init__(self) -> None:
@@ -94,19 +99,27 @@ def calibrate_files(
         if planner is not None and on_hint is not None:
             on_hint(seen.names[len(found) - 1], planner.after(found[-1]))
 
-    return calibrate(
+    calibrated = partial(
+        calibrate,
         seen.pictures,
         base.pictures,
-        layout,
-        target,
-        level=request.level,
+        target=target,
         lens=request.lens,
         detections=request.detections,
         workers=cores(),
         most=(seen.most, base.most),
         on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
-        on_seen=hint,
     )
+    level = request.level
+    if request.surface == "second" and not layout.mirrors[0].is_second_surface:
+        # Where ghost images are depends on the thickness, which the pictures tell better than a plate's drawing does.
+        first = calibrated(layout=layout, level="joint")
+        seen_through = first.diagnostics.other_surface if first.diagnostics is not None else None
+        layout = layout.with_surface("second", None if seen_through is None else seen_through.thickness_mm)
+        level = "joint+sheet" if level is None else level
+    elif request.surface == "first":
+        layout = layout.with_surface("first")
+    return calibrated(layout=layout, level=level, on_seen=hint)
 
 
 def _calibrate_directly(

@@ -44,10 +44,10 @@ def test_another_version_of_a_library_finds_anew(name: str, version: str, monkey
 
 
 def test_the_key_follows_pixels_shape_and_board() -> None:
-    key = detection_cache.key(GREY, BOARD, None)
-    assert key == detection_cache.key(GREY.copy(), BOARD, None)
+    key = detection_cache.key(GREY, BOARD, "none")
+    assert key == detection_cache.key(GREY.copy(), BOARD, "none")
     others = (GREY + np.uint8(1), BOARD), (GREY.reshape(6, 4), BOARD), (GREY, BOARD.replaced(square_mm=21.0))
-    assert len({key, *(detection_cache.key(grey, board, None) for grey, board in others)}) == 4
+    assert len({key, *(detection_cache.key(grey, board, "none") for grey, board in others)}) == 4
 
 
 def loaded(folder: Path) -> DetectedFrame | None:
