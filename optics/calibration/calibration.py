@@ -49,6 +49,7 @@ from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_dow
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures
 from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
 from mirrorcam.optics.geometry.layout import Layout
@@ -70,6 +71,7 @@ def calibrate(
     target: Target,
     *,
     level: str | None = None,
+    extend: bool = False,
     lens: LensName | None = None,
     detections: Path | None = None,
     workers: int = 1,
@@ -96,6 +98,8 @@ def calibrate(
     level
         Model to fit: `paper`, or `joint` with additions (`nested_models`). None selects the largest one that the
         pictures support.
+    extend
+        Whether further additions are made to the given model where the pictures support them, instead of an alarm.
     lens
         Lens model of the camera; None keeps the layout's, or a larger one that the pictures support.
     detections
@@ -152,6 +156,7 @@ def calibrate(
             layout,
             target.corners_in_board_mm,
             level=level,
+            extend=extend,
             lens=lens,
             extremes=taken.extremes,
             pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target),
@@ -186,6 +191,7 @@ def calibrate_corners(
     corners_in_board_mm: FloatArray,
     *,
     level: str | None = None,
+    extend: bool = False,
     lens: LensName | None = None,
     extremes: Extremes | None = None,
     pictures: Pictures | None = None,
@@ -201,7 +207,7 @@ def calibrate_corners(
         Nominal layout.
     corners_in_board_mm
         The board's corners (c, 3) as drawn.
-    level, lens
+    level, extend, lens
         Model to fit and lens of the camera, as in `calibrate`.
     extremes
         Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
@@ -221,7 +227,8 @@ def calibrate_corners(
     try:
         start = layout if lens is None else _with_lens(layout, lens)
         screened = screen(seen, base, start, corners_in_board_mm)
-        fitted = _fitted(screened, start, corners_in_board_mm, level, extremes, pictures, lens_stated=lens is not None)
+        select = partial(select_model, level=level, extend=extend, lens_stated=lens is not None)
+        fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
@@ -245,11 +252,9 @@ def _fitted(
     screened: ScreenedFrames,
     layout: Layout,
     corners_in_board_mm: FloatArray,
-    level: str | None,
+    select: Callable[[Estimate, Observations, FloatArray], ModelSelection],
     extremes: Extremes | None,
     pictures: Pictures | None,
-    *,
-    lens_stated: bool,
 ) -> _Fitted:
     """Fit the corners of all frames that show any: first those with mirrors, then the others."""
     numbers = [number for number, o in enumerate(screened.seen) if len(o)]
@@ -272,7 +277,7 @@ def _fitted(
         kept, left_out = wholly_served(seen, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
-    selection = select_model(start, observations, corners_in_board_mm, level=level, lens_stated=lens_stated)
+    selection = select(start, observations, corners_in_board_mm)
     return _Fitted(selection.widened_to(screened.widened), observations, metrics, notes)
 
 

@@ -119,6 +119,7 @@ def select_model(
     corners_in_board_mm: FloatArray,
     *,
     level: str | None = None,
+    extend: bool = False,
     lens_stated: bool = False,
 ) -> ModelSelection:
     """Fit a given level, or select one by forward selection.
@@ -138,7 +139,7 @@ def select_model(
         The board's corners (c, 3) as drawn.
     level
         Model to fit (`nested_models.additions_of`); None selects one. An alarm is raised where a larger model than the
-        given one is supported.
+        given one is supported, unless `extend` has it made.
     lens_stated
         Whether the start has the lens model of the camera for certain, so that no other is tried.
 
@@ -170,7 +171,7 @@ def select_model(
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward(current, observations, additions, extend=level is None)
+    current, further, alarms, notes = forward(current, observations, additions, extend=extend or level is None)
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
     return conclude(current, [*comparisons, *further], observations, alarms, notes)

@@ -166,6 +166,8 @@ def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) ->
     drop = normal_equations(estimate, grouped, model).step(STEP_DAMPING)[2]
     added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
     after = max(at_start - drop, LEAST_LEFT * before)
+    if after == 0.0:  # simulated corners without noise
+        return 0.0
     return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
 
 

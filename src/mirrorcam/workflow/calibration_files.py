@@ -110,16 +110,16 @@ def calibrate_files(
         most=(seen.most, base.most),
         on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
     )
-    level = request.level
+    level, extend = request.level, False
     if request.surface == "second" and not layout.mirrors[0].is_second_surface:
         # Where ghost images are depends on the thickness, which the pictures tell better than a plate's drawing does.
         first = calibrated(layout=layout, level="joint")
         seen_through = first.diagnostics.other_surface if first.diagnostics is not None else None
         layout = layout.with_surface("second", None if seen_through is None else seen_through.thickness_mm)
-        level = "joint+sheet" if level is None else level
+        level, extend = ("joint+sheet", True) if level is None else (level, False)
     elif request.surface == "first":
         layout = layout.with_surface("first")
-    return calibrated(layout=layout, level=level, on_seen=hint)
+    return calibrated(layout=layout, level=level, extend=extend, on_seen=hint)
 
 
 def _calibrate_directly(
