@@ -13,6 +13,7 @@ import pytest
 from mirrorcam.optics.base.figure_texts import sigma_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.model_selection import OtherSurface
 from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -161,12 +162,20 @@ def test_an_alarm_forbids_the_use(calibration: Calibration) -> None:
 def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibration) -> None:
     diagnostics = calibration.diagnostics
     assert diagnostics is not None
-    for name, advice in (("joint+bend", "Calibrate again as joint+bend"), ("joint+glass", "second-surface")):
+    for name, other, advice in (
+        ("joint+bend", None, "Calibrate again as joint+bend"),
+        ("joint+glass", OtherSurface(2.0, 0.01, second=True), "calibrate again with --surface second"),
+        ("joint+glass", OtherSurface(0.0, 0.01, second=False), "calibrate again with --surface first"),
+    ):
         comparison = replace(
             diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0
         )
         alarmed = replace(
-            diagnostics, level="joint", comparisons=(*diagnostics.comparisons, comparison), alarms=("something",)
+            diagnostics,
+            level="joint",
+            comparisons=(*diagnostics.comparisons, comparison),
+            alarms=("something",),
+            other_surface=other,
         )
         verdict = verdict_of(replace(calibration, diagnostics=alarmed))
         assert advice in verdict.advice[0]

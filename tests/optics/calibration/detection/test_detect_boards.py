@@ -143,7 +143,7 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
 
     same(alone, together)
     kept = sorted(tmp_path.iterdir())
-    assert len(kept) == 3
+    assert len(kept) == 6, "of each frame its boards, whatever the mirrors, and the corners in these mirrors"
     # What a file that is cut short held is found again; the file, which may be somebody else's, stays.
     whole = kept[0].read_bytes()
     kept[0].write_bytes(whole[: len(whole) // 2])
@@ -160,8 +160,8 @@ def test_frames_come_in_order_whatever_works_and_from_the_cache(
     other = BOARD.replaced(square_mm=15.0)
     with pytest.raises(AssertionError, match="looked for"):
         detect_frames(iter(frames), NOMINAL, other, mirrored=True, folder=tmp_path)
-    with pytest.raises(AssertionError, match="looked for"):
-        detect_frames(iter(frames), TILTED, BOARD, mirrored=True, folder=tmp_path)
+    tilted = detect_frames(iter(frames), TILTED, BOARD, mirrored=True, folder=tmp_path)  # the same boards
+    assert len(tilted[0].corners) > 0
     monkeypatch.setattr("mirrorcam.optics.calibration.detection.detection_cache.version", lambda: "another")
     with pytest.raises(AssertionError, match="looked for"):
         detect_frames(iter(frames), NOMINAL, BOARD, mirrored=True, folder=tmp_path)

@@ -96,8 +96,12 @@ def test_plates_and_a_warped_board_are_both_identified(device: Layout) -> None:
 def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_alarm(device: Layout) -> None:
     found = selected(scene_of(behind_glass(device, 2.0)), device, 0)
     assert found.level == "joint", "the layout is not overruled, but doubted"
-    assert found.alarms[0].startswith("the mirrors look second-surface, 2.0")
-    assert found.alarms[1].startswith("mirrors as joint describes them leave 0.00")
+    seen = found.other_surface
+    assert seen is not None and seen.second
+    assert abs(seen.thickness_mm - 2.0) < 3.0 * seen.sigma_mm < 0.3
+    narrow, wide = (seen.sentence(factor).split("+-")[1].split()[0] for factor in (1.0, 3.0))
+    assert float(wide) == pytest.approx(3.0 * float(narrow), rel=0.1)
+    assert found.alarms[0].startswith("mirrors as joint describes them leave 0.00")
     assert found.free_views is not None
     assert found.free_views.unexplained_px > 0.004
 

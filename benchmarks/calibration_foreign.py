@@ -1,0 +1,124 @@
+"""Calibration of sets that another renderer made: `python -m benchmarks.calibration_foreign SET [SET ...]`.
+
+A set is a folder with `frames/`, `base/`, `board.toml`, the nominal `layout.json` and `truth/truth.json`: intrinsics K
+(fx, fy, cx, cy) and D (k1, k2, p1, p2, k3), virtual centres C in the rig frame, mm, and the thickness `sheet` of
+plates, mm, 0 of first-surface mirrors. Each is calibrated from its pictures, layout and board alone before its truth is
+read. One with second-surface mirrors is calibrated once more from a layout that says first-surface, as
+`--surface second` does it.
+
+Prints, for each: corners dropped; errors of normals and distances; NEES per parameter (squared errors by the
+covariance: 1 where it is right) of all, of the mirrors, of the intrinsics; the thickness; the verdict.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
+from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
+
+LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+AXES = ("x_mm", "y_mm", "z_mm")
+
+
+def true_values(truth: dict[str, Any]) -> dict[str, float]:
+    """True intrinsics and virtual centres by the names of a calibration's parameters."""
+    values = dict(zip(LENS, (*truth["K"], *truth["D"]), strict=True))
+    for index, centre in enumerate(truth["C"]):
+        values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
+    return values
+
+
+def found_values(layout: Layout) -> dict[str, float]:
+    """The same of a calibrated layout."""
+    values = dict(zip(layout.camera.intrinsic_names, layout.camera.intrinsics.tolist(), strict=True))
+    for index, mirror in enumerate(layout.mirrors):
+        centre = mirror.virtual_centre_in_rig_mm.tolist()
+        values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
+    return values
+
+
+def nees(layout: Layout, truth: dict[str, Any], counts: Callable[[str], bool]) -> float:
+    """Squared errors of the parameters that count, by their covariance and per parameter."""
+    known = layout.uncertainty
+    assert known is not None
+    found, expected = found_values(layout), true_values(truth)
+    places = [
+        place for place, name in enumerate(known.parameters) if counts(name) and name in found and name in expected
+    ]
+    off = np.array([found[known.parameters[place]] - expected[known.parameters[place]] for place in places])
+    return float(off @ np.linalg.solve(known.covariance[np.ix_(places, places)], off)) / len(off)
+
+
+def thickness(layout: Layout) -> str:
+    """Thickness of the plates with its standard deviation, where it was fitted."""
+    known = layout.uncertainty
+    assert known is not None
+    mean = float(np.mean([mirror.thickness_mm for mirror in layout.mirrors]))
+    if "sheet_mm" not in known.parameters:
+        return f"{mean:.4f} mm, as in the layout"
+    place = known.parameters.index("sheet_mm")
+    return f"{mean:.4f} +- {np.sqrt(known.covariance[place, place]):.4f} mm"
+
+
+def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> None:
+    """Print the figures of one calibration."""
+    layout, true = calibration.layout, np.array(truth["C"])
+    found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    unit, true_unit = (c / np.linalg.norm(c, axis=1, keepdims=True) for c in (found, true))
+    normal_deg = np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max())
+    distance_mm = np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
+    level = "" if calibration.diagnostics is None else calibration.diagnostics.level
+    everything, mirrors, lens = (
+        nees(layout, truth, counts)
+        for counts in (lambda name: True, lambda name: name.startswith("mirror "), lambda name: name in LENS)
+    )
+    print(
+        f"  {how}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, normals "
+        f"{normal_deg:.4f} deg, distances {distance_mm:.4f} mm"
+    )
+    print(f"    NEES per parameter {everything:.2f}, of mirrors {mirrors:.2f}, of intrinsics {lens:.2f}")
+    if truth["sheet"]:
+        print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
+    verdict = check_solution(calibration, view_figures(calibration))
+    print(f"    {STATES[verdict.state]}{''.join(f'; {reason}' for reason in verdict.reasons)}")
+
+
+def main(folders: list[Path]) -> None:
+    for folder in folders:
+        request = CalibrationRequest(
+            pictures=(folder / "frames",),
+            board=folder / "board.toml",
+            layout=folder / "layout.json",
+            base_pictures=(folder / "base",),
+        )
+        layout = Layout.load(folder / "layout.json")
+        print(folder.name)
+        with tempfile.TemporaryDirectory() as kept:
+            request = replace(request, detections=Path(kept) / "corners")
+            found = calibrate_files(request)
+            as_first = None
+            if layout.mirrors[0].is_second_surface:
+                layout.with_surface("first").save(Path(kept) / "layout.json")
+                as_first = calibrate_files(replace(request, layout=Path(kept) / "layout.json", surface="second"))
+        truth = json.loads((folder / "truth" / "truth.json").read_text())
+        report("as the layout says", found, truth)
+        if as_first is not None:
+            report("from a first-surface layout, --surface second", as_first, truth)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main([Path(name) for name in sys.argv[1:]])
