@@ -123,6 +123,7 @@ def _views(
     """Number of views that show corners, and notes on those that show none or not all."""
     unused = [f"{picture}: no board found, not used" for n, picture in enumerate(names) if n not in pictures]
     shown = [names[number] for number in pictures]
+    observations = observations.where(observations.frame < len(shown))
     used, notes = 0, []
     for view in range(DIRECT, len(mirrors)):
         name = "direct view" if view == DIRECT else f"mirror {mirrors[view]}"

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import comb
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, start_robustly
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
@@ -24,11 +26,14 @@ from mirrorcam.optics.geometry.transforms import transform
 
 PAIR_MISFIT = 0.15  # of the diagonal across all corners: a pose from one view is rough
 AGREEING = 0.5  # of the same diagonal, between the middles of one board from several views
+FAR = 10.0  # of the same diagonal: a board is no image
+MOST_COMBINATIONS = 500
 SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
 SAME_PLANE = 0.1  # of the distance of the virtual centre
 FOCAL = ("fx_px", "fy_px")
 FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, relative to the width of the picture
 LIKELY_BOW = 0.02  # of the larger side of a board, where corners are 1 px off
+GOOD_ERROR = 2e-4  # of the diagonal of the picture: no other camera is tried
 MOST_ERROR = 0.01  # of the diagonal of the picture, that a corner counts as off
 
 
@@ -104,6 +109,8 @@ def first_estimate(
             continue
         if best is None or start.error_px < best.error_px:
             best = start
+        if best.error_px < GOOD_ERROR * size_px:
+            break
     if best is None:
         raise InputError(refusals[0])
     return best
@@ -133,8 +140,9 @@ def _start(
     for in_picture in found:
         candidates = [_placed(camera, board, corners_in_board_mm) for board in in_picture]
         boards.append([board for board in candidates if board.direct or board.image])
-    centres = _seed_mirrors(boards, mirrors, size_mm=float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0))))
-    observations, pictures, poses = _assign(boards, centres)
+    size_mm = float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0)))
+    centres = _seed_mirrors(boards, mirrors, size_mm=size_mm)
+    observations, pictures, poses = _assign(boards, centres, size_mm=size_mm)
     estimate = Estimate(camera, centres, poses)
     board = Board.rigid(corners_in_board_mm)
     bows = FrameTerms(bow_per_mm=1.0 / (LIKELY_BOW * float(np.ptp(corners_in_board_mm, axis=0).max())))
@@ -185,16 +193,20 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
                             proposals.append((number, centre, misfit))
     planes: list[FloatArray] = []
     while len(planes) < mirrors + SPARE_PLANES and proposals:
-        support = [len({n for n, other, _ in proposals if _same_plane(centre, other)}) for _, centre, _ in proposals]
+        numbers = np.array([number for number, _, _ in proposals])
+        centres = np.array([centre for _, centre, _ in proposals])
+        support = [len(np.unique(numbers[_same_plane(centre, centres)])) for centre in centres]
         best = min(range(len(proposals)), key=lambda i: (-support[i], proposals[i][2]))
-        members = [centre for _, centre, _ in proposals if _same_plane(proposals[best][1], centre)]
-        planes.append(np.median(members, axis=0))
-        proposals = [p for p in proposals if not _same_plane(proposals[best][1], p[1])]
+        near = _same_plane(centres[best], centres)
+        planes.append(np.median(centres[near], axis=0))
+        proposals = [proposal for proposal, gone in zip(proposals, near, strict=True) if not gone]
     if len(planes) < mirrors:
         raise InputError(
             f"the pictures show {len(planes)} mirrors, expected {mirrors}: the board must be seen directly and in each "
             "mirror in at least one picture"
         )
+    if comb(len(planes), mirrors) > MOST_COMBINATIONS:
+        planes = planes[:mirrors]  # the most frequent ones
     together = [np.array(sorted(some, key=lambda centre: centre[0])) for some in combinations(planes, mirrors)]
     return max(together, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
 
@@ -203,7 +215,7 @@ def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: 
     """Number of views that show the board where another view of their picture does."""
     count = 0
     for in_picture in boards:
-        views = _views(in_picture, centres)
+        views = _views(in_picture, centres, size_mm=size_mm)
         middles = np.array([_in_rig(options[0], view, centres).mean(axis=0) for view, options in views.items()])
         for place, middle in enumerate(middles):
             others = np.delete(middles, place, axis=0)
@@ -211,16 +223,23 @@ def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: 
     return count
 
 
-def _same_plane(a: FloatArray, b: FloatArray) -> bool:
-    return bool(np.linalg.norm(a - b) < SAME_PLANE * np.linalg.norm(a))
+def _same_plane(centre: FloatArray, others: FloatArray) -> BoolArray:
+    """Which of other virtual centres (n, 3) are that of the same plane."""
+    return np.asarray(np.linalg.norm(others - centre, axis=1) < SAME_PLANE * np.linalg.norm(centre))
 
 
-def _views(in_picture: list[_PosedBoard], centres: FloatArray) -> dict[int, list[_PosedCorners]]:
-    """The numberings of the boards by view: a board behind no plane is the direct view, behind one plane its image.
+def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float) -> dict[int, list[_PosedCorners]]:
+    """The numberings of the boards by view.
 
-    Boards behind several planes were reflected more than once and are left out.
+    The direct view is the board that has most images where the mirrors in front of it would show them. Where there is
+    none, a board behind no plane is the direct view, and one behind a single plane its image; boards behind several
+    planes may have been reflected more than once and are left out.
     """
-    views: dict[int, list[_PosedCorners]] = {}
+    tried = [_images_of(board, in_picture, centres, size_mm=size_mm) for board in in_picture if board.direct]
+    views, likeness = max(tried, key=lambda pair: pair[1], default=({}, 0.0))
+    if likeness > 0.0:
+        return views
+    views = {}
     for board in in_picture:
         hidden_by = [m for m, centre in enumerate(centres) if initial_estimates.behind(board.points, centre)]
         if len(hidden_by) == 0 and board.direct:
@@ -230,18 +249,45 @@ def _views(in_picture: list[_PosedBoard], centres: FloatArray) -> dict[int, list
     return views
 
 
+def _images_of(
+    direct: _PosedBoard, in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
+) -> tuple[dict[int, list[_PosedCorners]], float]:
+    """The views that a board seen directly would have, and how well they fit, at most 1 for each mirror.
+
+    These are itself, and of each mirror that it is in front of the board behind it that is nearest to its image.
+    """
+    views, likeness = {DIRECT: direct.direct}, 0.0
+    images = [board for board in in_picture if board.image and board is not direct]
+    apart = np.full((len(centres), len(images)), FAR)
+    for mirror, centre in enumerate(centres):
+        if initial_estimates.behind(direct.points, centre):
+            continue
+        expected = reflect(direct.points, centre).mean(axis=0)
+        for place, board in enumerate(images):
+            if initial_estimates.behind(board.points, centre):
+                middles = np.array([option.points.mean(axis=0) for option in board.image])
+                apart[mirror, place] = np.linalg.norm(middles - expected, axis=1).min() / size_mm
+    for mirror, place in zip(*linear_sum_assignment(np.minimum(apart, FAR)), strict=True):
+        if apart[mirror, place] < AGREEING:
+            views[int(mirror)] = images[place].image
+            likeness += 1.0 - apart[mirror, place] / AGREEING
+    return views, float(likeness)
+
+
 def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
     """Points (n, 3) of the board itself that a view shows."""
     return board.points if view == DIRECT else reflect(board.points, centres[view])
 
 
-def _assign(boards: list[list[_PosedBoard]], centres: FloatArray) -> tuple[Observations, list[int], FloatArray]:
+def _assign(
+    boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float
+) -> tuple[Observations, list[int], FloatArray]:
     """Observations with frames numbered from 0, the picture number of each frame, and a pose (4, 4) per frame."""
     parts: list[Observations] = []
     frames: list[int] = []
     poses: list[FloatArray] = []
     for number, in_picture in enumerate(boards):
-        views = _views(in_picture, centres)
+        views = _views(in_picture, centres, size_mm=size_mm)
         if not views:
             continue
         first = min(views, key=lambda view: (len(views[view]), view))

@@ -15,10 +15,10 @@ import numpy as np
 
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
@@ -30,29 +30,26 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     fit_with,
 )
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
+from mirrorcam.optics.calibration.direct.direct_boards import INVERTED, boards_in, confirmed, negative, start_of
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
 from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
+from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.targets import Target
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
-INVERTED = (
-    "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
-    "corners are numbered as if its top left square were black"
-)
-MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
 
 
 def calibrate_with_direct_view(
     pictures: Sequence[Grey],
-    target: Checkerboard,
+    target: Target,
     *,
     mirrors: int,
     names: Sequence[str],
+    base: Sequence[Grey] = (),
     most: int | None = None,
     level: str | None = None,
     beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
@@ -65,11 +62,13 @@ def calibrate_with_direct_view(
     pictures
         Grey pictures (h, w) of one camera.
     target
-        The board, a plain checkerboard; lengths come out in the unit of `target.square_mm`.
+        The board; lengths come out in the unit of `target.square_mm`.
     mirrors
         Number of mirrors.
     names
         Names of the pictures, for the notes.
+    base
+        Pictures of the board by the same camera that show it without mirrors, which help to find the intrinsics.
     most
         Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
     level
@@ -90,40 +89,41 @@ def calibrate_with_direct_view(
     InputError
         Where the pictures do not determine camera and mirrors.
     """
-    if not isinstance(target, Checkerboard):
-        raise InputError("a direct view needs a plain checkerboard, got a ChArUco board")
     if not pictures:
         raise InputError("no pictures given")
-    sizes = {picture.shape for picture in pictures}
+    sizes = {picture.shape for picture in (*pictures, *base)}
     if len(sizes) > 1:
         raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
     if level is not None:
         additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
-    grids = _found(pictures, target, progress)
+    boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     notes: tuple[str, ...] = ()
     used = list(range(len(pictures)))
     if most is not None and len(pictures) > most:
-        used = most_telling([_one_each(some, target) for some in grids], corners_mm, width_px=width, most=most)
+        each = [[board.any for board in some if board.any is not None] for some in boards]
+        used = most_telling(each, corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {', '.join(names[number] for number in used)}",)
-        grids = [grids[number] for number in used]
+        boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:
-        start, inverted = _first_estimate(grids, target, mirrors=mirrors, width_px=width, height_px=height)
+        start, inverted = start_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
         other = other_board(pictures, target, mirrored=None, found=True, fits=False)
         raise InputError(other or str(error)) from None
     if inverted:
         notes += (INVERTED,)
-    shown = [_negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
+    shown = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
-        observations = _confirmed(shown, start.estimate, target)
+        observations = confirmed(shown, start, target)
         plain = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", plain, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
+        alone = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
+        flat, observations = _with_base(flat, observations, [rows for rows in alone if len(rows)])
         selection, drawn = select_direct_model(flat, observations, level=level)
         shutter = None
         if beside is not None:
@@ -142,6 +142,22 @@ def calibrate_with_direct_view(
     return replace(found, notes=(*notes, *found.notes))
 
 
+def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observations]) -> tuple[Fitted, Observations]:
+    """The fit and the corners together with those of pictures without mirrors, each as frame 0."""
+    estimate = flat.solution.estimate
+    poses, parts = [*estimate.rig_from_board], [observations]
+    for rows in base:
+        corners = Corners(rows.corner, rows.pixels, rows.sigma_px)
+        pose = camera_from_flat_board(estimate.camera, corners, flat.model.board.corners_in_board_mm)
+        if pose is not None:
+            parts.append(rows.shifted(len(poses)))
+            poses.append(pose)
+    if len(parts) == 1:
+        return flat, observations
+    together = Observations.join(parts)
+    return fit_as("joint", estimate.with_poses(np.array(poses)), together, flat.model), together
+
+
 def _velocities(
     observations: Observations, pictures: Sequence[Grey], beside: Sequence[tuple[Grey, Grey] | None]
 ) -> FloatArray:
@@ -149,61 +165,6 @@ def _velocities(
         None if pair is None else (pair[0], picture, pair[1]) for picture, pair in zip(pictures, beside, strict=True)
     ]
     return corner_velocities(observations, frames)
-
-
-def _found(pictures: Sequence[Grey], target: Checkerboard, progress: Progress) -> list[list[SeenGrid]]:
-    """The boards detected in each picture; raises InputError where there are none at all."""
-    found = []
-    for number, picture in enumerate(pictures):
-        found.append(find_checkerboards(picture, target))
-        progress(number + 1, len(pictures))
-    if not any(_one_each(grids, target) for grids in found):
-        other = other_board(pictures, target, mirrored=False, found=False)
-        raise InputError(
-            other or f"no {target.cols} x {target.rows} checkerboard found in any of {len(pictures)} pictures"
-        )
-    return found
-
-
-def _one_each(grids: Sequence[SeenGrid], target: Checkerboard) -> list[Corners]:
-    """The boards of a picture that may be the target or a part of it, each in one of its numberings."""
-    each = [_numbered(way, target) for grid in grids for way in (grid, _inverted(grid))]
-    return [(board.direct or board.image)[0] for board in each if board.direct or board.image][::2]
-
-
-def _first_estimate(
-    grids: Sequence[Sequence[SeenGrid]], target: Checkerboard, *, mirrors: int, width_px: int, height_px: int
-) -> tuple[Start, bool]:
-    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry tells.
-
-    Of a board whose numbers of columns and rows are both even, exchanged colours look like its mirror image.
-    """
-    starts, refusals = [], []
-    for inverted in (False, True):
-        found = []
-        for in_picture in grids:
-            boards = [_numbered(_inverted(grid) if inverted else grid, target) for grid in in_picture]
-            found.append([board for board in boards if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS])
-        try:
-            start = first_estimate(
-                found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
-            )
-            starts.append((start, inverted))
-        except InputError as error:
-            refusals.append(error)
-    if not starts:
-        raise refusals[0]
-    # Colours as stated are believed unless they explain the corners much worse.
-    return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
-
-
-def _inverted(grid: SeenGrid) -> SeenGrid:
-    """The grid with black and white exchanged, as in the negative of its picture."""
-    return replace(grid, places=grid.places + np.array([1, 0]))
-
-
-def _negative(picture: Grey) -> Grey:
-    return np.asarray(255 - picture, dtype=np.uint8)
 
 
 def _steadied(
@@ -260,25 +221,3 @@ def select_direct_model(
 
 def _squares(solution: Solution) -> float:
     return float(np.sum(solution.standardised**2))
-
-
-def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
-    direct, image = (grid.numberings(target, mirrored=mirrored) for mirrored in (False, True))
-    return FoundBoard(direct, image)
-
-
-def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:
-    """All corners of all views, detected again where an estimate predicts them, which completes hidden boards."""
-    board = Board.rigid(target.corners_in_board_mm)
-    ids = np.arange(len(board.corners_in_board_mm))
-    parts = []
-    for frame, picture in enumerate(pictures):
-        alone = estimate.of_frames(np.array([frame]))
-        for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
-            predicted = residuals(alone, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
-            if not np.isfinite(predicted).all():
-                continue
-            corners = confirm(picture, predicted, target)
-            if len(corners):
-                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
-    return Observations.join(parts)

@@ -32,10 +32,8 @@ class CalibrateOptions(Value):
     base: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="")] = Field(
         default=(), description="pictures or videos of the board without mirrors, or folders of pictures"
     )
-    direct_view: bool = Field(
-        default=False, description="the camera also sees the board, a checkerboard, directly: no layout is needed"
-    )
-    mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Bounds(1, 4).field(
+    direct_view: bool = Field(default=False, description="the camera also sees the board directly: no layout is needed")
+    mirrors: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")] = Bounds(1, 144).field(
         None, "number of mirrors, with --direct-view"
     )
     level: Annotated[str | None, tyro.conf.arg(metavar="LEVEL", help_behavior_hint="(chosen by tests)")] = Field(
@@ -78,8 +76,8 @@ class CalibrateOptions(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.direct_view and (self.mirrors is None or self.layout is not None or self.base):
-            raise ValueError("--direct-view goes with --mirrors N, without --layout and --base")
+        if self.direct_view and (self.mirrors is None or self.layout is not None):
+            raise ValueError("--direct-view goes with --mirrors N, without --layout")
         if self.direct_view and (self.lens is not None or self.surface is not None or self.live_hint):
             raise ValueError("--lens, --surface and --live-hint go with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):

@@ -20,7 +20,7 @@ from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direc
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.targets import Checkerboard, Target, load_board
+from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
 from mirrorcam.workflow.calibration_pictures import calibration_pictures
 
@@ -125,14 +125,16 @@ def calibrate_files(
 def _calibrate_directly(
     request: CalibrationRequest, target: Target, progress: Progress, on_video: Callable[[str], None]
 ) -> Calibration:
-    if not isinstance(target, Checkerboard) or request.mirrors is None:
-        raise InputError(f"{request.board}: a ChArUco board, expected a checkerboard for --direct-view")
+    if request.mirrors is None:
+        raise InputError("expected the number of mirrors")
     taken = calibration_pictures(request.pictures, MOST_FRAMES, on_video=on_video)
+    base = calibration_pictures(request.base_pictures, MOST_BASE_FRAMES, on_video=on_video)
     return calibrate_with_direct_view(
         taken.read(),
         target,
         mirrors=request.mirrors,
         names=taken.names,
+        base=base.read(),
         most=taken.most,
         level=request.level,
         beside=taken.beside if any(taken.sources) else None,

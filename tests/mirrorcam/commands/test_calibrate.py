@@ -22,7 +22,7 @@ from tests.mirrorcam.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import sound_calibration
 from tests.optics.layouts import faceted_parabola
 
-TOGETHER = "--direct-view goes with --mirrors N, without --layout and --base"
+TOGETHER = "--direct-view goes with --mirrors N, without --layout"
 
 
 @pytest.mark.parametrize(
@@ -32,10 +32,9 @@ TOGETHER = "--direct-view goes with --mirrors N, without --layout and --base"
         ("--layout layout.json --mirrors 2", "expected --layout LAYOUT, or --direct-view"),
         ("--direct-view", TOGETHER),
         ("--direct-view --mirrors 2 --layout layout.json", TOGETHER),
-        ("--direct-view --mirrors 2 --base base", TOGETHER),
         ("--direct-view --mirrors 2 --live-hint", "--lens, --surface and --live-hint go with --layout"),
         ("--direct-view --mirrors 2 --lens fisheye", "--lens, --surface and --live-hint go with --layout"),
-        ("--direct-view --mirrors 5", "--mirrors 5: Input should be less than or equal to 4"),
+        ("--direct-view --mirrors 145", "--mirrors 145: Input should be less than or equal to 144"),
         ("--layout nowhere.json", "no such file"),
     ],
 )

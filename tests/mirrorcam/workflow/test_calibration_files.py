@@ -9,9 +9,8 @@ import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, save_board
 from mirrorcam.pages.run_page import read_metrics
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files, write_calibration
+from mirrorcam.workflow.calibration_files import CalibrationRequest, write_calibration
 from tests.optics.calibration.sound_calibration import sound_calibration
 
 
@@ -21,13 +20,6 @@ def test_a_request_has_a_layout_or_a_number_of_mirrors() -> None:
     for wrong in ({}, both):
         with pytest.raises(InputError, match="expected a nominal layout, or the number of mirrors"):
             CalibrationRequest(pictures=(Path("a.png"),), board=board, **wrong)
-
-
-def test_a_direct_view_needs_a_checkerboard(tmp_path: Path) -> None:
-    save_board(tmp_path / "board.toml", Charuco(cols=5, rows=4, square_mm=20.0, marker_mm=15.0))
-    request = CalibrationRequest(pictures=(tmp_path / "a.png",), board=tmp_path / "board.toml", mirrors=2)
-    with pytest.raises(InputError, match="a ChArUco board, expected a checkerboard"):
-        calibrate_files(request)
 
 
 def test_files_hold_the_calibration(tmp_path: Path) -> None:

@@ -180,3 +180,36 @@ def test_boards_that_show_no_second_mirror_are_refused() -> None:
     alone = [[board for board in in_picture if len(board.direct)][:1] for in_picture in of.found]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
         solved(replace(of, found=alone))
+
+
+@pytest.mark.parametrize("mirrors", [1, 4, 6])
+def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
+    """Mirrors in a ring around the line of sight, each seen by most pictures; planes reach behind each other."""
+    random = np.random.default_rng(mirrors)
+    camera = Camera(width_px=1600, height_px=1600, fx_px=850.0, fy_px=853.0, cx_px=803.0, cy_px=795.0)
+    around = np.linspace(0.2, 0.2 + 2.0 * np.pi, mirrors, endpoint=False)
+    centres = 240.0 * np.array([[np.cos(a) * np.cos(0.12), np.sin(a) * np.cos(0.12), np.sin(0.12)] for a in around])
+    centres = centres[np.argsort(centres[:, 0])]
+    corners = ONE_WAY_UP.corners_in_board_mm
+    found: list[list[FoundBoard]] = []
+    for _ in range(9):
+        turn = Rotation.from_euler("xyz", [*random.uniform(-30, 30, 2), random.uniform(-180, 180)], degrees=True)
+        shift = [*random.uniform(-40, 40, 2), random.uniform(420, 560)]
+        points = turn.apply(corners - corners.mean(axis=0)) + shift
+        views = [(points, False), *((reflect(points, centre), True) for centre in centres)]
+        boards = []
+        for seen, turned_over in views:
+            pixels = camera.project(seen) + random.normal(0.0, 0.1, (len(seen), 2))
+            across, down = pixels[1] - pixels[0], pixels[7] - pixels[0]
+            print_shown = (across[0] * down[1] - across[1] * down[0] < 0) == turned_over
+            inside = (pixels > 0).all() and (pixels < 1600).all()
+            if inside and print_shown and (random.uniform() > 0.15 or not turned_over):
+                true, other = (numberings(pixels, ONE_WAY_UP, turned_over=over) for over in (False, True))
+                boards.append(FoundBoard(other, true) if turned_over else FoundBoard(true, other))
+        found.append([boards[place] for place in random.permutation(len(boards))])
+    shown = Scene(camera, centres, ONE_WAY_UP, found)
+    start = first_estimate(found, corners, mirrors=mirrors, width_px=1600, height_px=1600)
+    model = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners))
+    solution = fit(start.estimate, start.observations, model)
+    assert sigmas_off(solution, shown) < 5.0
+    assert set(start.observations.view.tolist()) == set(range(-1, mirrors))

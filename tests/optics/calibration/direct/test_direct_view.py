@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
 from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
@@ -23,7 +23,6 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
-from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.direct.two_mirrors import (
     BOARD,
     CAMERA,
@@ -32,25 +31,11 @@ from tests.optics.calibration.direct.two_mirrors import (
     corners_of,
     lying,
     moved_by_hand,
+    picture_of,
 )
 from tests.optics.synthetic import render
 
 PHOTOGRAPHED = Checkerboard(cols=8, rows=7, square_mm=1.0)
-
-
-def picture_of(layout: Layout, pose: FloatArray, seed: int) -> Grey:
-    """The mirrors' picture with the board itself in front of it."""
-    through = render(CAMERA, layout, BOARD, pose, noise_grey=1.0, seed=seed)
-    direct = render(CAMERA, None, BOARD, pose, noise_grey=1.0, seed=seed)
-    size = np.array(BOARD.size_mm)
-    outer = np.array([[0.0, 0, 0], [size[0], 0, 0], [*size, 0], [0, size[1], 0]])
-    margin = 1.1 * (outer - outer.mean(axis=0)) + outer.mean(axis=0)
-    polygon = CAMERA.project(transform(pose, margin))
-    rows, cols = np.mgrid[: direct.shape[0], : direct.shape[1]]
-    inside = np.ones(direct.shape, dtype=bool)
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        inside &= (b[0] - a[0]) * (rows - a[1]) - (b[1] - a[1]) * (cols - a[0]) > 0
-    return np.where(inside, direct, through).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +80,27 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
         calibrate_with_direct_view([], BOARD, mirrors=2, names=[])
     with pytest.raises(InputError, match="pictures of 2 sizes"):
         calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
-    with pytest.raises(InputError, match="plain checkerboard"):
-        charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
-        calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])  # type: ignore[arg-type]  # the very thing that must fail
+    charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
+    with pytest.raises(InputError, match="no 8 x 7 ChArUco board found in any of 1 pictures"):
+        calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])
     bare = [render(CAMERA, None, BOARD, lying(*pose)) for pose in POSES[:3]]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
+
+
+def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
+    """Markers tell the direct view from images; a picture without mirrors is one more view of the camera."""
+    truth = corner_of_two_mirrors(90.0)
+    board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
+    pictures = [picture_of(truth, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:4])]
+    base = [render(CAMERA, None, board, lying(*POSES[4]), noise_grey=1.0, seed=9)]
+    found = calibrate_with_direct_view(pictures, board, mirrors=2, names=list("abcd"), base=base)
+    frames = [set(found.observations.view[found.observations.frame == f].tolist()) for f in range(5)]
+    assert frames[4] == {DIRECT}
+    assert all(DIRECT in frame and len(frame) > 1 for frame in frames[:4])
+    assert max(found.metrics[f"rms_{axis}_px"].value for axis in "xy") < 0.1
+    for a, b, (tilt, _) in zip(found.layout.mirrors, truth.mirrors, mirror_sigmas(found.layout), strict=True):
+        assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
 
 
 def flat_fit(truth: Estimate, clean: Observations, noise_px: float) -> tuple[Fitted, Observations]:

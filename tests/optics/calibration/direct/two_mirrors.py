@@ -8,13 +8,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard
-from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
+from mirrorcam.optics.geometry.transforms import rigid, transform
+from tests.optics.synthetic import render
 
 BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
 CAMERA = Camera(
@@ -89,3 +91,18 @@ def moved_by_hand(frames: int, seed: int = 0) -> FloatArray:
             for _ in range(frames)
         ]
     )
+
+
+def picture_of(layout: Layout, pose: FloatArray, seed: int, board: Target = BOARD) -> Grey:
+    """The mirrors' picture with the board itself in front of it."""
+    through = render(CAMERA, layout, board, pose, noise_grey=1.0, seed=seed)
+    direct = render(CAMERA, None, board, pose, noise_grey=1.0, seed=seed)
+    size = np.array(board.size_mm)
+    outer = np.array([[0.0, 0, 0], [size[0], 0, 0], [*size, 0], [0, size[1], 0]])
+    margin = 1.1 * (outer - outer.mean(axis=0)) + outer.mean(axis=0)
+    polygon = CAMERA.project(transform(pose, margin))
+    rows, cols = np.mgrid[: direct.shape[0], : direct.shape[1]]
+    inside = np.ones(direct.shape, dtype=bool)
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        inside &= (b[0] - a[0]) * (rows - a[1]) - (b[1] - a[1]) * (cols - a[0]) > 0
+    return np.where(inside, direct, through).astype(np.uint8)

@@ -1,0 +1,145 @@
+"""Boards in pictures that show them directly and in mirrors, with all that their numbering leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.optics.base.progress import Progress
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.detection.charuco import find_boards as find_charucos
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
+from mirrorcam.optics.calibration.detection.other_boards import other_board
+from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+
+MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
+INVERTED = (
+    "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
+    "corners are numbered as if its top left square were black"
+)
+
+
+@dataclass(frozen=True)
+class SeenBoard:
+    """A board in a picture: its numberings with the colours as stated, and with black and white exchanged."""
+
+    stated: FoundBoard
+    inverted: FoundBoard
+
+    @property
+    def any(self) -> Corners | None:
+        """One of its numberings; None where it has none."""
+        every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
+        return every[0] if every else None
+
+
+def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: Progress) -> list[list[SeenBoard]]:
+    """The boards in each picture, up to `most` of each handedness; raises InputError where there are none at all."""
+    found = []
+    for number, picture in enumerate(pictures):
+        boards = _charucos(picture, target, most) if isinstance(target, Charuco) else _checkerboards(picture, target)
+        found.append([board for board in boards if board.any is not None])
+        progress(number + 1, len(pictures))
+    if not any(found):
+        kind = "ChArUco board" if isinstance(target, Charuco) else "checkerboard"
+        raise InputError(
+            other_board(pictures, target, mirrored=False, found=False)
+            or f"no {target.cols} x {target.rows} {kind} found in any of {len(pictures)} pictures"
+        )
+    return found
+
+
+def _charucos(picture: Grey, target: Charuco, most: int) -> list[SeenBoard]:
+    """ChArUco boards, whose markers tell whether they are seen in a mirror."""
+    direct, image = (
+        [board for board in find_charucos(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
+        for mirrored in (False, True)
+    )
+    found = [*(FoundBoard([board], []) for board in direct), *(FoundBoard([], [board]) for board in image)]
+    return [SeenBoard(board, FoundBoard([], [])) for board in found]
+
+
+def _checkerboards(picture: Grey, target: Checkerboard) -> list[SeenBoard]:
+    grids = find_checkerboards(picture, target)
+    return [SeenBoard(_numbered(grid, target), _numbered(_inverted(grid), target)) for grid in grids]
+
+
+def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
+    direct, image = (grid.numberings(target, mirrored=mirrored) for mirrored in (False, True))
+    return FoundBoard(direct, image)
+
+
+def _inverted(grid: SeenGrid) -> SeenGrid:
+    """The grid with black and white exchanged, as in the negative of its picture."""
+    step = np.array([1, 0])
+    return replace(grid, places=grid.places + step, limits=grid.limits + step)
+
+
+def negative(picture: Grey) -> Grey:
+    """The picture with black and white exchanged."""
+    return np.asarray(255 - picture, dtype=np.uint8)
+
+
+def start_of(
+    boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+) -> tuple[Start, bool]:
+    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry tells.
+
+    Of a board whose numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
+    InputError where the boards do not determine the camera, or show fewer mirrors.
+    """
+    starts, refusals = [], []
+    for inverted in (False, True):
+        found = [
+            [
+                board
+                for board in (seen.inverted if inverted else seen.stated for seen in in_picture)
+                if 0 < len(board.direct) + len(board.image) <= MOST_NUMBERINGS
+            ]
+            for in_picture in boards
+        ]
+        if not any(found):
+            continue
+        try:
+            start = first_estimate(
+                found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
+            )
+            starts.append((start, inverted))
+        except InputError as error:
+            refusals.append(error)
+    if not starts:
+        raise refusals[0] if refusals else InputError("the parts of boards in the pictures cannot be numbered")
+    # Colours as stated are believed unless they explain the corners much worse.
+    return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
+
+
+def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
+    """All corners of all views of a checkerboard, detected again where the estimate predicts them.
+
+    This completes hidden boards; those of a ChArUco board are complete.
+    """
+    if isinstance(target, Charuco):
+        return start.observations
+    return _confirmed(pictures, start.estimate, target)
+
+
+def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:
+    board = Board.rigid(target.corners_in_board_mm)
+    ids = np.arange(len(board.corners_in_board_mm))
+    parts = []
+    for frame, picture in enumerate(pictures):
+        alone = estimate.of_frames(np.array([frame]))
+        for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
+            predicted = residuals(alone, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+            if not np.isfinite(predicted).all():
+                continue
+            corners = confirm(picture, predicted, target)
+            if len(corners):
+                parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
+    return Observations.join(parts)

@@ -1,0 +1,56 @@
+"""Boards that are seen directly and in mirrors: their colours, their markers, and what confirms their corners."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.progress import no_progress
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.direct.direct_boards import boards_in, confirmed, negative, start_of
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from tests.optics.calibration.direct.two_mirrors import CAMERA, POSES, corner_of_two_mirrors, lying, picture_of
+
+EVEN = Checkerboard(cols=8, rows=6, square_mm=20.0)
+SIZE = {"width_px": CAMERA.width_px, "height_px": CAMERA.height_px}
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[Grey]:
+    layout = corner_of_two_mirrors(90.0)
+    return [picture_of(layout, lying(*pose), seed, EVEN) for seed, pose in enumerate(POSES[:4])]
+
+
+def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None:
+    """A board of even columns and rows with black for white looks like its mirror image; where it is does not."""
+    centres = []
+    for shown, exchanged in ((pictures, False), ([negative(picture) for picture in pictures], True)):
+        boards = boards_in(shown, EVEN, most=3, progress=no_progress)
+        start, inverted = start_of(boards, EVEN, mirrors=2, **SIZE)
+        assert inverted == exchanged
+        centres.append(start.estimate.virtual_centres_in_rig_mm)
+        seen = confirmed([negative(p) if inverted else p for p in shown], start, EVEN)
+        assert set(seen.view.tolist()) == {DIRECT, 0, 1}
+    np.testing.assert_allclose(centres[0], centres[1], atol=10.0)
+    truth = [mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors]
+    np.testing.assert_allclose(centres[0], truth, atol=0.03 * np.linalg.norm(truth[0]))
+
+
+def test_markers_tell_images_from_the_board_itself() -> None:
+    board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
+    layout = corner_of_two_mirrors(90.0)
+    shown = [picture_of(layout, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:2])]
+    for in_picture in boards_in(shown, board, most=3, progress=no_progress):
+        assert [len(seen.stated.direct) for seen in in_picture] == [1, *[0] * (len(in_picture) - 1)]
+        assert [len(seen.stated.image) for seen in in_picture] == [0, *[1] * (len(in_picture) - 1)]
+        assert not any(seen.inverted.direct or seen.inverted.image for seen in in_picture)
+
+
+def test_pictures_without_a_board_are_refused() -> None:
+    blank = np.full((300, 400), 90, dtype=np.uint8)
+    with pytest.raises(InputError, match="no 8 x 6 checkerboard found in any of 1 pictures"):
+        boards_in([blank], EVEN, most=3, progress=no_progress)
+    with pytest.raises(InputError, match="cannot be numbered"):
+        start_of([[]], EVEN, mirrors=2, **SIZE)
