@@ -34,7 +34,7 @@ def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None
         seen = confirmed([negative(p) if inverted else p for p in shown], start, EVEN)
         assert set(seen.view.tolist()) == {DIRECT, 0, 1}
     np.testing.assert_allclose(centres[0], centres[1], atol=10.0)
-    truth = [mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors]
+    truth = np.array([mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors])
     np.testing.assert_allclose(centres[0], truth, atol=0.03 * np.linalg.norm(truth[0]))
 
 
