@@ -27,6 +27,7 @@ MAX_CAMERA_SIGMAS = 5.0  # rms over the intrinsics, between frames with and with
 # Sigmas between them from which error bounds are widened (by chance once in 1,000 sets), and from which a note is made:
 # errors of corners in one view are correlated, so that up to about 2.5 occurs in good sets.
 DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
+PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
 
 
 def enough_mirrors(layout: Layout) -> None:
@@ -216,7 +217,8 @@ def _place(observations: Observations, rows: IntArray, names: Sequence[str], mir
 def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int, common: int) -> float:
     """Disagreement of two sets of frames about the camera, in sigmas (1 is expected where they agree).
 
-    The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960).
+    The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960) for nine intrinsics; for more, what
+    exceeds the expected statistic is counted as if it were of nine.
 
     Parameters
     ----------
@@ -232,7 +234,9 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
     separate = np.concatenate([r.ravel() for r in apart])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
     worse = float(np.sum(together**2)) - float(separate @ separate)
-    return float(np.sqrt(max(worse, 0.0) / common / noise))
+    # Of a lens with more numbers, those that agree would hide the few that do not.
+    excess = worse / noise - common
+    return float(np.sqrt(max(1.0 + excess / PLAIN_INTRINSICS, 0.0)))
 
 
 def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:
