@@ -71,6 +71,7 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     if added <= 0:
         raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
     planes = float(np.sum(solution.standardised[solution.inliers] ** 2))
+    planes += float(np.sum(model.intrinsic_values(solution.estimate.camera) ** 2))
     left = _minimum(solution.estimate, rows, model, held)
     spare = 2 * len(rows) - len(solution.parameters) - added - 6 * len(frames)
     if spare <= 0:
@@ -96,7 +97,10 @@ class _Views:
 
 
 def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) -> float:
-    """The standardised sum of squares at the minimum over virtual cameras, poses, intrinsics and modes of the board."""
+    """The standardised sum of squares at the minimum over virtual cameras, poses, intrinsics and modes of the board.
+
+    Priors of the lens add to it.
+    """
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     names = global_names(estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
     kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
@@ -104,9 +108,12 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
     about = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])
     views = _Views(np.zeros((mirrors, 3)), np.zeros((mirrors, 3)), about)
     r, by_global, by_twist = _linearised(estimate, views, rows, model, kept, held)
-    cost, damping = float(np.sum(r**2)), 0.0
+    priors = np.zeros((2, by_global.shape[2]))
+    lens = slice(len(model.intrinsics))
+    priors[:, lens] = model.intrinsic_priors(estimate.camera), model.intrinsic_values(estimate.camera)
+    cost, damping = float(np.sum(r**2) + np.sum(priors[1] ** 2)), 0.0
     for _ in range(STEPS):
-        step, twists = _step(r, by_global, by_twist, rows, damping)
+        step, twists = _step(r, by_global, by_twist, rows, priors, damping)
         moved = np.zeros(len(names))
         moved[kept] = step[: len(kept)]
         change = step[len(kept) :].reshape(-1, 6)
@@ -115,12 +122,14 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, held: int) ->
         trial_views.turns[held:] += change[:, :3]
         trial_views.shifts[held:] += change[:, 3:]
         found = _linearised(trial, trial_views, rows, model, kept, held)
-        trial_cost = float(np.sum(found[0] ** 2))
+        values = model.intrinsic_values(trial.camera)
+        trial_cost = float(np.sum(found[0] ** 2) + np.sum(values**2))
         if not trial_cost <= cost:
             damping = max(10.0 * damping, 1e-6)
             continue
         gain, cost = cost - trial_cost, trial_cost
         estimate, views, (r, by_global, by_twist), damping = trial, trial_views, found, damping / 10.0
+        priors[1, lens] = values
         if gain <= 1e-9 * cost:
             break
     return cost
@@ -158,11 +167,14 @@ def _linearised(
 
 
 def _step(
-    r: FloatArray, by_global: FloatArray, by_twist: FloatArray, rows: Observations, damping: float
+    r: FloatArray, by_global: FloatArray, by_twist: FloatArray, rows: Observations, priors: FloatArray, damping: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), poses eliminated."""
+    """The damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), poses eliminated.
+
+    `priors` (2, g) are those of the globals and their weighted values.
+    """
     size = by_global.shape[2]
-    reduced, right = np.zeros((size, size)), np.zeros(size)
+    reduced, right = np.diag(priors[0] ** 2), priors[0] * priors[1]
     frames = []
     for frame in range(int(rows.frame[-1]) + 1):
         of = rows.frame == frame

@@ -150,8 +150,7 @@ def normal_equations(
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     priors, free = model.intrinsic_priors(estimate.camera), slice(len(model.intrinsics))
     u[free, free] = np.diag(priors**2)
-    known = [name in model.intrinsics for name in estimate.camera.intrinsic_names]
-    gradient_global[free] = priors**2 * estimate.camera.intrinsics[known]
+    gradient_global[free] = priors * model.intrinsic_values(estimate.camera)
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:

@@ -83,12 +83,15 @@ class Model:
         free = [name in self.intrinsics for name in camera.intrinsic_names]
         return np.asarray(1.0 / np.array(sigmas)[free])
 
+    def intrinsic_values(self, camera: Camera) -> FloatArray:
+        """The weighted values (i,) of the free intrinsics: their squares add to the cost."""
+        free = [name in self.intrinsics for name in camera.intrinsic_names]
+        return np.asarray(self.intrinsic_priors(camera) * camera.intrinsics[free])
+
     def prior_squares(self, estimate: Estimate) -> float:
         """What the priors of frames and intrinsics add to the cost."""
-        camera = estimate.camera
-        free = [name in self.intrinsics for name in camera.intrinsic_names]
-        values = self.intrinsic_priors(camera) * camera.intrinsics[free]
-        return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(values**2))
+        intrinsics = self.intrinsic_values(estimate.camera)
+        return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(intrinsics**2))
 
     def parameters(self, camera: Camera, mirrors: int) -> tuple[str, ...]:
         """Names of the free globals of a camera with `mirrors` mirrors, in the order of `global_names`."""

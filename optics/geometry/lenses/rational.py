@@ -11,7 +11,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.lenses.brown_conrady import FLIPS, BrownConrady, tangential_by_coefficients
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 
-DIVISOR_SIGMA = 0.5
+DIVISOR_SIGMA = 0.3
 
 
 class Rational(Lens):
