@@ -148,6 +148,8 @@ CALIBRATIONS: Mapping[str, str] = {
     "flat_board_rms_x_px": "reprojection error of a flat board, RMS in x",
     "flat_board_rms_y_px": "reprojection error of a flat board, RMS in y",
     "camera_turned_px": "largest rotation of the camera between pictures",
+    "shutter_readout": "readout of a frame by a rolling shutter, relative to the time between frames",
+    "shutter_readout_sigma": "the same, \N{GREEK SMALL LETTER SIGMA}",
     "aperture_mm": "diameter of the lens's pupil",
     "aperture_sigma_mm": "diameter of the lens's pupil, \N{GREEK SMALL LETTER SIGMA}",
     "focus_mm": "distance in focus",

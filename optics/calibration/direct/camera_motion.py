@@ -77,7 +77,11 @@ def _flowed(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, B
     found, status, unlike = cv2.calcOpticalFlowPyrLK(
         first, other, seeds, seeds.copy(), winSize=WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=SETTLED
     )
-    return np.asarray(found, dtype=np.float64)[:, 0], status.ravel() > 0, np.asarray(unlike, dtype=np.float64).ravel()
+    seen = status.ravel() > 0
+    # Where nothing was found, the difference is not set.
+    difference = np.full(len(seen), np.inf)
+    difference[seen] = unlike.ravel()[seen]
+    return np.asarray(found, dtype=np.float64)[:, 0], seen, difference
 
 
 def _consensus(camera: Camera, here: FloatArray, there: FloatArray) -> FloatArray | None:
