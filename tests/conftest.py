@@ -59,3 +59,16 @@ def two_mirror_video() -> Path:
     if not found or not found[0].is_file():
         pytest.skip("no first_200_frames.mp4 in $MIRRORCAM_VIDEO or beside the checkout")
     return found[0]
+
+
+@pytest.fixture(scope="session")
+def foreign_sets() -> Path:
+    """The folder of calibration sets that another renderer made, which the project does not ship.
+
+    It is looked for in $MIRRORCAM_FOREIGN_SETS, and in data/foreign_sets of any folder beside the checkout.
+    """
+    named = os.environ.get("MIRRORCAM_FOREIGN_SETS")
+    found = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/foreign_sets"))
+    if not found or not (found[0] / "a_ch" / "truth" / "truth.json").is_file():
+        pytest.skip("no sets of another renderer in $MIRRORCAM_FOREIGN_SETS or beside the checkout")
+    return found[0]
