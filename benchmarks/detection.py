@@ -3,8 +3,9 @@
 Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
 glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
 corners were found, how far they are off, and how many are false: more than 1 px, or 5 standard deviations of its
-mirror's corners in that run (and 0.1 px), from where that mirror shows that corner. Then the seconds that 20 frames of
-nine views at 1920 x 1080 take (limit: 10 on 2 cores).
+mirror's corners in that run (and 0.1 px), from where that mirror shows that corner. Then the seconds of processor time
+that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for either kind of board and of mirror, the least of a few
+runs, and the seconds that 20 frames take (limit: 10 on 2 cores).
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
+from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.whole_pupil import wholly_served
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.optics.geometry.targets import Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.render_set import render_set
@@ -38,7 +40,9 @@ DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.
 TILT_DEG = 2.0
 FALSE_PX, FALSE_SIGMAS = 1.0, 5.0
 MIN_FALSE_PX = 0.1  # below which no corner is called false, however small the others' errors are
-LIMIT_S = 10.0
+LIMIT_S, FRAME_LIMIT_S = 10.0, 0.5
+RUNS, TIMED_FRAMES = 3, 4
+PLAIN = Checkerboard(cols=20, rows=13, square_mm=12.0)
 CONDITIONS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
 
 
@@ -138,6 +142,44 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
         yield condition, score([_used(built, frame.corners) for frame in found], truth_px, visible)
 
 
+def print_time(layout: Layout, target: Target, folder: Path) -> None:
+    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder.
+
+    What one frame alone cannot number of a checkerboard is numbered by all of them, which is not timed.
+    """
+    request = SetRequest(
+        layout=layout,
+        target=target,
+        frames=TIMED_FRAMES,
+        base_frames=0,
+        seed=0,
+        tolerances=Tolerances(tilt_deg=TILT_DEG),
+        settings=RenderSettings(renderer="fast", sensor=SENSORS["c920"], maps=False),
+    )
+    dataset: Dataset = render_set(request, folder)
+    found, least = [], []
+    for name in dataset.frame_names:
+        picture = read_image(folder / name, grey=True)
+        spent = []
+        for _ in range(RUNS):
+            started = time.process_time()
+            frame = sub_images(picture, layout, target)
+            spent.append(time.process_time() - started)
+        found.append(frame)
+        least.append(min(spent))
+    if isinstance(target, Checkerboard):
+        found = numbered_together(found, [], layout, target)
+    with np.load(folder / "truth" / "corners.npz") as truth:
+        truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
+    seen = score([frame.corners for frame in found], truth_px, visible)
+    surface = "second" if layout.mirrors[0].is_second_surface else "first"
+    print(
+        f"{target.kind:12} {surface:6}-surface: {np.mean(least):.2f} s a frame (limit {FRAME_LIMIT_S:g} s), "
+        f"found {seen.found} of {seen.visible}, rms {seen.rms_px:.4f} px, {seen.far} beyond {FALSE_PX:g} px",
+        flush=True,
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("layout", nargs="?", type=Path, default=DEFAULT_LAYOUT)
@@ -158,6 +200,10 @@ def main() -> None:
                     flush=True,
                 )
         print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
+        plates = [m.replaced(surface="second", thickness_mm=2.0, refractive_index=1.49) for m in layout.mirrors]
+        for number, built in enumerate((layout, layout.replaced(mirrors=tuple(plates)))):
+            for target in (default_board(), PLAIN):
+                print_time(built, target, Path(name) / f"{target.kind}_{number}")
         files = sorted((Path(name) / "c920" / "frames").iterdir())
         pictures = [read_image(path, grey=True) for path in files]
         for workers in sorted({1, 2, cores()}):

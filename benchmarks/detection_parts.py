@@ -1,0 +1,99 @@
+"""Detection of checkerboards of which parts are hidden: `python -m benchmarks.detection_parts SET`.
+
+SET is a folder with `frames/`, `base/`, `layout.json`, `board.toml` and `truth/truth.json`, which holds the true camera
+(K, D), virtual centres (C) and poses of the board. Prints the frames, views and corners that are found as the pictures
+are, and with blobs, with bars, and with a frame drawn over them that leaves the middle of each sub-image, and how many
+corners are wrong: more than 1 px from where the truth has them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.pictures import pictures_in, read_image
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
+from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard, load_board
+
+WAYS = ("as they are", "blobs", "bars", "framed")
+BLOBS, BARS = 10, 5
+WRONG_PX = 1.0
+LEFT_OUT, LEFT_BETWEEN = 0.12, 0.04  # of the height, around the middle of each sub-image
+
+
+def hidden(grey: Grey, way: str, layout: Layout, random: np.random.Generator) -> Grey:
+    """A picture of which parts are hidden in one of the `WAYS`."""
+    height, width = grey.shape
+    covered = grey.copy()
+    if way == "blobs":
+        for _ in range(BLOBS):
+            middle, axes = random.integers(0, [width, height]), random.integers(25, 70, 2)
+            turn, level = float(random.uniform(0.0, 180.0)), int(random.integers(30, 235))
+            cv2.ellipse(covered, middle.tolist(), axes.tolist(), turn, 0.0, 360.0, (level,), -1)
+    if way == "bars":
+        for _ in range(BARS):
+            middle, angle = random.integers(0, [width, height]), random.uniform(0.0, np.pi)
+            along = np.array([np.cos(angle), np.sin(angle)]) * (width + height)
+            ends = [(middle + sign * along).astype(int).tolist() for sign in (-1, 1)]
+            cv2.line(covered, ends[0], ends[1], (int(random.integers(30, 235)),), int(random.integers(10, 50)))
+    if way == "framed":
+        covered[:] = 40
+        rows, cols = layout.rows, layout.cols
+        far, near = int(LEFT_OUT * height), int(LEFT_BETWEEN * height)
+        for row in range(rows):
+            for col in range(cols):
+                part = np.s_[
+                    row * height // rows + far : (row + 1) * height // rows - near,
+                    col * width // cols + far : (col + 1) * width // cols - far,
+                ]
+                covered[part] = grey[part]
+    return covered
+
+
+def true_pixels(folder: Path, points: FloatArray) -> FloatArray:
+    """Where each mirror shows a board's points (c, 3): (frames, mirrors, c, 2)."""
+    truth = json.loads((folder / "truth" / "truth.json").read_text())
+    fx, fy, cx, cy = truth["K"]
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    frames = []
+    for pose in np.array(truth["poses"]):
+        placed = points @ pose[:3, :3].T + pose[:3, 3]
+        images = [placed - 2.0 * (placed @ c / (c @ c) - 0.5)[:, None] * c for c in np.array(truth["C"])]
+        views = [cv2.projectPoints(each, np.zeros(3), np.zeros(3), matrix, np.array(truth["D"]))[0] for each in images]
+        frames.append(np.array(views)[:, :, 0])
+    return np.array(frames)
+
+
+def main(folder: Path) -> None:
+    layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+    if not isinstance(board, Checkerboard):
+        raise SystemExit(f"{folder / 'board.toml'}: expected a checkerboard")
+    truth_px = true_pixels(folder, board.corners_in_board_mm)
+    pictures, others = (
+        [read_image(path, grey=True) for path in pictures_in([folder / name])] for name in ("frames", "base")
+    )
+    base = detect_frames(others, layout, board, mirrored=False)
+    for way in WAYS:
+        random = np.random.default_rng(0)
+        alone = detect_frames([hidden(each, way, layout, random) for each in pictures], layout, board, mirrored=True)
+        for said, found in (("each alone", alone), ("together", numbered_together(alone, base, layout, board))):
+            corners = [frame.corners for frame in found]
+            off = [np.linalg.norm(o.pixels - truth_px[n][o.view, o.corner], axis=1) for n, o in enumerate(corners)]
+            print(
+                f"{way:12} {said:10} frames {sum(len(o) > 0 for o in corners):3d} of {len(corners)}, "
+                f"views {sum(len(np.unique(o.view)) for o in corners):4d}, corners {sum(map(len, corners)):6d}, "
+                f"wrong {int((np.concatenate(off) > WRONG_PX).sum())}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
