@@ -2,10 +2,10 @@
 
 Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
 glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
-corners were found, how far they are off, and how many are false: more than 1 px, or 5 standard deviations of its
-mirror's corners in that run (and 0.1 px), from where that mirror shows that corner. Then the seconds of processor time
-that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for either kind of board and of mirror, the least of a few
-runs, and the seconds that 20 frames take (limit: 10 on 2 cores).
+corners were found, how far they are off, and how many are false: more than 1 px, or 5 of their own standard deviations
+(scaled to the errors of that mirror's corners in that run, and 0.1 px), from where that mirror shows that corner. Then
+the seconds of processor time that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for either kind of board and
+of mirror, the least of a few runs, and the seconds that 20 frames take (limit: 10 on 2 cores).
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Score:
     """Detection score of some frames.
 
     `visible` and `found` are numbers of corners, `rms_px` is the error per axis of those within `FALSE_PX`; `far` is
-    the number beyond it, `outlying` the number beyond `FALSE_SIGMAS` of the errors in their mirror.
+    the number beyond it, `outlying` the number beyond `FALSE_SIGMAS` of their standard deviations.
     """
 
     visible: int
@@ -95,15 +95,17 @@ class Score:
 def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score:
     """Corners against pixels (frames, mirrors, corners, 2)."""
     off = np.concatenate([o.pixels - truth_px[frame][o.view, o.corner] for frame, o in enumerate(seen)])
-    views = np.concatenate([o.view for o in seen])
+    views, stated = (np.concatenate([getattr(o, name) for o in seen]) for name in ("view", "sigma_px"))
     distance = np.linalg.norm(off, axis=1)
     far = ~(distance <= FALSE_PX)
     near = off[~far]
     outlying = far.copy()
     for view in np.unique(views):
         # Each mirror has its own light and sharpness. Rayleigh's median is 1.177 sigma; a few outliers do not move it.
-        sigma = float(np.median(distance[views == view])) / 1.1774
-        outlying |= (views == view) & (np.abs(off) > max(FALSE_SIGMAS * sigma, MIN_FALSE_PX)).any(axis=1)
+        shown = views == view
+        scale = float(np.median(distance[shown] / stated[shown])) / 1.1774
+        limit = np.maximum(FALSE_SIGMAS * scale * stated[shown], MIN_FALSE_PX)
+        outlying[shown] |= (np.abs(off[shown]) > limit[:, None]).any(axis=1)
     rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
     return Score(visible, len(off), rms, int(far.sum()), int(outlying.sum()))
 

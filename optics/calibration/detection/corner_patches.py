@@ -24,8 +24,8 @@ SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are 
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
 LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # of ink that reflects at least a fortieth of what paper does
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
-# Columns of the linear model of a patch: level, two slopes, contrast, edges that have crept, blur, shift, ghost images.
-CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(8, None)
+# Columns of the model of a patch: level, two slopes, contrast, crept edges, blur, shift, blur of motion, ghost images.
+CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
 
 @dataclass(frozen=True)
@@ -168,9 +168,7 @@ class LinearModel:
         at = places[:, None] + patches.on_print
         printed = sample_blurred(local, at, appearance.blur_px**2 * metric)
         value = printed.value
-        laplacian = np.einsum(
-            "nmk,nk->nm", printed.second, np.stack([metric[:, 0, 0], 2.0 * metric[:, 0, 1], metric[:, 1, 1]], axis=1)
-        )
+        xx, xy, yy = np.moveaxis(printed.second @ _second_by_px(squares_per_px), 2, 0)
         ghosts = []
         if appearance.ghosts is not None:
             blur_cells = appearance.blur_px / float(np.median(patches.side_px))
@@ -182,11 +180,21 @@ class LinearModel:
         # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
         # fading of a lens towards the rim would pull all corners inwards.
         level = 1.0 + _modulation(value, seen, patches.near) * value
-        look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, laplacian]
-        columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *ghosts], axis=2)
+        look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, xx + yy]
+        # What moves is blurred along its motion, which shifts the corners of either colour apart by a tenth of a pixel.
+        motion = [] if appearance.rough else [xx - yy, xy]
+        columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *motion, *ghosts], axis=2)
         scale = np.maximum(np.sqrt((columns**2).mean(axis=1)), 1e-9)
         columns /= scale[:, None]
         return cls(columns, scale)
+
+
+def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
+    """Matrices (n, 3, 3) that take second derivatives xx, xy, yy by squares, as a row, to those by px."""
+    (a, b), (c, d) = np.moveaxis(squares_per_px, 0, -1)
+    return np.moveaxis(
+        np.array([[a * a, a * b, b * b], [2.0 * a * c, a * d + b * c, 2.0 * b * d], [c * c, c * d, d * d]]), 2, 0
+    )
 
 
 def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
