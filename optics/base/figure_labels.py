@@ -137,6 +137,7 @@ CALIBRATIONS: Mapping[str, str] = {
     "mirror_to_mirror_distance_sigma_mm": "mirror distances to each other, largest \N{GREEK SMALL LETTER SIGMA}",
     "projection_sigma_px": "projected point, \N{GREEK SMALL LETTER SIGMA}",
     "projection_against_reference_sigma_px": "projected point against the reference view, \N{GREEK SMALL LETTER SIGMA}",
+    "working_distance_mm": "median distance of the board's corners from the views",
     "uncertainty_widened": "factor by which tests increase every \N{GREEK SMALL LETTER SIGMA}",
     "alarms": "alarms: the model contradicts the pictures",
     "depth_matching_sigma_mm": "depth at working range, \N{GREEK SMALL LETTER SIGMA} of matching",

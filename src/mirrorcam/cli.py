@@ -30,6 +30,7 @@ from mirrorcam.commands import (
     cad,
     calibrate,
     cameras,
+    compare,
     decode,
     depth,
     design,
@@ -65,6 +66,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     scene.SceneOptions: scene.run,
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
+    compare.CompareOptions: compare.run,
     decode.DecodeOptions: decode.run,
     cameras.CamerasOptions: cameras.run,
     refocus.RefocusOptions: refocus.run,
@@ -92,6 +94,7 @@ class Command:
         | Annotated[scene.SceneOptions, subcommand("scene")]
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
+        | Annotated[compare.CompareOptions, subcommand("compare")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[cameras.CamerasOptions, subcommand("cameras")]
         | Annotated[refocus.RefocusOptions, subcommand("refocus")]

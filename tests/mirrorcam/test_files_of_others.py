@@ -66,6 +66,9 @@ CASES = {
     "cameras": Case(
         "cameras layout.json --pictures frame.png --out out", "mirrorcam.optics.exports.write_exports:write_exports"
     ),
+    "compare": Case(
+        "compare layout.json layout.json --distance-mm 400 --out out", "mirrorcam.workflow.comparison:compare_files"
+    ),
     "render": Case(
         "render layout.json --board board.toml --frames 2 --base-frames 1 --renderer fast --workers 1 --rate-hz 10 "
         "--video avi --out out",

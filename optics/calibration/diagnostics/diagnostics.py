@@ -97,6 +97,7 @@ class Diagnostics:
                 _rms([shown.against_reference_px for shown in self.projection if shown.view != self.reference]),
                 "px",
             ),
+            "working_distance_mm": (self.range_mm, "mm"),
             "uncertainty_widened": (self.widened, "1"),
             "alarms": (float(len(self.alarms)), "1"),
         }

@@ -93,16 +93,20 @@ def uncertainty_of(layout: Layout) -> Uncertainty:
     return layout.uncertainty
 
 
-def project(layout: Layout, view: int, points_in_rig: FloatArray) -> Projection:
-    """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT), with the model that the solver fits."""
-    known = uncertainty_of(layout)
+def project(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> Projection:
+    """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT) or one view (n,) each.
+
+    The model is the one that the solver fits. A layout without covariance has no parameters.
+    """
+    known = () if layout.uncertainty is None else layout.uncertainty.parameters
     count = len(points_in_rig)
     estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
-    rows = Observations.of_view(0, view, np.arange(count), np.zeros((count, 2)))
+    frame = np.zeros(count, dtype=np.int64)
+    rows = Observations(frame, np.broadcast_to(view, count), np.arange(count), np.zeros((count, 2)))
     pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
     names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     place = {name: k for k, name in enumerate(names)}
-    return Projection(pixels, by_global[:, :, [place[name] for name in known.parameters]], by_frame[:, :, 3:6])
+    return Projection(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:

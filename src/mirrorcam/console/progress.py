@@ -79,6 +79,16 @@ def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
     return cells
 
 
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table of texts; all columns but the first stand to the right."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for place, head in enumerate(heads):
+        table.add_column(head, justify="right" if place else "left")
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+
+
 def print_metrics(
     columns: Mapping[str, Mapping[str, Metric]], groups: Mapping[str, Sequence[str]] | None = None
 ) -> None:

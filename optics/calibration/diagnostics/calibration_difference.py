@@ -1,0 +1,318 @@
+"""The difference of two calibrations of one device, as pixels of each view, and what their covariances predict of it.
+
+After the projection difference of mrcal (Kogan). Two calibrations may place the rig differently in space: a common
+motion of all mirrors, or of the principal point, is nearly a motion of the scene. The rigid motion that makes the
+projections by B agree best with those by A, over points in the working volume, is taken out; the rest is what
+differs in a measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    Projection,
+    grid_px,
+    outline_px,
+    points_at_pixels,
+    project,
+    propagated,
+)
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+VOLUME = (0.7, 1.0, 1.4)
+"""Distances at which the motion is fitted, relative to that of the map."""
+UNLIKE = 3.0
+"""Views that differ by more than this many times the median view hardly count in the motion."""
+MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
+
+
+@dataclass(frozen=True)
+class ViewDifference:
+    """The difference in one view, B minus A.
+
+    Attributes
+    ----------
+    view
+        Mirror index, or DIRECT.
+    pixels
+        Where A shows the points (n, 2).
+    difference_px
+        Where B shows the same points, less `pixels` (n, 2).
+    difference_mm
+        The shortest shift (n,) of a point that A would show so.
+    covariance_px
+        Predicted covariance (n, 2, 2) of `difference_px`; zero where neither calibration has one.
+    sigma_mm
+        Predicted standard deviation (n,) of the shift, over both directions.
+    """
+
+    view: int
+    pixels: FloatArray
+    difference_px: FloatArray
+    difference_mm: FloatArray
+    covariance_px: FloatArray
+    sigma_mm: FloatArray
+
+    @cached_property
+    def length_px(self) -> FloatArray:
+        """Lengths (n,) of the differences."""
+        return np.asarray(np.linalg.norm(self.difference_px, axis=1))
+
+    @cached_property
+    def sigma_px(self) -> FloatArray:
+        """Predicted root mean squares (n,) of the lengths: standard deviations over both directions."""
+        return np.asarray(np.sqrt(np.maximum(np.trace(self.covariance_px, axis1=1, axis2=2), 0.0)))
+
+
+@dataclass(frozen=True)
+class CalibrationDifference:
+    """The differences in all views.
+
+    Attributes
+    ----------
+    views
+        Mirrors in their order, then the direct view where the device has one.
+    range_mm
+        Distance of the points from the centre of projection of each view.
+    b_from_a
+        The rigid motion (4, 4) that was taken out, mm, from A's rig to B's.
+    turn_deg
+        Its rotation vector (3,).
+    shift_mm
+        Its shift (3,) of the middle of the points.
+    predicted
+        Whether A and whether B has a covariance.
+    """
+
+    views: tuple[ViewDifference, ...]
+    range_mm: float
+    b_from_a: FloatArray
+    turn_deg: FloatArray
+    shift_mm: FloatArray
+    predicted: tuple[bool, bool]
+
+    def figures(self, views: Sequence[ViewDifference]) -> dict[str, Metric]:
+        """Root mean square and largest difference over some views; with a covariance also sigma, and their ratio."""
+        rms, sigma = _rms([each.length_px for each in views]), _rms([each.sigma_px for each in views])
+        figures = {
+            "rms_px": (rms, "px"),
+            "max_px": (max(float(each.length_px.max()) for each in views), "px"),
+            "rms_mm": (_rms([each.difference_mm for each in views]), "mm"),
+            "max_mm": (max(float(each.difference_mm.max()) for each in views), "mm"),
+        }
+        if any(self.predicted):
+            figures["sigma_px"] = (sigma, "px")
+            figures["sigma_mm"] = (_rms([each.sigma_mm for each in views]), "mm")
+        if sigma > 0.0:
+            figures["ratio"] = (rms / sigma, "1")
+        return {name: Metric(value=value, unit=unit) for name, (value, unit) in figures.items()}
+
+    @property
+    def motion(self) -> dict[str, Metric]:
+        """Size of the motion that was taken out, and its components."""
+        figures = {}
+        for name, unit, vector in (("turn_deg", "deg", self.turn_deg), ("shift_mm", "mm", self.shift_mm)):
+            figures[f"motion_{name}"] = Metric(value=np.linalg.norm(vector), unit=unit)
+            stem = name.removesuffix(f"_{unit}")
+            for axis, value in zip("xyz", vector.tolist(), strict=True):
+                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=value, unit=unit)
+        return figures
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> CalibrationDifference:
+    """Compare two calibrations of one device.
+
+    Parameters
+    ----------
+    a, b
+        The layouts. Their noise is taken as independent, so that covariances add.
+    range_mm
+        Distance of the points of the map from the centre of projection of each view.
+
+    Raises
+    ------
+    InputError
+        Where the layouts are of different devices, or B does not show what A shows.
+    """
+    _refuse_other_device(a, b)
+    points = _Points.in_volume(a, b, range_mm)
+    b_from_a, weights = _rigid_motion(a, b, points)
+    moved = transform(b_from_a, points.in_a)
+    shown_a, shown_b = project(a, points.view, points.in_a), project(b, points.view, moved)
+    by_motion = _by_motion(shown_b.by_point, moved, range_mm)
+    covariance = sum(
+        (_predicted(layout, shown, by_motion, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
+        start=np.zeros((len(moved), 2, 2)),
+    )
+    rows = [(view, points.on_map & (points.view == view)) for view in _views(a)]
+    difference, middle = shown_b.pixels - shown_a.pixels, points.in_a.mean(axis=0)
+    return CalibrationDifference(
+        views=tuple(
+            _of_view(view, points.pixels[at], difference[at], shown_a.by_point[at], covariance[at]) for view, at in rows
+        ),
+        range_mm=range_mm,
+        b_from_a=b_from_a,
+        turn_deg=np.degrees(Rotation.from_matrix(b_from_a[:3, :3]).as_rotvec()),
+        shift_mm=transform(b_from_a, middle) - middle,
+        predicted=(a.uncertainty is not None, b.uncertainty is not None),
+    )
+
+
+def _predicted(layout: Layout, shown: Projection, by_motion: FloatArray, weights: FloatArray) -> FloatArray:
+    """Covariances (n, 2, 2) of differences due to one layout's, where the motion follows; zero without a covariance."""
+    if layout.uncertainty is None:
+        return np.zeros((len(weights), 2, 2))
+    left = _without_motion(shown.by_parameter, by_motion, weights)
+    return propagated(left, layout.uncertainty.covariance)
+
+
+def _of_view(
+    view: int, pixels: FloatArray, difference: FloatArray, by_point: FloatArray, covariance: FloatArray
+) -> ViewDifference:
+    """The difference in one view, also as shifts of the points by which A's pixels change by `by_point`."""
+    across: FloatArray = np.linalg.pinv(by_point).astype(np.float64)
+    shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, difference), axis=1)
+    variances = np.trace(propagated(across, covariance), axis1=1, axis2=2)
+    return ViewDifference(view, pixels, difference, shifts, covariance, np.sqrt(np.maximum(variances, 0.0)))
+
+
+def view_name(layout: Layout, view: int) -> str:
+    """What people call a view."""
+    return "direct view" if view == DIRECT else f"mirror {layout.mirror_names[view]}"
+
+
+def _views(layout: Layout) -> tuple[int, ...]:
+    """The mirrors, and the direct view where the scene lies before the camera itself."""
+    mirrors = tuple(range(len(layout.mirrors)))
+    return (*mirrors, DIRECT) if np.array_equal(layout.view_from_rig, np.eye(3)) else mirrors
+
+
+def _refuse_other_device(a: Layout, b: Layout) -> None:
+    """Raise InputError where two layouts cannot be calibrations of one device."""
+    sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (a, b)]
+    if sizes[0] != sizes[1]:
+        raise InputError(f"the second layout's pictures have {sizes[1]}, expected {sizes[0]} as the first's")
+    if (a.rows, a.cols, a.pattern) != (b.rows, b.cols, b.pattern):
+        raise InputError(
+            f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} as the first"
+        )
+    for view in range(len(a.mirrors)):
+        (low, high), other = _extent(a, view), _extent(b, view)
+        middle, found = (low + high) / 2.0, other.mean(axis=0)
+        if (np.abs(found - middle) > (high - low) / 2.0).any():
+            places = [f"({x:.0f}, {y:.0f})" for x, y in (middle, found)]
+            raise InputError(
+                f"{view_name(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
+                "expected two calibrations of one device"
+            )
+
+
+def _extent(layout: Layout, view: int) -> FloatArray:
+    """Least and greatest pixel (2, 2) of a sub-image."""
+    outline = outline_px(layout, view)
+    return np.array([outline.min(axis=0), outline.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points of the working volume: their views (n,), pixels (n, 2) and places (n, 3) in the rigs of A and of B."""
+
+    view: IntArray
+    pixels: FloatArray
+    in_a: FloatArray
+    in_b: FloatArray
+    on_map: NDArray[np.bool_]
+
+    @classmethod
+    def in_volume(cls, a: Layout, b: Layout, range_mm: float) -> _Points:
+        """Points that both layouts show; those of B are where B sees the pixels of A, at the same distance."""
+        parts = []
+        for view in _views(a):
+            pixels = grid_px(a, view)
+            for factor in VOLUME:
+                in_a, in_b = (points_at_pixels(each, view, pixels, factor * range_mm) for each in (a, b))
+                shown = np.isfinite(_pixels(a, view, in_a) + _pixels(b, view, in_b)).all(axis=1)
+                if not shown.any():
+                    raise InputError(f"{view_name(a, view)}: the second layout shows nothing that the first does")
+                on_map = np.full(shown.sum(), factor == 1.0)
+                parts.append((np.full(shown.sum(), view), pixels[shown], in_a[shown], in_b[shown], on_map))
+        return cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _pixels(layout: Layout, view: int, points_in_rig: FloatArray) -> FloatArray:
+    """Pixels (n, 2) of points (n, 3), NaN where they are not shown."""
+    return layout.camera.project(points_in_rig) if view == DIRECT else layout.project(points_in_rig, view)
+
+
+def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, FloatArray]:
+    """The motion b_from_a (4, 4) that makes projections agree best, and the weights (n,) of the points in it.
+
+    A weighted least squares of pixels, by Gauss and Newton from the motion that takes the points of A nearest to those
+    of B. Weights are Geman and McClure's of the views' root mean squares, so that one mirror that moved shows
+    in its own view alone.
+    """
+    shown = project(a, points.view, points.in_a).pixels
+    b_from_a = _nearest_motion(points.in_a, points.in_b)
+    weights = np.ones(len(shown))
+    lever_mm = float(np.linalg.norm(points.in_a - points.in_a.mean(axis=0), axis=1).max())
+    for _ in range(MOST_STEPS):
+        moved = transform(b_from_a, points.in_a)
+        found = project(b, points.view, moved)
+        off = found.pixels - shown
+        weights = _view_weights(off, points.view)
+        root = np.sqrt(weights)[:, None]
+        by_motion = _by_motion(found.by_point, moved, lever_mm)
+        system = (root[:, :, None] * by_motion).reshape(-1, 6)
+        step = np.linalg.lstsq(system, -(root * off).ravel(), rcond=None)[0]
+        turn, middle = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
+        b_from_a = rigid(turn, middle + step[3:] - turn @ middle) @ b_from_a
+        if np.abs(step).max() < STEADY_MM:
+            break
+    return b_from_a, weights
+
+
+def _nearest_motion(points_in_a: FloatArray, points_in_b: FloatArray) -> FloatArray:
+    """The rigid motion (4, 4) that takes points (n, 3) nearest to others, by least squares."""
+    middle_a, middle_b = points_in_a.mean(axis=0), points_in_b.mean(axis=0)
+    turn = Rotation.align_vectors(points_in_b - middle_b, points_in_a - middle_a)[0].as_matrix()
+    return rigid(turn, middle_b - turn @ middle_a)
+
+
+def _view_weights(off_px: FloatArray, view: IntArray) -> FloatArray:
+    """Weights (n,) of points with differences (n, 2), one for each view."""
+    views, place = np.unique(view, return_inverse=True)
+    rms = np.array([np.sqrt(np.mean(off_px[view == each] ** 2)) for each in views])
+    usual = UNLIKE * max(float(np.median(rms)), ROUNDING_PX)
+    return np.asarray((1.0 / (1.0 + (rms / usual) ** 2) ** 2)[place])
+
+
+def _by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float) -> FloatArray:
+    """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm.
+
+    The first three are of a rotation about the points' middle, in mm at the lever, the others of a shift.
+    """
+    from_middle = (points - points.mean(axis=0)) / lever_mm
+    by_turn = np.cross(from_middle[:, None, :], by_point)  # J (w x p) = w . (p x J)
+    return np.concatenate([by_turn, by_point], axis=2)
+
+
+def _without_motion(by_parameter: FloatArray, by_motion: FloatArray, weights: FloatArray) -> FloatArray:
+    """Derivatives (n, 2, g) of differences by parameters, where the motion (n, 2, 6) follows the parameters."""
+    root = np.repeat(np.sqrt(weights), 2)[:, None]
+    columns = by_parameter.reshape(-1, by_parameter.shape[-1])
+    follows = np.linalg.lstsq(root * by_motion.reshape(-1, 6), root * columns, rcond=None)[0]
+    return by_parameter - by_motion @ follows

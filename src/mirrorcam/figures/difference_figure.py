@@ -1,0 +1,118 @@
+"""Map of the difference of two calibrations over the sensor, beside what their covariances predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from mirrorcam.optics.base.figure_texts import SIGMA
+from mirrorcam.optics.base.files import atomic
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
+    CalibrationDifference,
+    ViewDifference,
+    view_name,
+)
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.layout import Layout
+
+PANEL_IN, ROW_IN, BAR_IN, HEAD_IN = 7.0, 0.7, 1.2, 0.3
+KINDS = ("difference", "sigma")
+LONGEST_ARROW = 0.9
+"""Length, in cells, of the arrow of the largest difference."""
+
+
+def difference_figure(difference: CalibrationDifference, layout: Layout, path: Path) -> None:
+    """Write a PNG: the difference in every view where the sensor has it, and its predicted sigma, in px and in mm.
+
+    Panels of one unit have one scale. The direct view, which the sub-images of the mirrors would cover, has rows of
+    its own.
+    """
+    mirrors = [view for view in difference.views if view.view != DIRECT]
+    direct = [view for view in difference.views if view.view == DIRECT]
+    rows = [(unit, views) for unit in ("px", "mm") for views in (mirrors, direct) if views]
+    columns = 2 if any(difference.predicted) else 1
+    panel_in = PANEL_IN * layout.camera.height_px / layout.camera.width_px + ROW_IN
+    figure = Figure(figsize=(columns * PANEL_IN + BAR_IN, len(rows) * panel_in + HEAD_IN), layout="constrained")
+    panels = figure.subplots(len(rows), columns, squeeze=False)
+    for (unit, views), axes in zip(rows, panels, strict=True):
+        highest = max(float(np.max(_values(view, unit, what))) for view in difference.views for what in KINDS)
+        shown = _map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
+        _arrows(axes[0], views)
+        axes[0].set_title(f"difference, {unit}")
+        if columns == 2:
+            _map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
+            axes[1].set_title(f"predicted {SIGMA}{_of_whom(difference)}, {unit}")
+        figure.colorbar(shown, ax=axes, label=unit, fraction=0.03, pad=0.01)
+    turn, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
+    removed = f"a motion of the rig by {turn:.2g}° and {shift:.2g} mm is taken out"
+    figure.suptitle(f"B minus A of points {difference.range_mm:.0f} mm from each view; {removed}")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110, metadata={"Software": None})
+
+
+def _values(view: ViewDifference, unit: str, kind: str) -> FloatArray:
+    """What a panel shows of a view (n,)."""
+    if unit == "mm":
+        return view.difference_mm if kind == "difference" else view.sigma_mm
+    return view.length_px if kind == "difference" else view.sigma_px
+
+
+def _of_whom(difference: CalibrationDifference) -> str:
+    if all(difference.predicted):
+        return ""
+    return " of A alone" if difference.predicted[0] else " of B alone"
+
+
+def _cell_px(view: ViewDifference) -> tuple[float, float]:
+    """Width and height of the cells of a view's map."""
+    steps = [float(np.diff(np.unique(view.pixels[:, k].round(3))).min(initial=np.inf)) for k in range(2)]
+    width, height = (step if np.isfinite(step) else min(steps) for step in steps)
+    return width, height
+
+
+def _map(
+    axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], highest: float
+) -> PatchCollection:
+    """Draw the cells of some views, cut by their outlines, with name and rms; returns those of one, for the scale."""
+    camera = layout.camera
+    axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5), aspect="equal")
+    axes.set(xlabel="x px", ylabel="y px", facecolor="0.93")
+    for view, value in zip(views, values, strict=True):
+        width, height = _cell_px(view)
+        cells = [Rectangle((u - width / 2, v - height / 2), width, height) for u, v in view.pixels.tolist()]
+        shown = PatchCollection(cells, cmap="viridis", edgecolor="face", linewidth=0.3)
+        shown.set_array(value)
+        shown.set_clim(0.0, max(highest, 1e-12))
+        axes.add_collection(shown)
+        outline = outline_px(layout, view.view)
+        shown.set_clip_path(axes.add_patch(Polygon(outline, facecolor="none", edgecolor="0.3", linewidth=0.8)))
+        rms = float(np.sqrt(np.mean(value**2)))
+        x, y = outline.mean(axis=0)[0], outline[:, 1].min()
+        axes.annotate(
+            f"{view_name(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
+            (x, y),
+            (0, -3),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=8,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75},
+        )
+    return shown
+
+
+def _arrows(axes: Axes, views: list[ViewDifference]) -> None:
+    """Draw the direction of the difference in every cell, of one magnification over all views."""
+    pixels, arrows = (np.concatenate([getattr(view, name) for view in views]) for name in ("pixels", "difference_px"))
+    longest = float(np.linalg.norm(arrows, axis=1).max())
+    gain = LONGEST_ARROW * min(min(_cell_px(view)) for view in views) / max(longest, 1e-12)
+    axes.quiver(
+        *pixels.T, *(gain * arrows.T), angles="xy", scale_units="xy", scale=1, width=0.0018, color="white", pivot="mid"
+    )

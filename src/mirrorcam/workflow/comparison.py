@@ -1,0 +1,60 @@
+"""A comparison of two calibrations from files, and its result as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.figures.difference_figure import difference_figure
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
+    CalibrationDifference,
+    calibration_difference,
+)
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.layout import Layout
+
+FILES = ("difference.png", "metrics.json")
+
+
+def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDifference:
+    """Compare two `layout.json`, for points at a distance from each view, or where A's board was.
+
+    Raises InputError where a file cannot be read, the layouts are of different devices, or A does not tell a distance.
+    """
+    layout, other = Layout.load(a), Layout.load(b)
+    if distance_mm is None:
+        distance_mm = _working_distance_mm(layout)
+    if distance_mm is None:
+        raise InputError(f"{a}: no working distance in it, expected --distance-mm MM")
+    try:
+        return calibration_difference(layout, other, range_mm=distance_mm)
+    except InputError as error:
+        raise InputError(f"{b}: {error}") from None
+
+
+def _working_distance_mm(layout: Layout) -> float | None:
+    """Where the calibration's boards were, or the middle of the depths that the device was designed for."""
+    if "working_distance_mm" in layout.metrics:
+        return layout.metrics["working_distance_mm"].value
+    return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
+
+
+def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:
+    """The figures of a comparison: of all views, of the motion, and of every view of the layout."""
+    metrics = {"distance_mm": Metric(value=difference.range_mm, unit="mm")}
+    metrics |= {f"all_{name}": figure for name, figure in difference.figures(difference.views).items()}
+    metrics |= difference.motion
+    for view in difference.views:
+        row, column = divmod(view.view, layout.cols)
+        name = "direct" if view.view == DIRECT else f"view_{row}_{column}"
+        metrics |= {f"{name}_{key}": figure for key, figure in difference.figures([view]).items()}
+    return metrics
+
+
+def write_comparison(difference: CalibrationDifference, layout: Layout, folder: Path) -> None:
+    """Write difference.png and metrics.json into a folder, each atomically; `layout` is A's."""
+    difference_figure(difference, layout, folder / "difference.png")
+    write_metrics(folder / "metrics.json", comparison_metrics(difference, layout))

@@ -1,0 +1,53 @@
+"""Comparison of layouts from files: where points are taken, what is refused, and the figures of every view."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.comparison import FILES, compare_files, comparison_metrics, write_comparison
+from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
+
+
+@pytest.fixture
+def files(tmp_path: Path, small_layout: Layout) -> Path:
+    sound_calibration().layout.save(tmp_path / "calibrated.json")
+    nominal_layout().save(tmp_path / "nominal.json")
+    small_layout.save(tmp_path / "small.json")
+    return tmp_path
+
+
+def test_points_are_where_the_board_was_or_the_design_works_or_as_stated(files: Path) -> None:
+    calibrated, nominal = files / "calibrated.json", files / "nominal.json"
+    assert compare_files(calibrated, nominal, None).range_mm == sound_calibration().metrics["working_distance_mm"].value
+    assert compare_files(nominal, calibrated, None).range_mm == np.mean(nominal_layout().spec.depths_mm)  # type: ignore[union-attr]
+    assert compare_files(nominal, calibrated, 700.0).range_mm == 700.0
+    with pytest.raises(InputError, match=r"small\.json: no working distance in it, expected --distance-mm MM"):
+        compare_files(files / "small.json", files / "small.json", None)
+
+
+def test_another_device_is_refused_with_its_file(files: Path) -> None:
+    with pytest.raises(InputError, match=r"small\.json: the second layout has 1 x 2 mirrors, expected 2 x 2"):
+        compare_files(files / "nominal.json", files / "small.json", None)
+
+
+def test_figures_of_every_view_and_of_all_are_written(files: Path) -> None:
+    difference = compare_files(files / "nominal.json", files / "calibrated.json", 400.0)
+    write_comparison(difference, nominal_layout(), files)
+    assert all((files / name).is_file() for name in FILES)
+    figures = json.loads((files / "metrics.json").read_text())
+    assert figures["view_1_0_rms_px"]["value"] == difference.figures([difference.views[2]])["rms_px"].value
+    assert figures["all_ratio"]["value"] > 10.0
+    assert {"distance_mm", "motion_turn_deg", "motion_shift_x_mm", "view_0_1_sigma_mm"} <= set(figures)
+
+
+def test_the_direct_view_has_its_figures(small_layout: Layout, files: Path) -> None:
+    small_layout.replaced(view_from_rig=np.eye(3)).save(files / "direct.json")
+    found = comparison_metrics(compare_files(files / "direct.json", files / "direct.json", 400.0), small_layout)
+    assert found["direct_rms_px"].value < 1e-9
+    assert "all_sigma_px" not in found

@@ -1,0 +1,167 @@
+"""Differences of calibrations against closed forms, and their predicted sigmas against fits with other noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration.calibrated_layout import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
+    CalibrationDifference,
+    calibration_difference,
+    view_name,
+)
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from tests.optics.calibration.diagnostics.conftest import JOINT, Scene
+
+RANGE_MM = 420.0
+PINHOLE = Camera(width_px=800, height_px=600, fx_px=900.0, fy_px=900.0, cx_px=399.5, cy_px=299.5)
+
+
+@pytest.fixture(scope="module")
+def refitted(scene: Scene, calibrated: Layout) -> list[Layout]:
+    """The calibration, and others from the same boards with other noise."""
+    return [calibrated, *(scene.calibrated(fit(scene.start, scene.noisy(seed), JOINT)) for seed in range(1, 8))]
+
+
+def mirrors_about(line: FloatArray, turns_deg: tuple[float, ...], lefts: tuple[float, ...]) -> tuple[Mirror, ...]:
+    """Mirrors whose planes share a line along y through the point (3,) on it, cut along image coordinates."""
+    mirrors = []
+    for turn, left in zip(turns_deg, lefts, strict=True):
+        normal = Rotation.from_euler("y", turn, degrees=True).as_matrix() @ [0.0, 0.0, -1.0]
+        rays = np.array([[left, -0.1, 1], [left + 0.15, -0.1, 1], [left + 0.15, 0.1, 1], [left, 0.1, 1]])
+        mirrors.append(
+            Mirror.from_plane(line, normal, outline_in_rig_mm=rays * (line @ normal / (rays @ normal))[:, None])
+        )
+    return tuple(mirrors)
+
+
+def lengths_px(difference: CalibrationDifference) -> list[float]:
+    return [float(view.length_px.max()) for view in difference.views]
+
+
+def test_a_calibration_does_not_differ_from_itself(calibrated: Layout) -> None:
+    found = calibration_difference(calibrated, calibrated, range_mm=RANGE_MM)
+    assert [view.view for view in found.views] == [0, 1, 2, 3]
+    assert max(lengths_px(found)) < 1e-9
+    np.testing.assert_allclose(found.b_from_a, np.eye(4), atol=1e-9)
+    assert found.figures(found.views)["sigma_px"].value > 0.0
+
+
+@pytest.mark.parametrize("turn_deg", [0.3, 4.0])
+def test_mirrors_turned_about_their_common_line_move_the_scene_by_twice_that(turn_deg: float) -> None:
+    """Reflection in one plane after the other, which meet at an angle, is the rotation by twice it about their line."""
+    line, lefts = np.array([0.0, 0.0, 100.0]), (-0.17, 0.02)
+    a, b = (
+        Layout(rows=1, cols=2, camera=PINHOLE, mirrors=mirrors_about(line, turns, lefts))
+        for turns in ((-20.0, 20.0), (-20.0 + turn_deg, 20.0 + turn_deg))
+    )
+    found = calibration_difference(a, b, range_mm=RANGE_MM)
+    assert max(lengths_px(found)) < 1e-6
+    np.testing.assert_allclose(found.turn_deg, [0.0, 2.0 * turn_deg, 0.0], atol=1e-7)
+    np.testing.assert_allclose(found.b_from_a @ [*line, 1.0], [*line, 1.0], atol=1e-5)
+    assert found.motion["motion_turn_deg"].value == pytest.approx(2.0 * turn_deg)
+
+
+def test_a_tilted_mirror_differs_in_its_own_view_alone(parabola_layout: Layout) -> None:
+    tilt_deg, tilted = 0.1, 4
+    nominal = parabola_layout.replaced(kind="as-built")
+    mirror = nominal.mirrors[tilted]
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    turn = Rotation.from_euler("x", tilt_deg, degrees=True).as_matrix()  # in the plane of incidence
+    normal = turn @ mirror.normal_in_rig
+    tilted_mirror = moved_to(mirror, 2.0 * (middle @ normal) * normal)
+    mirrors = (*nominal.mirrors[:tilted], tilted_mirror, *nominal.mirrors[tilted + 1 :])
+    found = calibration_difference(nominal, nominal.replaced(mirrors=mirrors), range_mm=RANGE_MM)
+    assert max(np.delete(lengths_px(found), tilted)) < 1e-4
+    np.testing.assert_allclose(found.b_from_a, np.eye(4), atol=1e-5)
+    # By hand: points that the mirror shows at its pixels, reflected in the tilted plane, through a pinhole.
+    seen = found.views[tilted]
+    camera = nominal.camera
+    rays = np.column_stack([(seen.pixels - [camera.cx_px, camera.cy_px]) / camera.fx_px, np.ones(len(seen.pixels))])
+    images = RANGE_MM * rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    points = images - 2.0 * np.outer((images - middle) @ mirror.normal_in_rig, mirror.normal_in_rig)
+    x, y, z = (points - 2.0 * np.outer((points - middle) @ normal, normal)).T
+    expected = camera.fx_px * np.column_stack([x / z, y / z]) + [camera.cx_px, camera.cy_px] - seen.pixels
+    np.testing.assert_allclose(seen.difference_px, expected, atol=1e-3)
+    # A ray turns by twice the tilt; the mirror is nearer than the point, which shortens its arm.
+    arm = 1.0 - np.linalg.norm(middle) / RANGE_MM
+    assert seen.length_px.mean() == pytest.approx(2.0 * camera.fx_px * np.tan(np.radians(tilt_deg)) * arm, rel=0.1)
+    assert seen.difference_mm.mean() == pytest.approx(seen.length_px.mean() * RANGE_MM / camera.fx_px, rel=0.1)
+
+
+def test_fits_of_one_truth_differ_by_as_much_as_predicted(refitted: list[Layout]) -> None:
+    pairs = zip(refitted[::2], refitted[1::2], strict=True)
+    found = [calibration_difference(a, b, range_mm=RANGE_MM) for a, b in pairs]
+    ratios = np.array([each.figures(each.views)["ratio"].value for each in found])
+    assert 0.6 < np.sqrt(np.mean(ratios**2)) < 1.5
+    assert ((ratios > 0.4) & (ratios < 2.5)).all()
+
+
+def test_the_truth_differs_by_as_much_as_predicted_of_one(refitted: list[Layout], scene: Scene) -> None:
+    found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
+    assert {each.predicted for each in found} == {(False, True)}
+    mean_square = np.mean([each.figures(each.views)["ratio"].value ** 2 for each in found])
+    assert 0.6 < np.sqrt(mean_square) < 1.5
+
+
+def test_predicted_sigmas_are_what_fits_with_other_noise_show(refitted: list[Layout], scene: Scene) -> None:
+    """Each view's predicted sigma, in px and in mm, is the scatter over the fits, within what eight of them tell."""
+    found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
+    for view in range(4):
+        figures = [each.figures([each.views[view]]) for each in found]
+        for unit in ("px", "mm"):
+            scatter = np.sqrt(np.mean([each[f"rms_{unit}"].value ** 2 for each in figures]))
+            assert scatter == pytest.approx(figures[0][f"sigma_{unit}"].value, rel=0.5)
+
+
+def test_without_a_covariance_nothing_is_predicted(device: Layout) -> None:
+    found = calibration_difference(device, device, range_mm=RANGE_MM)
+    assert found.predicted == (False, False)
+    assert set(found.figures(found.views)) == {"rms_px", "max_px", "rms_mm", "max_mm"}
+
+
+@pytest.mark.parametrize("lens", ["rational", "thin_prism", "fisheye", "spline"])
+def test_a_lens_of_any_family_is_compared(lens: LensName, calibrated: Layout) -> None:
+    camera, _ = nearest_lens(calibrated.camera, lens, whole_picture(calibrated.camera))
+    names = camera.intrinsic_names
+    known = Uncertainty(parameters=names, covariance=np.diag([0.01, *np.zeros(len(names) - 1)]))
+    found = calibration_difference(calibrated, calibrated.replaced(camera=camera, uncertainty=known), range_mm=RANGE_MM)
+    assert max(lengths_px(found)) < 2.0
+    alone = calibration_difference(calibrated.replaced(uncertainty=None), calibrated, range_mm=RANGE_MM)
+    assert found.figures(found.views)["sigma_px"].value > alone.figures(alone.views)["sigma_px"].value
+
+
+def test_views_along_the_camera_s_axis_are_compared_with_the_direct_view(small_pair: Layout) -> None:
+    direct = small_pair.replaced(view_from_rig=np.eye(3))
+    longer = direct.camera.replaced(fx_px=909.0, fy_px=909.0)
+    found = calibration_difference(direct, direct.replaced(camera=longer), range_mm=RANGE_MM)
+    assert [view.view for view in found.views] == [0, 1, DIRECT]
+    assert [view_name(direct, view.view) for view in found.views] == ["mirror 0-0", "mirror 0-1", "direct view"]
+
+
+@pytest.fixture
+def small_pair() -> Layout:
+    """Two mirrors of a pinhole."""
+    mirrors = mirrors_about(np.array([0.0, 0.0, 100.0]), (-20.0, 20.0), (-0.17, 0.02))
+    return Layout(rows=1, cols=2, camera=PINHOLE, mirrors=mirrors)
+
+
+def test_other_devices_are_refused(small_pair: Layout, parabola_layout: Layout) -> None:
+    smaller = small_pair.replaced(camera=PINHOLE.replaced(width_px=640))
+    with pytest.raises(InputError, match="the second layout's pictures have 640x600 px, expected 800x600 px"):
+        calibration_difference(small_pair, smaller, range_mm=RANGE_MM)
+    single = small_pair.replaced(cols=1, mirrors=small_pair.mirrors[:1])
+    with pytest.raises(InputError, match="the second layout has 1 x 1 mirrors, expected 1 x 2"):
+        calibration_difference(small_pair, single, range_mm=RANGE_MM)
+    exchanged = small_pair.replaced(mirrors=small_pair.mirrors[::-1])
+    with pytest.raises(InputError, match=r"mirror 0-0 is at pixel \(.*expected two calibrations of one device"):
+        calibration_difference(small_pair, exchanged, range_mm=RANGE_MM)
