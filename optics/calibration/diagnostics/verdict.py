@@ -13,6 +13,7 @@ from mirrorcam.optics.base.figure_texts import SIGMA
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
+from mirrorcam.optics.calibration.diagnostics.residual_places import advice_on_cells, advice_on_corners
 from mirrorcam.optics.calibration.diagnostics.split_half import ALARM_RATIO
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     SYSTEMATIC_CHANCE,
@@ -59,7 +60,7 @@ class Verdict:
 def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
     """An alarm of the diagnostics forbids the use; a figure past its limit calls for an inspection."""
     checks = (
-        *_noise_checks(calibration),
+        *_noise_checks(calibration, views),
         *_evenness(views),
         *_diagnostic_checks(calibration),
         *_picture_checks(calibration, views),
@@ -96,10 +97,11 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     return [f"Calibrate again as {best.name}, which the pictures support."]
 
 
-def _noise_checks(calibration: Calibration) -> list[Check]:
+def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
     outliers = float((~calibration.inliers).mean())
-    beyond = float((np.abs(calibration.standardised[calibration.inliers]) > 3.0).mean())
-    means = [cell_means(calibration, int(view)) for view in np.unique(calibration.observations.view)]
+    large = np.abs(calibration.standardised) > 3.0
+    beyond = float(large[calibration.inliers].mean())
+    means = [cell_means(calibration, view.view) for view in views]
     systematic = np.concatenate([cells.systematic for cells in means])
     most = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
     return [
@@ -107,20 +109,20 @@ def _noise_checks(calibration: Calibration) -> list[Check]:
             "Corners rejected as outliers",
             Metric(value=outliers, unit="of the corners", limit=MAX_OUTLIERS),
             f"{outliers:.1%} of the corners fit nothing",
-            "Look for glare, motion blur or a second board in the pictures with most outliers, and take these again.",
+            advice_on_corners(calibration, views, ~calibration.inliers),
         ),
         Check(
             f"Residuals beyond 3 {SIGMA}",
             Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
             f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}, where noise alone gives 0.3 %",
-            "Leave out blurred or dim pictures: their corners are worse than the others'.",
+            advice_on_corners(calibration, views, large.any(axis=1) & calibration.inliers),
         ),
         Check(
             "Cells with a significant mean residual",
             Metric(value=float(systematic.mean()), unit="of the cells", limit=most),
             f"mean residuals are significant in {systematic.mean():.0%} of the cells, "
             f"by chance in {SYSTEMATIC_CHANCE:.0%}",
-            "See where arrows are red: a bent mirror or board, a second-surface mirror, a lens beyond its model.",
+            advice_on_cells(means, views),
         ),
     ]
 
@@ -138,7 +140,7 @@ def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
             "RMS of the noisiest view and axis, relative to the quietest",
             Metric(value=ratio, unit="1", limit=MAX_UNEVEN),
             f"the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times those of {best[0]} in {best[1]}",
-            f"Look at {worst[0]}: its pictures may be blurred, or the model is wrong there.",
+            f"Look at the arrows of {worst[0]}: the model leaves more there than its corners scatter.",
         )
     ]
 
