@@ -11,6 +11,7 @@ from scipy.stats import binom
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.view_statistics import SYSTEMATIC_CHANCE, CellMeans, ViewFigures
 
+LARGE_PART = 0.8
 FEW_PICTURES = 0.15  # fraction of all pictures: a cause in these is none of the others
 MOST = 0.6  # fraction of corners in one view
 TIMES_ITS_SHARE = 2.0  # and that in relation to how many of all corners it shows
@@ -22,12 +23,12 @@ def advice_on_corners(calibration: Calibration, views: Sequence[ViewFigures], ro
     seen = calibration.observations
     count, frames = int(rows.sum()), len(np.unique(seen.frame))
     by_frame = np.sort(np.bincount(seen.frame[rows], minlength=frames))[::-1]
-    needed = int(np.searchsorted(np.cumsum(by_frame), count / 2.0)) + 1
+    needed = int(np.searchsorted(np.cumsum(by_frame), LARGE_PART * count)) + 1
     if count and needed <= max(FEW_PICTURES * frames, 1.0):
         pictures = "1 picture" if needed == 1 else f"{needed} pictures"
         return (
-            f"Half of these corners are in {pictures} of {frames}: look there for glare, motion blur or something in "
-            "front of the board, and take these again."
+            f"{LARGE_PART:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur or "
+            "something in front of the board, and take these again."
         )
     for view in views:
         own = seen.view == view.view
