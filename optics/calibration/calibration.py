@@ -76,6 +76,7 @@ def calibrate(
     detections: Path | None = None,
     workers: int = 1,
     most: tuple[int | None, int | None] = (None, None),
+    names: tuple[Sequence[str], Sequence[str]] | None = None,
     on_frame: Callable[[int], None] = lambda done: None,
     on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
 ) -> Calibration:
@@ -108,6 +109,8 @@ def calibrate(
         Number of threads that search pictures.
     most
         Number of pictures through the mirrors, and without them, to use of those searched; None: all.
+    names
+        Names of the pictures through the mirrors, and without them. Default: their numbers.
     on_frame
         Called with the number of pictures done.
     on_seen
@@ -161,6 +164,7 @@ def calibrate(
             extremes=taken.extremes,
             pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target),
             unknown=unknown_mirrors(layout, found),
+            names=None if names is None else [of[n] for of, some in zip(names, chosen, strict=True) for n in some],
         )
     except InputError:
         # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
@@ -196,6 +200,7 @@ def calibrate_corners(
     extremes: Extremes | None = None,
     pictures: Pictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
+    names: Sequence[str] | None = None,
 ) -> Calibration:
     """Calibrate a mirror camera from detected corners.
 
@@ -215,6 +220,8 @@ def calibrate_corners(
         The frames with mirrors; where given, the pupil of the lens is estimated from them.
     unknown
         Boards that belong to no mirror of the layout.
+    names
+        Names of all frames, `seen` first. Default: their numbers.
 
     Raises
     ------
@@ -229,7 +236,10 @@ def calibrate_corners(
         screened = screen(seen, base, start, corners_in_board_mm)
         select = partial(select_model, level=level, extend=extend, lens_stated=lens is not None)
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
-        return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown)
+        if names is None:
+            names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
+        pictures_used = tuple(names[number] for number in fitted.frames)
+        return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
     except ValidationError as error:
@@ -240,10 +250,14 @@ def calibrate_corners(
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The selected model, the corners that it was fitted to, and what was found of the pupil."""
+    """The selected model, the corners that it was fitted to, and what was found of the pupil.
+
+    `frames` are the numbers of the frames that show any, those with mirrors first.
+    """
 
     selection: ModelSelection
     observations: Observations
+    frames: tuple[int, ...]
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
 
@@ -258,8 +272,8 @@ def _fitted(
 ) -> _Fitted:
     """Fit the corners of all frames that show any: first those with mirrors, then the others."""
     numbers = [number for number, o in enumerate(screened.seen) if len(o)]
-    used = [o for o in (*screened.seen, *screened.base) if len(o)]
-    observations = Observations.join([o.shifted(place) for place, o in enumerate(used)])
+    used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
+    observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
     direct = observations.where(observations.frame >= len(numbers))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
@@ -278,11 +292,16 @@ def _fitted(
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
     selection = select(start, observations, corners_in_board_mm)
-    return _Fitted(selection.widened_to(screened.widened), observations, metrics, notes)
+    return _Fitted(selection.widened_to(screened.widened), observations, tuple(used), metrics, notes)
 
 
 def _concluded(
-    fitted: _Fitted, layout: Layout, extremes: Extremes | None, notes: tuple[str, ...], unknown: UnknownMirrors
+    fitted: _Fitted,
+    layout: Layout,
+    extremes: Extremes | None,
+    notes: tuple[str, ...],
+    unknown: UnknownMirrors,
+    pictures: tuple[str, ...],
 ) -> Calibration:
     """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
     selection, observations = fitted.selection, fitted.observations
@@ -303,7 +322,15 @@ def _concluded(
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
     metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
-    return Calibration.of(solution, observations, calibrated, metrics=metrics, notes=notes, diagnostics=diagnostics)
+    return Calibration.of(
+        solution,
+        observations,
+        calibrated,
+        metrics=metrics,
+        notes=notes,
+        diagnostics=diagnostics,
+        pictures=pictures,
+    )
 
 
 def _with_lens(layout: Layout, lens: LensName) -> Layout:

@@ -96,6 +96,7 @@ def test_the_command_fails_past_a_limit_and_still_reports(
         monkeypatch.setattr("mirrorcam.workflow.validation.validate", lambda *_, found=found: found)
         assert main(["validate", str(half_set), "--out", str(tmp_path / str(code))]) == code
         assert {path.name for path in (tmp_path / str(code)).iterdir() if path.name != ".mirrorcam"} == {
+            "corners.csv",
             "layout.json",
             "metrics.json",
             "report.html",

@@ -44,6 +44,8 @@ class Calibration:
         What was not found or not used, one sentence each.
     diagnostics
         Uncertainty of the result and tests of its model.
+    pictures
+        Name of the picture of each frame (f).
     """
 
     layout: Layout
@@ -54,6 +56,7 @@ class Calibration:
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
     diagnostics: Diagnostics | None = None
+    pictures: tuple[str, ...] = ()
 
     @property
     def corner_sigma_px(self) -> FloatArray:
@@ -78,6 +81,7 @@ class Calibration:
         metrics: dict[str, Metric],
         notes: tuple[str, ...],
         diagnostics: Diagnostics,
+        pictures: tuple[str, ...],
     ) -> Self:
         """The calibration of a solution; `layout` gets its covariance and the metrics."""
         return cls(
@@ -89,6 +93,7 @@ class Calibration:
             metrics=metrics,
             notes=notes,
             diagnostics=diagnostics,
+            pictures=pictures,
         )
 
     def with_damaged_pictures(self, damaged: Sequence[DamagedPicture]) -> Self:

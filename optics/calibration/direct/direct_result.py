@@ -92,7 +92,16 @@ def direct_result(
         notes = (sentence, *notes)
     metrics["views"] = Metric(value=views, unit="1")
     metrics |= diagnostics.metrics
-    return Calibration.of(solution, observations, layout, metrics=metrics, notes=notes, diagnostics=diagnostics)
+    base = range(len(estimate.rig_from_board) - len(pictures))
+    return Calibration.of(
+        solution,
+        observations,
+        layout,
+        metrics=metrics,
+        notes=notes,
+        diagnostics=diagnostics,
+        pictures=(*(names[number] for number in pictures), *(f"base frame {number}" for number in base)),
+    )
 
 
 def _board_shape(shift_mm: FloatArray) -> dict[str, Metric]:

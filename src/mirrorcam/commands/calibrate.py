@@ -22,9 +22,13 @@ class CalibrateOptions(Value):
     """Calibrate a mirror camera from pictures of a board: intrinsics and mirror planes, with uncertainties."""
 
     images: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="(required)")
-    ] = Field(min_length=1, description="pictures or videos of the board through the mirrors, or folders of pictures")
+        tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="PICTURE...", help_behavior_hint="(or --corners)")
+    ] = Field(default=(), description="pictures or videos of the board through the mirrors, or folders of pictures")
     board: Path = Field(description="board.toml of the target")
+    corners: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...", help_behavior_hint="")] = Field(
+        default=(),
+        description="tables of corners like corners.csv, of pictures with and without mirrors, in their place",
+    )
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
         default=None,
         description="layout.json of the design, to start from; required without --direct-view",
@@ -68,14 +72,18 @@ class CalibrateOptions(Value):
     out: Path = Field(
         default=Path("output/calibrated"),
         description=(
-            "folder for layout.json (calibrated), metrics.json, report.html and residuals.png; detected corners are "
-            "cached in detections/"
+            "folder for layout.json (calibrated), metrics.json, report.html, residuals.png and corners.csv (the "
+            "corners used); detected corners are cached in detections/"
         ),
     )
     force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if bool(self.images) == bool(self.corners):
+            raise ValueError("expected pictures, or --corners FILE")
+        if self.corners and (self.base or self.live_hint or self.direct_view):
+            raise ValueError("--corners goes without --base, --live-hint and --direct-view")
         if self.direct_view and (self.mirrors is None or self.layout is not None):
             raise ValueError("--direct-view goes with --mirrors N, without --layout")
         if self.direct_view and (self.lens is not None or self.surface is not None or self.live_hint):
@@ -91,8 +99,9 @@ def run(options: CalibrateOptions) -> int:
     from mirrorcam.workflow.output_folder import output_folder
 
     request = CalibrationRequest(
-        pictures=options.images,
         board=options.board,
+        pictures=options.images,
+        corners=options.corners,
         layout=options.layout,
         base_pictures=options.base,
         mirrors=options.mirrors,
@@ -110,7 +119,7 @@ def run(options: CalibrateOptions) -> int:
 
     with output_folder(options.out, "calibrate", force=options.force) as output:
         output.refuse_others(*FILES)
-        with long_work("calibrate", "finding corners", "pictures") as advance:
+        with long_work("calibrate", "finding corners" if options.images else "solving", "pictures") as advance:
             calibration = calibrate_files(request, advance, on_hint if options.live_hint else None, on_video)
         with output.staged() as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")

@@ -18,7 +18,7 @@ class ValidateOptions(Value):
     set: tyro.conf.Positional[Path] = Field(description="folder of a set that `mirrorcam render` wrote")
     out: Path = Field(
         default=Path("output/validated"),
-        description="folder for layout.json (calibrated), metrics.json, report.html and residuals.png",
+        description="folder for layout.json (calibrated), metrics.json, report.html, residuals.png and corners.csv",
     )
     force: bool = FORCE
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -13,9 +13,11 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
-from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
+from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
 from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -24,7 +26,7 @@ from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.pages.calibration.calibration_page import write_report
 from mirrorcam.workflow.calibration_pictures import calibration_pictures
 
-FILES = ("layout.json", "metrics.json", "report.html", "residuals.png")
+FILES = ("layout.json", "metrics.json", "report.html", "residuals.png", "corners.csv")
 """Names of the files of a calibration."""
 MOST_FRAMES, MOST_BASE_FRAMES = 30, 15
 """Frames of videos that a calibration uses, with and without mirrors."""
@@ -36,10 +38,12 @@ class CalibrationRequest:
 
     Parameters
     ----------
-    pictures
-        Pictures and videos of the board through the mirrors, or folders of such pictures.
     board
         `board.toml` of the target.
+    pictures
+        Pictures and videos of the board through the mirrors, or folders of such pictures.
+    corners
+        Tables of corners, in place of pictures with and without mirrors.
     layout
         Nominal `layout.json`; None where the camera sees the board directly, too.
     base_pictures
@@ -56,8 +60,9 @@ class CalibrationRequest:
         Folder that keeps found corners, so that no picture is searched twice.
     """
 
-    pictures: tuple[Path, ...]
     board: Path
+    pictures: tuple[Path, ...] = ()
+    corners: tuple[Path, ...] = ()
     layout: Path | None = None
     base_pictures: tuple[Path, ...] = ()
     mirrors: int | None = None
@@ -71,6 +76,8 @@ class CalibrationRequest:
             raise InputError(
                 "expected a nominal layout, or the number of mirrors where the board is also seen directly"
             )
+        if bool(self.pictures) == bool(self.corners) or (self.corners and self.layout is None):
+            raise InputError("expected pictures, or tables of corners with a nominal layout")
 
 
 def calibrate_files(
@@ -89,6 +96,9 @@ def calibrate_files(
     if request.layout is None:
         return _calibrate_directly(request, target, progress, on_video)
     layout = Layout.load(request.layout)
+    if request.corners:
+        given = _from_corners(request, layout, target)
+        return _with_surface(request, layout, given, given)
     seen, base = (
         calibration_pictures(paths, most, camera=layout.camera, on_video=on_video)
         for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
@@ -108,8 +118,19 @@ def calibrate_files(
         detections=request.detections,
         workers=cores(),
         most=(seen.most, base.most),
+        names=(seen.labels, base.labels),
         on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
     )
+    return _with_surface(request, layout, calibrated, partial(calibrated, on_seen=hint))
+
+
+def _with_surface(
+    request: CalibrationRequest,
+    layout: Layout,
+    calibrated: Callable[..., Calibration],
+    finally_calibrated: Callable[..., Calibration],
+) -> Calibration:
+    """Calibrate with mirrors of the requested surface, twice where the thickness of their plates is to be found."""
     level, extend = request.level, False
     if request.surface == "second" and not layout.mirrors[0].is_second_surface:
         # Where ghost images are depends on the thickness, which the pictures tell better than a plate's drawing does.
@@ -119,7 +140,34 @@ def calibrate_files(
         level, extend = ("joint+sheet", True) if level is None else (level, False)
     elif request.surface == "first":
         layout = layout.with_surface("first")
-    return calibrated(layout=layout, level=level, extend=extend, on_seen=hint)
+    return finally_calibrated(layout=layout, level=level, extend=extend)
+
+
+def _from_corners(request: CalibrationRequest, layout: Layout, target: Target) -> Callable[..., Calibration]:
+    """The calibration, of layout, level and extend, from the tables of corners."""
+    corners_mm = target.corners_in_board_mm
+    tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
+    seen = [picture for table in tables for picture in table.seen.items()]
+    base = [picture for table in tables for picture in table.base.items()]
+    if not seen:
+        raise InputError(f"{request.corners[0]}: all corners are seen directly, expected pictures through the mirrors")
+    if request.level is not None:
+        additions_of(request.level)
+
+    def calibrated(layout: Layout, level: str | None, *, extend: bool = False) -> Calibration:
+        found = calibrate_corners(
+            [corners for _, corners in seen],
+            [corners for _, corners in base],
+            layout,
+            corners_mm,
+            level=level,
+            extend=extend,
+            lens=request.lens,
+            names=[name for name, _ in (*seen, *base)],
+        )
+        return replace(found, notes=(*(note for table in tables for note in table.notes), *found.notes))
+
+    return calibrated
 
 
 def _calibrate_directly(
@@ -143,11 +191,12 @@ def _calibrate_directly(
 
 
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:
-    """Write layout.json, metrics.json, report.html and residuals.png into a folder, each atomically.
+    """Write layout.json, metrics.json, report.html, residuals.png and corners.csv into a folder, each atomically.
 
     `command` is what the report says it was made by.
     """
     residual_figure(calibration, folder / "residuals.png")
     write_report(calibration, folder / "report.html", command=command)
     write_metrics(folder / "metrics.json", calibration.metrics)
+    save_corners(folder / "corners.csv", calibration)
     calibration.layout.save(folder / "layout.json")

@@ -35,6 +35,14 @@ class CalibrationPictures:
     most: int | None
     sources: list[tuple[Path, int] | None]
 
+    @property
+    def labels(self) -> list[str]:
+        """Names that tell pictures of several folders apart: paths as given, and frames of videos."""
+        return [
+            each.as_posix() if source is None and isinstance(each, Path) else name
+            for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)
+        ]
+
     def read(self) -> list[Grey]:
         """All of them in grey; raises InputError for a file that cannot be read."""
         return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]

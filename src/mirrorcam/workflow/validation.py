@@ -69,7 +69,8 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
 
     frames = [inside(folder, name) for name in dataset.frame_names]
     base_frames = [inside(folder, name) for name in dataset.base_names]
-    return calibrate(frames, base_frames, layout, board, workers=cores(), on_frame=on_frame)
+    names = dataset.frame_names, dataset.base_names
+    return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, on_frame=on_frame)
 
 
 def validate(folder: Path, progress: Progress = no_progress) -> Validation:

@@ -19,7 +19,7 @@ from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 from tests.mirrorcam.command_line import assert_refused_here
-from tests.optics.calibration.sound_calibration import sound_calibration
+from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
 from tests.optics.layouts import faceted_parabola
 
 TOGETHER = "--direct-view goes with --mirrors N, without --layout"
@@ -64,6 +64,24 @@ def test_pictures_without_a_corner_are_refused(
     # What was found in the pictures is kept, so that they are not searched again beside better ones.
     kept = tmp_path / "calibrated" / "detections"
     assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--base b.png", "--live-hint", "--direct-view --mirrors 2"])
+def test_corners_take_the_place_of_pictures(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    corners = "calibrate --corners a.csv --layout layout.json --board board.toml"
+    assert_refused_here(f"{corners} {option}".split(), capfd, "--corners goes without --base, --live-hint and --direct")
+    both = "calibrate a.png --corners a.csv --layout layout.json --board board.toml"
+    assert_refused_here(both.split(), capfd, "expected pictures, or --corners FILE")
+    nominal_layout().save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", default_board())
+    (tmp_path / "a.csv").write_text("picture,view,corner,x_px,y_px\na,0-0,0,1,2\na,9-0,0,1,2\n")
+    assert_refused_here(
+        corners.split(), capfd, "a.csv, line 3: view '9-0', expected direct or a mirror from 0-0 to 1-1"
+    )
+    assert not (tmp_path / "output").exists()
 
 
 @pytest.mark.parametrize("alarms", [(), ("the mirrors bend",)])

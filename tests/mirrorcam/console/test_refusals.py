@@ -16,7 +16,7 @@ from tests.mirrorcam.command_line import assert_refused_here
     ("arguments", "expected"),
     [
         ("depth", "expected at least one LIGHTFIELD (see"),
-        ("calibrate --board board.toml", "expected at least one PICTURE (see"),
+        ("calibrate --board board.toml", "expected pictures, or --corners FILE (see"),
         ("design --depths-mm", "--depths-mm: expected at least one value"),
         (f"design --depths-mm {'3 ' * 11}", "--depths-mm: 11 values, expected 10 or fewer"),
         ("depth a.npz --naer-mm 3", "Unrecognized options: --naer-mm, did you mean --near-mm?"),

@@ -1,0 +1,213 @@
+"""Corners as a table, so that detectors and solvers of others can take part: a line for each corner in each view."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
+from mirrorcam.optics.geometry.layout import Layout
+
+NEEDED = ("picture", "view", "corner", "x_px", "y_px")
+OPTIONAL = ("sigma_px", "used")
+DIRECT_NAME = "direct"
+HEADER = """\
+# Corners of a calibration board: mirrorcam.corners/1
+# picture: name of the picture; view: mirror as row-column from 0 (its number in a pattern), or direct
+# corner: inner corners of the board, numbered row by row from 0 at the top left of the print
+# x_px right, y_px down: pixel (0, 0) is the centre of the top-left pixel; frames as the camera gives them, not flipped
+# sigma_px: standard deviation per axis; used: 1, or 0 where the corner was left out of the fit
+"""
+
+
+@dataclass(frozen=True)
+class CornerTable:
+    """Corners of a file by the names of pictures, in its order.
+
+    Attributes
+    ----------
+    seen, base
+        The corners of each picture through the mirrors, and of each by the bare camera, as frame 0.
+    notes
+        What was left out, one sentence each.
+    """
+
+    seen: dict[str, Observations]
+    base: dict[str, Observations]
+    notes: tuple[str, ...]
+
+
+def save_corners(path: Path, calibration: Calibration) -> None:
+    """Write the corners that a calibration fitted, with whether it left them out as outliers, atomically."""
+    names = {DIRECT: DIRECT_NAME} | dict(enumerate(calibration.layout.mirror_names))
+    pictures = [" ".join(name.splitlines()) for name in calibration.pictures]
+    rows = calibration.observations
+    columns = (rows.frame, rows.view, rows.corner, rows.pixels, calibration.corner_sigma_px, calibration.inliers)
+    # Names of files need not be text.
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8", errors="replace", newline="") as file:
+        file.write(HEADER)
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow((*NEEDED, *OPTIONAL))
+        for frame, view, corner, (x, y), sigma, used in zip(*(each.tolist() for each in columns), strict=True):
+            table.writerow((pictures[frame], names[view], corner, f"{x:.6f}", f"{y:.6f}", f"{sigma:.6g}", int(used)))
+
+
+def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
+    """Read a table of corners; those with 0 in its column `used` are left out.
+
+    Parameters
+    ----------
+    path
+        A CSV file with the columns of `NEEDED`, and any of `OPTIONAL`; lines before the heads that begin with # are
+        comments.
+    layout
+        The layout, whose mirrors the views are and whose camera took the pictures.
+    corners
+        Number of corners of the board.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or a line does not belong in it; the message names the line.
+    """
+    reader, weighted = _Reader(path, layout, corners), False
+    pictures: dict[str, _Picture] = {}
+    for line, row in _rows(path):
+        found = reader.corner(line, row)
+        weighted = (found.sigma_px is not None) if not pictures else weighted
+        if weighted != (found.sigma_px is not None):
+            raise reader.wrong(line, "sigma_px", row, "a number in every line, or in none")
+        picture = pictures.setdefault(row["picture"], _Picture(found.view == DIRECT))
+        if picture.direct != (found.view == DIRECT):
+            raise reader.wrong(line, "view", row, "pictures that show the board in mirrors, or directly, not both ways")
+        if (found.view, found.corner) in picture.corners:
+            raise reader.wrong(line, "corner", row, "each corner of a view once in a picture")
+        picture.corners[found.view, found.corner] = found
+    if not pictures:
+        raise InputError(f"{path}: no corners, expected lines of columns {', '.join(NEEDED)}")
+    tables = {name: picture.observations() for name, picture in pictures.items()}
+    few = sum(len(picture.used()) - len(tables[name]) for name, picture in pictures.items())
+    return CornerTable(
+        seen={name: tables[name] for name, picture in pictures.items() if not picture.direct},
+        base={name: tables[name] for name, picture in pictures.items() if picture.direct},
+        notes=(f"{path.name}: {few} corners in views of fewer than {MIN_CORNERS}, not used",) if few else (),
+    )
+
+
+@dataclass(frozen=True)
+class _Corner:
+    """One line of a table."""
+
+    view: int
+    corner: int
+    pixel: tuple[float, float]
+    sigma_px: float | None
+    used: bool
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """The lines of one picture, by view and corner."""
+
+    direct: bool
+    corners: dict[tuple[int, int], _Corner] = field(default_factory=dict)
+
+    def used(self) -> list[_Corner]:
+        return [corner for corner in self.corners.values() if corner.used]
+
+    def observations(self) -> Observations:
+        """The used corners of all views that show enough of them."""
+        parts = []
+        used = self.used()
+        for view in sorted({corner.view for corner in used}):
+            rows = [corner for corner in used if corner.view == view]
+            if len(rows) >= MIN_CORNERS:
+                ids, sigmas = np.array([row.corner for row in rows]), np.array([row.sigma_px or 1.0 for row in rows])
+                parts.append(Observations.of_view(0, view, ids, np.array([row.pixel for row in rows]), sigmas))
+        return Observations.join(parts)
+
+
+def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line numbers and cells by column."""
+    try:
+        lines = read_bytes(path).decode("utf-8-sig").split("\n")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text in UTF-8, expected a table of corners") from None
+    columns: Sequence[str] = ()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or (not columns and line.startswith("#")):
+            continue
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line.rstrip("\r")], strict=True))]
+        except csv.Error as error:
+            raise InputError(f"{path}, line {number}: {error}, expected cells between commas") from None
+        if not columns:
+            columns = _columns(path, number, cells)
+        elif len(cells) != len(columns):
+            raise InputError(
+                f"{path}, line {number}: {len(cells)} cells, expected {len(columns)}: {', '.join(columns)}"
+            )
+        else:
+            yield number, dict(zip(columns, cells, strict=True))
+
+
+def _columns(path: Path, line: int, cells: Sequence[str]) -> Sequence[str]:
+    """The heads of a table, checked."""
+    missing = [name for name in NEEDED if name not in cells]
+    unknown = [name for name in cells if name not in (*NEEDED, *OPTIONAL)]
+    if missing or unknown or len(set(cells)) != len(cells):
+        raise InputError(
+            f"{path}, line {line}: expected the heads {', '.join(NEEDED)} and, if known, {' and '.join(OPTIONAL)}"
+        )
+    return cells
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Checks the cells of one file's lines."""
+
+    path: Path
+    layout: Layout
+    corners: int
+
+    def corner(self, line: int, row: Mapping[str, str]) -> _Corner:
+        """The corner of a line."""
+        views = {DIRECT_NAME: DIRECT} | {name: view for view, name in enumerate(self.layout.mirror_names)}
+        if row["view"] not in views:
+            names = self.layout.mirror_names
+            raise self.wrong(line, "view", row, f"direct or a mirror from {names[0]} to {names[-1]}")
+        if not row["picture"]:
+            raise self.wrong(line, "picture", row, "a name")
+        number = row["corner"]
+        if not (number.isascii() and number.isdigit() and len(number) < 10 and int(number) < self.corners):
+            raise self.wrong(line, "corner", row, f"a whole number from 0 to {self.corners - 1}, as the board has")
+        camera = self.layout.camera
+        pixel = tuple(
+            self._number(line, name, row, -0.5, size - 0.5)
+            for name, size in (("x_px", camera.width_px), ("y_px", camera.height_px))
+        )
+        sigma_px = self._number(line, "sigma_px", row, 1e-6, 1e3) if row.get("sigma_px") else None
+        if row.get("used", "1") not in ("0", "1"):
+            raise self.wrong(line, "used", row, "0 or 1")
+        return _Corner(views[row["view"]], int(number), (pixel[0], pixel[1]), sigma_px, row.get("used") != "0")
+
+    def _number(self, line: int, name: str, row: Mapping[str, str], least: float, most: float) -> float:
+        try:
+            value = float(row[name])
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            raise self.wrong(line, name, row, f"a number from {least:g} to {most:g}")
+        return value
+
+    def wrong(self, line: int, name: str, row: Mapping[str, str], expected: str) -> InputError:
+        """What is wrong with a cell."""
+        return InputError(f"{self.path}, line {line}: {name} {row.get(name, '')[:40]!r}, expected {expected}")
