@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,10 +79,25 @@ class ExpectedCorners:
 
 @dataclass(frozen=True)
 class GhostImages:
-    """Faint images (k) of the print beside each corner (n): offset by (n, k, 2) px, of relative strength (n, k)."""
+    """Faint images (k) of the print beside each corner (n): offset by (n, k, 2) px, of relative strength (n, k).
+
+    Those of one `kind` (k,) of 0, 1, ... come from one cause: what their strengths are off by is one factor.
+    """
 
     offsets_px: FloatArray
     strengths: FloatArray
+    kind: tuple[int, ...]
+
+    def of_kinds(self, mask: NDArray[np.bool_]) -> GhostImages:
+        """Those of some kinds, numbered anew."""
+        kept = [place for place, kind in enumerate(self.kind) if mask[kind]]
+        numbers = np.cumsum(mask) - 1
+        kind = tuple(int(numbers[self.kind[place]]) for place in kept)
+        return GhostImages(self.offsets_px[:, kept], self.strengths[:, kept], kind)
+
+    def times(self, factors: FloatArray) -> GhostImages:
+        """The same with other strengths, by a factor for each kind."""
+        return replace(self, strengths=self.strengths * factors[list(self.kind)])
 
 
 @dataclass(frozen=True)
@@ -211,9 +226,11 @@ def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
 
 
 def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:
-    """The ghost images (n, m) of a print at places (n, m, 2) on it."""
+    """The ghost images (n, m) of a print at places (n, m, 2) on it, those of each kind together."""
     shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
-    return [
+    images = [
         strength[:, None] * sample(blurred.value, (at - shift[:, None] + 1.0) * PX_PER_SQUARE - 0.5)
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T, strict=True)
     ]
+    kinds = range(max(ghosts.kind, default=-1) + 1)
+    return [sum(image for image, of in zip(images, ghosts.kind, strict=True) if of == kind) for kind in kinds]

@@ -41,7 +41,9 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 REFLECTANCE = 0.92  # of the coating; the factor for each ghost image corrects it
-PASSES = (0, 2)  # to the coating and back, of the ghost images; the picture itself has one; three carry 1/500 of it
+PASSES = (0, 2, 3)  # to the coating and back, of the ghost images; the picture itself has one
+KIND = (0, 1, 1)  # light that the front reflects from outside; light that it reflects back to the coating
+COMPLETE = 2  # passes of the ghost images that must be complete; more carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in a frame, the strengths are those of Fresnel's equations
@@ -65,13 +67,12 @@ class _Ghosted:
         return None if seen is None else (replace(self, blur_px=float(np.median(seen.blur_px))), seen)
 
     def of_ghosts(self, mask: NDArray[np.bool_]) -> _Ghosted:
-        """The same with some of the ghost images (k,)."""
-        ghosts = GhostImages(self.ghosts.offsets_px[:, mask], self.ghosts.strengths[:, mask])
-        return replace(self, ghosts=ghosts)
+        """The same with some kinds of ghost images."""
+        return replace(self, ghosts=self.ghosts.of_kinds(mask))
 
     def times(self, factors: FloatArray) -> _Ghosted:
-        """The same with ghost images of other strengths, by factors (k,)."""
-        return replace(self, ghosts=GhostImages(self.ghosts.offsets_px, self.ghosts.strengths * factors))
+        """The same with ghost images of other strengths, by a factor for each kind."""
+        return replace(self, ghosts=self.ghosts.times(factors))
 
 
 def refine_with_ghost_images(
@@ -120,7 +121,7 @@ def in_light(picture: Image, gamma: float) -> Image:
 
 
 def _ghosted(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> _Ghosted | None:
-    corners = corners.where(_inside(corners, camera, _passed(mirror, max(PASSES))))
+    corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE)))
     ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
     return None if ghosts is None else _Ghosted(corners, ghosts)
 
@@ -163,7 +164,7 @@ def _with_strengths(light: Image, views: Mapping[int, _Ghosted], target: Target)
 
 
 def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tuple[dict[int, _Ghosted], FloatArray]:
-    """The views with their blur, and the median factor (k,) on each ghost image; (0,) where few corners show it."""
+    """The views with their blur, and the median factor on each kind of ghost image; (0,) where few corners show it."""
     found, factors = {}, []
     for place, view in views.items():
         seen = None
@@ -205,8 +206,9 @@ def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Ta
     rays = camera.unproject(corners.pixels)
     along = (rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
     lost = surface_reflectance(np.sqrt(np.maximum(along**-2 - 1.0, 0.0)), mirror.refractive_index)
-    strengths = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), REFLECTANCE * lost], axis=1)
-    return GhostImages(offsets, strengths)
+    again = REFLECTANCE * lost
+    strengths = np.stack([lost / ((1.0 - lost) ** 2 * REFLECTANCE), again, again**2], axis=1)
+    return GhostImages(offsets, strengths, KIND)
 
 
 def _passed(mirror: Mirror, passes: int) -> Mirror:

@@ -114,7 +114,7 @@ def test_edges_are_skewed_as_a_shift_that_fits_them_best() -> None:
 
 
 def test_ghost_images_of_known_strength_belong_to_the_print_and_others_have_a_column_each() -> None:
-    ghosts = GhostImages(np.tile([[3.0, -2.0]], (len(PLACES), 1, 1)), np.full((len(PLACES), 1), 0.1))
+    ghosts = GhostImages(np.tile([[3.0, -2.0]], (len(PLACES), 1, 1)), np.full((len(PLACES), 1), 0.1), (0,))
     plain, known = columns(corners()), columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts))
     free = columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts, fit_strengths=True))
     assert plain[..., GHOSTS].shape[2] == known[..., GHOSTS].shape[2] == 0

@@ -136,11 +136,11 @@ def test_a_ghost_image_is_modelled_and_measured(strength: float) -> None:
     offset = np.array([3.0, -1.5])
     ghost = picture(contrast=80.0 * strength, offset_px=offset) - 120.0
     together = np.asarray(picture() + ghost, dtype=np.float32)
-    ghosts = GhostImages(np.tile(offset, (len(PLACES), 1, 1)), np.full((len(PLACES), 1), strength))
+    ghosts = GhostImages(np.tile(offset, (len(PLACES), 1, 1)), np.full((len(PLACES), 1), strength), (0,))
     pulled = np.abs(found(together, np.zeros(2)).pixels - PIXELS).max()
     known = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, ghosts))
     assert np.abs(known.pixels - PIXELS).max() < 0.5 * pulled
-    half = GhostImages(ghosts.offsets_px, ghosts.strengths / 2.0)
+    half = ghosts.times(np.array([0.5]))
     free = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, half, fit_strengths=True))
     assert np.median(free.ghost_strengths * half.strengths) == pytest.approx(strength, rel=0.15)
 

@@ -89,9 +89,11 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(frames: tuple[
         for view, corners in boards_of(sub_images(picture, NOMINAL, BOARD).corners):
             ghosts = ghost_images.ghost_images_of(corners, CAMERA, NOMINAL.mirrors[view], BOARD)
             assert ghosts is not None
-            assert 0.03 < ghosts.strengths.min() < ghosts.strengths.max() < 0.12
+            assert 0.03 < ghosts.strengths[:, :2].min() < ghosts.strengths.max() < 0.12
+            np.testing.assert_allclose(ghosts.strengths[:, 2], ghosts.strengths[:, 1] ** 2)
             # One before and one behind the picture, across the mirror's own slope, by about the same.
-            before, behind = ghosts.offsets_px[:, 0], ghosts.offsets_px[:, 1]
+            before, behind, further = np.moveaxis(ghosts.offsets_px, 1, 0)
+            assert np.abs(further - 2.0 * behind).max() < 0.2
             assert np.abs(before + behind).max() < 0.1
             assert (before[:, 1] > 2.0).all()
             seen = refine_board(picture.astype(np.float32), corners, BOARD, ghosts, fit_strengths=True)
