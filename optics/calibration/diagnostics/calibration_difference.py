@@ -151,6 +151,8 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     _refuse_other_device(a, b)
     points = _Points.in_volume(a, b, range_mm)
     b_from_a, weights = _rigid_motion(a, b, points)
+    kept = _shown(b, points.view, transform(b_from_a, points.in_a))
+    points, weights = points.where(kept), weights[kept]
     moved = transform(b_from_a, points.in_a)
     shown_a, shown_b = project(a, points.view, points.in_a), project(b, points.view, moved)
     by_motion = _by_motion(shown_b.by_point, moved, range_mm)
@@ -239,23 +241,33 @@ class _Points:
 
     @classmethod
     def in_volume(cls, a: Layout, b: Layout, range_mm: float) -> _Points:
-        """Points that both layouts show; those of B are where B sees the pixels of A, at the same distance."""
+        """Points that A shows; those in B are where B sees the pixels of A, at the same distance."""
         parts = []
         for view in _views(a):
             pixels = grid_px(a, view)
             for factor in VOLUME:
                 in_a, in_b = (points_at_pixels(each, view, pixels, factor * range_mm) for each in (a, b))
-                shown = np.isfinite(_pixels(a, view, in_a) + _pixels(b, view, in_b)).all(axis=1)
-                if not shown.any():
-                    raise InputError(f"{view_name(a, view)}: the second layout shows nothing that the first does")
-                on_map = np.full(shown.sum(), factor == 1.0)
-                parts.append((np.full(shown.sum(), view), pixels[shown], in_a[shown], in_b[shown], on_map))
-        return cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+                parts.append((np.full(len(pixels), view), pixels, in_a, in_b, np.full(len(pixels), factor == 1.0)))
+        points = cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        points = points.where(_shown(a, points.view, points.in_a) & _shown(b, points.view, points.in_b))
+        for view in _views(a):
+            if not (points.on_map & (points.view == view)).any():
+                raise InputError(f"{view_name(a, view)} shows nothing {range_mm:.0f} mm away in both layouts")
+        return points
+
+    def where(self, mask: NDArray[np.bool_]) -> _Points:
+        """The points of a boolean mask (n,)."""
+        return _Points(self.view[mask], self.pixels[mask], self.in_a[mask], self.in_b[mask], self.on_map[mask])
 
 
-def _pixels(layout: Layout, view: int, points_in_rig: FloatArray) -> FloatArray:
-    """Pixels (n, 2) of points (n, 3), NaN where they are not shown."""
-    return layout.camera.project(points_in_rig) if view == DIRECT else layout.project(points_in_rig, view)
+def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
+    """Which of points (n, 3) their views (n,) show: in front of the mirror and of the camera, and within the lens."""
+    seen = np.array(np.isfinite(project(layout, view, points_in_rig).pixels).all(axis=1))
+    for each in np.unique(view):
+        at = view == each
+        pixels = layout.camera.project(points_in_rig[at]) if each == DIRECT else layout.project(points_in_rig[at], each)
+        seen[at] &= np.isfinite(pixels).all(axis=1)
+    return seen
 
 
 def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, FloatArray]:
@@ -266,13 +278,15 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
     in its own view alone.
     """
     shown = project(a, points.view, points.in_a).pixels
-    b_from_a = _nearest_motion(points.in_a, points.in_b)
+    b_from_a = _nearest_motion(points)
     weights = np.ones(len(shown))
     lever_mm = float(np.linalg.norm(points.in_a - points.in_a.mean(axis=0), axis=1).max())
     for _ in range(MOST_STEPS):
         moved = transform(b_from_a, points.in_a)
         found = project(b, points.view, moved)
         off = found.pixels - shown
+        kept = np.isfinite(off).all(axis=1)  # some may be behind a mirror on the way
+        off[~kept], found.by_point[~kept] = 0.0, 0.0
         weights = _view_weights(off, points.view)
         root = np.sqrt(weights)[:, None]
         by_motion = _by_motion(found.by_point, moved, lever_mm)
@@ -285,10 +299,10 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
     return b_from_a, weights
 
 
-def _nearest_motion(points_in_a: FloatArray, points_in_b: FloatArray) -> FloatArray:
-    """The rigid motion (4, 4) that takes points (n, 3) nearest to others, by least squares."""
-    middle_a, middle_b = points_in_a.mean(axis=0), points_in_b.mean(axis=0)
-    turn = Rotation.align_vectors(points_in_b - middle_b, points_in_a - middle_a)[0].as_matrix()
+def _nearest_motion(points: _Points) -> FloatArray:
+    """The rigid motion b_from_a (4, 4) that takes the points of A nearest to those of B, by least squares."""
+    middle_a, middle_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
+    turn = Rotation.align_vectors(points.in_b - middle_b, points.in_a - middle_a)[0].as_matrix()
     return rigid(turn, middle_b - turn @ middle_a)
 
 

@@ -24,6 +24,10 @@ from mirrorcam.optics.geometry.layout import Layout
 
 PANEL_IN, ROW_IN, BAR_IN, HEAD_IN = 7.0, 0.7, 1.2, 0.3
 KINDS = ("difference", "sigma")
+SLIMMEST = 0.3, 1.5
+"""Least and greatest height of a panel, relative to its width."""
+MARGIN = 0.02
+"""Space around the views of a panel, relative to their extent."""
 LONGEST_ARROW = 0.9
 """Length, in cells, of the arrow of the largest difference."""
 
@@ -38,9 +42,10 @@ def difference_figure(difference: CalibrationDifference, layout: Layout, path: P
     direct = [view for view in difference.views if view.view == DIRECT]
     rows = [(unit, views) for unit in ("px", "mm") for views in (mirrors, direct) if views]
     columns = 2 if any(difference.predicted) else 1
-    panel_in = PANEL_IN * layout.camera.height_px / layout.camera.width_px + ROW_IN
-    figure = Figure(figsize=(columns * PANEL_IN + BAR_IN, len(rows) * panel_in + HEAD_IN), layout="constrained")
-    panels = figure.subplots(len(rows), columns, squeeze=False)
+    sizes = [np.diff(_extent(layout, views), axis=0)[0] for _, views in rows]
+    heights_in = [PANEL_IN * float(np.clip(high / wide, *SLIMMEST)) + ROW_IN for wide, high in sizes]
+    figure = Figure(figsize=(columns * PANEL_IN + BAR_IN, sum(heights_in) + HEAD_IN), layout="constrained")
+    panels = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights_in)
     for (unit, views), axes in zip(rows, panels, strict=True):
         highest = max(float(np.max(_values(view, unit, what))) for view in difference.views for what in KINDS)
         shown = _map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
@@ -64,6 +69,13 @@ def _values(view: ViewDifference, unit: str, kind: str) -> FloatArray:
     return view.length_px if kind == "difference" else view.sigma_px
 
 
+def _extent(layout: Layout, views: list[ViewDifference]) -> FloatArray:
+    """Least and greatest pixel (2, 2) of a panel with some views, with a margin."""
+    outlines = np.concatenate([outline_px(layout, view.view) for view in views])
+    low, high = outlines.min(axis=0), outlines.max(axis=0)
+    return np.array([low, high]) + MARGIN * (high - low).max() * np.array([[-1.0], [1.0]])
+
+
 def _of_whom(difference: CalibrationDifference) -> str:
     if all(difference.predicted):
         return ""
@@ -81,8 +93,8 @@ def _map(
     axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], highest: float
 ) -> PatchCollection:
     """Draw the cells of some views, cut by their outlines, with name and rms; returns those of one, for the scale."""
-    camera = layout.camera
-    axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5), aspect="equal")
+    (left, top), (right, bottom) = _extent(layout, views)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set(xlabel="x px", ylabel="y px", facecolor="0.93")
     for view, value in zip(views, values, strict=True):
         width, height = _cell_px(view)

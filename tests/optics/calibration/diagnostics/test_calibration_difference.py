@@ -165,3 +165,14 @@ def test_other_devices_are_refused(small_pair: Layout, parabola_layout: Layout) 
     exchanged = small_pair.replaced(mirrors=small_pair.mirrors[::-1])
     with pytest.raises(InputError, match=r"mirror 0-0 is at pixel \(.*expected two calibrations of one device"):
         calibration_difference(small_pair, exchanged, range_mm=RANGE_MM)
+
+
+def test_points_behind_a_mirror_are_left_out_and_a_view_without_any_is_refused(small_pair: Layout) -> None:
+    nearer = calibration_difference(small_pair, small_pair, range_mm=97.0)  # the mirrors are 94 to 100 mm away
+    assert (
+        0
+        < len(nearer.views[0].pixels)
+        < len(calibration_difference(small_pair, small_pair, range_mm=RANGE_MM).views[0].pixels)
+    )
+    with pytest.raises(InputError, match="mirror 0-0 shows nothing 80 mm away in both layouts"):
+        calibration_difference(small_pair, small_pair, range_mm=80.0)
