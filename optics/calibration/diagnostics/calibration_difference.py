@@ -26,6 +26,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     propagated,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
+from mirrorcam.optics.calibration.solver.residuals import global_names
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
@@ -212,6 +213,14 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
         raise InputError(
             f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} as the first"
         )
+    for layout, which in ((a, "first"), (b, "second")):
+        known = () if layout.uncertainty is None else layout.uncertainty.parameters
+        unknown = set(known).difference(global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0))
+        if unknown:
+            raise InputError(
+                f"the {which} layout's covariance has the parameter {min(unknown)[:40]!r}, "
+                "expected those of its camera and mirrors"
+            )
     for view in range(len(a.mirrors)):
         (low, high), other = _extent(a, view), _extent(b, view)
         middle, found = (low + high) / 2.0, other.mean(axis=0)
@@ -252,7 +261,7 @@ class _Points:
         points = points.where(_shown(a, points.view, points.in_a) & _shown(b, points.view, points.in_b))
         for view in _views(a):
             if not (points.on_map & (points.view == view)).any():
-                raise InputError(f"{view_name(a, view)} shows nothing {range_mm:.0f} mm away in both layouts")
+                raise InputError(f"{view_name(a, view)} shows nothing {range_mm:g} mm away in both layouts")
         return points
 
     def where(self, mask: NDArray[np.bool_]) -> _Points:

@@ -32,7 +32,7 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
     try:
         return calibration_difference(layout, other, range_mm=distance_mm)
     except InputError as error:
-        raise InputError(f"{b}: {error}") from None
+        raise InputError(f"{a} and {b}: {error}") from None
 
 
 def _working_distance_mm(layout: Layout) -> float | None:

@@ -162,6 +162,9 @@ def test_other_devices_are_refused(small_pair: Layout, parabola_layout: Layout) 
     single = small_pair.replaced(cols=1, mirrors=small_pair.mirrors[:1])
     with pytest.raises(InputError, match="the second layout has 1 x 1 mirrors, expected 1 x 2"):
         calibration_difference(small_pair, single, range_mm=RANGE_MM)
+    known = Uncertainty(parameters=("fx_px", "zoom"), covariance=np.eye(2))
+    with pytest.raises(InputError, match="the second layout's covariance has the parameter 'zoom', expected those of"):
+        calibration_difference(small_pair, small_pair.replaced(uncertainty=known), range_mm=RANGE_MM)
     exchanged = small_pair.replaced(mirrors=small_pair.mirrors[::-1])
     with pytest.raises(InputError, match=r"mirror 0-0 is at pixel \(.*expected two calibrations of one device"):
         calibration_difference(small_pair, exchanged, range_mm=RANGE_MM)
