@@ -308,7 +308,8 @@ def _concluded(
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
     edges = [] if extremes is None else seen_edges(calibrated, extremes)
-    square_mm = float(selection.model.board.corners_in_board_mm[0, 0])
+    first, second = selection.model.board.corners_in_board_mm[:2, 0]
+    square_mm = float(second - first)
     mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, square_mm)
     if edges:
         calibrated, moved = outlined(calibrated, edges)

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Target
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Target
 
 
 def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
@@ -17,6 +19,9 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
     Modules of a marker that share an edge are one polygon, so that no viewer shows seams between them. Squares that
     touch in a corner are separate polygons.
     """
+    if isinstance(target, AprilGrid):
+        x, y = (target.cell_edges(n, tag=target.tag_mm, gap=target.gap_mm) for n in (target.cols, target.rows))
+        return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in _joined(target.black, x, y)])
     side = target.square_mm
     squares = [
         shapely.box(column * side, row * side, (column + 1) * side, (row + 1) * side)
@@ -37,7 +42,11 @@ def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
         black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
         corner = (np.array([column, row]) + 0.5) * target.square_mm - target.marker_mm / 2.0
         # Edges of neighbours are the same numbers, so that their union closes.
-        x, y = (corner[:, None] + np.arange(modules + 1) * target.marker_mm / modules).tolist()
-        boxes = [shapely.box(x[k], y[j], x[k + 1], y[j + 1]) for j, k in np.argwhere(black).tolist()]
-        whole = shapely.union_all(boxes)
-        yield from whole.geoms if isinstance(whole, shapely.MultiPolygon) else (whole,)
+        yield from _joined(black, *(corner[:, None] + np.arange(modules + 1) * target.marker_mm / modules))
+
+
+def _joined(black: NDArray[np.bool_], x: FloatArray, y: FloatArray) -> tuple[shapely.Polygon, ...]:
+    """The black cells of a grid with lines at `x` and `y`; those that share an edge are one polygon."""
+    boxes = [shapely.box(x[k], y[j], x[k + 1], y[j + 1]) for j, k in np.argwhere(black)]
+    whole = shapely.union_all(boxes)
+    return tuple(whole.geoms) if isinstance(whole, shapely.MultiPolygon) else (whole,)

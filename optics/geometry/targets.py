@@ -1,11 +1,13 @@
 """Calibration targets: the printed pattern and the positions of its corners.
 
 The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper:
-the printed side is seen from negative z. Corner ids run row by row from the top left.
+the printed side is seen from negative z. Corner ids run row by row from the top left. Detection counts lengths on a
+print in pitches, the mean distance of neighbouring corners (`pitch_mm`).
 """
 
 from __future__ import annotations
 
+import re
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -13,11 +15,11 @@ from typing import Annotated, Literal, Self
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, RootModel, model_validator
+from pydantic import Field, RootModel, ValidationError, model_validator
 
 from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import read_model, write_text
-from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.optics.base.files import one_line, read_bytes, read_model, write_text
+from mirrorcam.optics.base.values import FloatArray, InputError, Value
 
 # Modules along one side of a marker of each dictionary, with its black border.
 DICTIONARIES = {
@@ -31,6 +33,11 @@ DICTIONARIES = {
 }
 
 SQUARES = Bounds(3, 500)
+KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
+TAGS = Bounds(2, 100)
+SPACING = Bounds(0.05, 0.8)
+TAG_FAMILY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, with its black border; modules of that border
 
 
 class _Grid(Value):
@@ -39,6 +46,26 @@ class _Grid(Value):
     cols: int = SQUARES.field(description="squares along x")
     rows: int = SQUARES.field(description="squares along y")
     square_mm: float = PART_MM.field(description="side of a square")
+
+    @property
+    def layout_text(self) -> str:
+        """Numbers and size of its squares, for people."""
+        return f"{self.cols} x {self.rows} squares of {self.square_mm:g} mm"
+
+    @property
+    def pitch_mm(self) -> float:
+        """Mean distance of neighbouring corners."""
+        return self.square_mm
+
+    @property
+    def longest_step(self) -> float:
+        """Longest distance of neighbouring corners, in pitches."""
+        return 1.0
+
+    @property
+    def corners_across(self) -> tuple[int, int]:
+        """Numbers of corners along x and y."""
+        return self.cols - 1, self.rows - 1
 
     @cached_property
     def size_mm(self) -> tuple[float, float]:
@@ -60,6 +87,11 @@ class Checkerboard(_Grid):
     """
 
     kind: Literal["checkerboard"] = "checkerboard"
+
+    @property
+    def name(self) -> str:
+        """What such boards are called."""
+        return "checkerboard"
 
     @property
     def looks_same_upside_down(self) -> bool:
@@ -90,6 +122,11 @@ class Charuco(_Grid):
             raise ValueError(f"{markers} markers are needed, {self.dictionary} has {available}")
         return self
 
+    @property
+    def name(self) -> str:
+        """What such boards are called."""
+        return "ChArUco"
+
     @cached_property
     def opencv(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's board with the same geometry and ids."""
@@ -102,8 +139,116 @@ class Charuco(_Grid):
         return np.asarray(self.opencv.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
 
 
+class AprilGrid(Value):
+    """Kalibr's grid of AprilTags of the family 36h11, with black squares where the gaps between the tags cross.
+
+    As `kalibr_create_target_pdf` of github.com/ethz-asl/kalibr draws it: tags have a border of two modules, their ids
+    run row by row from the *lower* left, and a tag is printed half a turn from how OpenCV draws it. A corner of a tag
+    touches a corner of a black square, also around the outer tags, so that the print is a checkerboard of
+    (2 cols + 1) x (2 rows + 1) squares whose columns and rows are a gap and a tag wide by turns.
+
+    The frame and the ids of corners are those of the other boards here, from the top left with y down. Kalibr
+    (`GridCalibrationTargetAprilgrid`) has its origin at the lower left corner of tag 0, y up, and numbers corners row
+    by row from there: its corner `r * 2 cols + c` is `(2 rows - 1 - r) * 2 cols + c` here. Of a tag, it names the lower
+    left, lower right, upper right and upper left corner, in this order.
+    """
+
+    kind: Literal["aprilgrid"] = "aprilgrid"
+    cols: int = TAGS.field(description="tags along x")
+    rows: int = TAGS.field(description="tags along y")
+    tag_mm: float = PART_MM.field(description="side of a tag with its black border")
+    spacing: float = SPACING.field(description="gap between tags, in sides of a tag: Kalibr's tagSpacing")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.cols * self.rows > len(TAG_FAMILY.bytesList):
+            raise ValueError(f"{self.cols * self.rows} tags are needed, 36h11 has {len(TAG_FAMILY.bytesList)}")
+        return self
+
+    @property
+    def name(self) -> str:
+        """What such boards are called."""
+        return "AprilGrid"
+
+    @property
+    def layout_text(self) -> str:
+        """Numbers and size of its tags, for people."""
+        return f"{self.cols} x {self.rows} tags of {self.tag_mm:g} mm"
+
+    @property
+    def gap_mm(self) -> float:
+        """Distance between neighbouring tags, which is the side of the black squares between them."""
+        return self.spacing * self.tag_mm
+
+    @property
+    def pitch_mm(self) -> float:
+        """Mean distance of neighbouring corners: half that of neighbouring tags."""
+        return (1.0 + self.spacing) * self.tag_mm / 2.0
+
+    @property
+    def longest_step(self) -> float:
+        """Longest distance of neighbouring corners, in pitches."""
+        return 2.0 / (1.0 + self.spacing)
+
+    @property
+    def corners_across(self) -> tuple[int, int]:
+        """Numbers of corners along x and y."""
+        return 2 * self.cols, 2 * self.rows
+
+    @cached_property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height of the printed squares."""
+        width, height = (n * self.tag_mm + (n + 1) * self.gap_mm for n in (self.cols, self.rows))
+        return width, height
+
+    @cached_property
+    def corners_in_board_mm(self) -> FloatArray:
+        """Corners of the tags (4*rows*cols, 3), row by row, z = 0."""
+        row, col = np.mgrid[: 2 * self.rows, : 2 * self.cols].reshape(2, -1)
+        x, y = self.line_mm(col), self.line_mm(row)
+        return np.stack([x, y, np.zeros_like(x)], axis=1)
+
+    def line_mm(self, index: NDArray[np.int64]) -> FloatArray:
+        """Coordinate along x or y of the lines of corners with an index; those beyond the print go on as it does."""
+        return np.asarray(self.gap_mm + index // 2 * 2.0 * self.pitch_mm + index % 2 * self.tag_mm)
+
+    def tag(self, number: int) -> NDArray[np.bool_]:
+        """Whether the modules (10, 10) of a tag are black, as it is printed."""
+        drawn = TAG_FAMILY.generateImageMarker(number, TAG_MODULES, borderBits=TAG_BORDER)
+        return np.asarray(np.rot90(drawn, 2) == 0)
+
+    @cached_property
+    def tag_numbers(self) -> NDArray[np.int64]:
+        """The ids (rows, cols) of the tags."""
+        return np.arange(self.rows * self.cols).reshape(self.rows, self.cols)[::-1]
+
+    @cached_property
+    def black(self) -> NDArray[np.bool_]:
+        """Which cells (11 rows + 1, 11 cols + 1) of the print are black: gaps, whole, and the modules of tags."""
+        step = TAG_MODULES + 1
+        cells = np.zeros((step * self.rows + 1, step * self.cols + 1), dtype=bool)
+        cells[::step, ::step] = True
+        for (row, col), number in np.ndenumerate(self.tag_numbers.astype(object)):
+            cells[step * row + 1 : step * row + step, step * col + 1 : step * col + step] = self.tag(number)
+        return cells
+
+    def cell_edges(self, tags: int, *, tag: float, gap: float) -> FloatArray:
+        """Where the cells of some tags along x or y begin and end (11 tags + 2), by the sides of a tag and a gap."""
+        sides = [gap, *([tag / TAG_MODULES] * TAG_MODULES)] * tags
+        return np.cumsum([0.0, *sides, gap])
+
+    def image(self, px_per_tag: int) -> NDArray[np.uint8]:
+        """The print with gaps of whole pixels, 0 black and 255 white; `px_per_tag` is a multiple of 10."""
+        gap = round(self.spacing * px_per_tag)
+        x, y = (
+            np.diff(self.cell_edges(tags, tag=px_per_tag, gap=gap)).round().astype(int)
+            for tags in (self.cols, self.rows)
+        )
+        return np.where(np.repeat(np.repeat(self.black, y, axis=0), x, axis=1), 0, 255).astype(np.uint8)
+
+
 # Any board; read from a file, its `kind` says which.
-Target = Annotated[Checkerboard | Charuco, Field(discriminator="kind")]
+Target = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
 
 
 class _BoardFile(RootModel[Target]):
@@ -116,8 +261,29 @@ def default_board() -> Charuco:
 
 
 def load_board(path: Path) -> Target:
-    """Read `board.toml`, or raise InputError in one line."""
+    """Read `board.toml`, or the yaml file of an AprilGrid as Kalibr reads it; raises InputError in one line."""
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return _of_kalibr(path)
     return read_model(_BoardFile, path).root
+
+
+def _of_kalibr(path: Path) -> AprilGrid:
+    """An AprilGrid from Kalibr's flat `key: value` file, with the tag's size in metres."""
+    lines = (line.split("#")[0] for line in read_bytes(path).decode("utf-8-sig", errors="replace").splitlines())
+    given = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
+    if given.get("target_type") != "aprilgrid":
+        kind = given.get("target_type", "")[:40]
+        raise InputError(f"{path}: target_type is {kind!r}, expected 'aprilgrid'; describe other boards in board.toml")
+    missing = [key for key in KALIBR_KEYS if not re.fullmatch(r"[-+.\deE]+", given.get(key, ""))]
+    if missing:
+        raise InputError(f"{path}: {missing[0]}: {given.get(missing[0], '')[:40]!r}, expected a number")
+    try:
+        cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
+        return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
+    except ValidationError as error:
+        raise InputError(f"{path}: {one_line(error)}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def save_board(path: Path, target: Target) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import DICTIONARIES, TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
 from mirrorcam.render_scenes.settings import RenderSettings
 
-MARGIN_SQUARES = 1  # of white paper around the printed squares
+MARGIN_SQUARES = 1  # of white paper around the printed squares; as wide as a tag around an AprilGrid
 _MOST_TEXELS_PER_SQUARE = 64
+_MOST_TEXELS_PER_MODULE = 32
 
 
 def print_on_paper(target: Target) -> NDArray[np.uint8]:
@@ -18,12 +21,27 @@ def print_on_paper(target: Target) -> NDArray[np.uint8]:
 
     One texel per square is exact for a checkerboard. With markers, one texel per marker module is exact where a square
     is a whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
+    The gaps of an AprilGrid are whole numbers of texels to within 1/2000 of a module, and exactly for a spacing of two
+    decimals.
     """
+    if isinstance(target, AprilGrid):
+        texels = _texels_per_tag(target)
+        return np.pad(target.image(texels), MARGIN_SQUARES * texels, constant_values=255)
     if isinstance(target, Checkerboard):
         return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
     texels, marker_mm = _marker_raster(target)
     image = target.replaced(marker_mm=marker_mm).image(texels)
     return np.pad(image, MARGIN_SQUARES * texels, constant_values=255)
+
+
+def margin_mm(target: Target) -> float:
+    """Width of the white paper around the printed squares."""
+    return MARGIN_SQUARES * (target.tag_mm if isinstance(target, AprilGrid) else target.square_mm)
+
+
+def _texels_per_tag(target: AprilGrid) -> int:
+    gap_modules = Fraction(target.spacing * TAG_MODULES).limit_denominator(_MOST_TEXELS_PER_MODULE)
+    return TAG_MODULES * gap_modules.denominator
 
 
 def _marker_raster(target: Charuco) -> tuple[int, float]:
@@ -45,15 +63,19 @@ def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
 
 def board_from_texels(target: Target) -> FloatArray:
     """Affine 3x3 from (column, row, 1), texels from the print's top left corner, to (x, y, 1) on the board, mm."""
-    texel_mm = target.size_mm[0] / (print_on_paper(target).shape[1] // (target.cols + 2 * MARGIN_SQUARES)) / target.cols
-    margin_mm = MARGIN_SQUARES * target.square_mm
-    return np.array([[texel_mm, 0.0, -margin_mm], [0.0, texel_mm, -margin_mm], [0.0, 0.0, 1.0]])
+    margin = margin_mm(target)
+    if isinstance(target, AprilGrid):
+        texel_mm = target.tag_mm / _texels_per_tag(target)
+    else:
+        texels = print_on_paper(target).shape[1] // (target.cols + 2 * MARGIN_SQUARES)
+        texel_mm = target.size_mm[0] / texels / target.cols
+    return np.array([[texel_mm, 0.0, -margin], [0.0, texel_mm, -margin], [0.0, 0.0, 1.0]])
 
 
 def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
     """Affine 4x4 from Mitsuba's rectangle ([-1, 1]^2, emitting along +z, v up) to the print of a board in rig, mm."""
     width, height = target.size_mm
-    margin = MARGIN_SQUARES * target.square_mm
+    margin = margin_mm(target)
     board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
     board_from_rectangle[:2, 3] = width / 2, height / 2
     return rig_from_board @ board_from_rectangle

@@ -235,11 +235,12 @@ def _check_visible(
     for pose in plan.poses:
         px, visible = seen(pose)
         enough.append(visible.sum(axis=1) >= min(FEWEST_CORNERS, px.shape[1]))
-        across = px.reshape(len(px), target.rows - 1, target.cols - 1, 2)
+        cols, rows = target.corners_across
+        across = px.reshape(len(px), rows, cols, 2)
         sides = np.linalg.norm(np.diff(across, axis=2), axis=-1).reshape(len(px), -1)
         squares_px.append(np.nanmedian(np.where(np.isfinite(sides), sides, np.nan)))
     square_px = float(np.median(squares_px))
-    board = f"board of {target.cols} x {target.rows} squares of {target.square_mm:g} mm"
+    board = f"board of {target.layout_text}"
     if square_px < SMALLEST_SQUARE_PX:
         raise InputError(
             f"{board}: too small to be seen, a square spans {square_px:.1f} px, expected {SMALLEST_SQUARE_PX:g} or more"

@@ -17,7 +17,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import MARGIN_SQUARES
+from mirrorcam.render_scenes.boards.printed_board import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.truth.light_rays import chief_rays, reflected
 from mirrorcam.render_scenes.truth.obstacles import Obstacles
@@ -140,7 +140,7 @@ def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> d
     with np.errstate(divide="ignore", invalid="ignore"):
         length = -start[..., 2] / direction[..., 2]
         x, y = (start[..., axis] + length * direction[..., axis] for axis in range(2))
-        margin = MARGIN_SQUARES * target.square_mm
+        margin = margin_mm(target)
         width, height = target.size_mm
         shown = (length > 0.0) & (length < rays.free_mm) & (direction[..., 2] > 0.0)
         shown &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)

@@ -15,6 +15,7 @@ if not Path(__path__[0], "optics").is_dir():
     __path__.append(str(Path(__file__).resolve().parents[2]))
 
 __all__ = [
+    "AprilGrid",
     "Camera",
     "Charuco",
     "Checkerboard",
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from mirrorcam.optics.geometry.camera import Camera
     from mirrorcam.optics.geometry.design_spec import DesignSpec
     from mirrorcam.optics.geometry.layout import Layout
-    from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+    from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
     from mirrorcam.optics.light_field.decoder import Decoder
     from mirrorcam.optics.light_field.depth.estimate import estimate_depth
     from mirrorcam.optics.light_field.io.formats.registry import open_light_field, write_light_field
@@ -58,6 +59,7 @@ else:
     # The same for the interpreter, which imports a module when one of its names is first used.
     _MODULES = {
         "Camera": "optics.geometry.camera",
+        "AprilGrid": "optics.geometry.targets",
         "Charuco": "optics.geometry.targets",
         "Checkerboard": "optics.geometry.targets",
         "Decoder": "optics.light_field.decoder",

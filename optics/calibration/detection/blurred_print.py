@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Checkerboard, Target
 
 Image = NDArray[np.float32]
 
@@ -54,25 +54,34 @@ class PrintSamples:
 
 
 def _ink(target: Target) -> FloatArray:
-    """The black fraction of each pixel (rows * p, cols * p) of a print.
+    """The black fraction of each pixel (rows * p, cols * p) of a print, with p pixels per pitch.
 
     `target.image` would not do: it rounds markers to whole pixels, and a corner is found to 1/2000 of a square.
     """
+    if isinstance(target, AprilGrid):
+        tag, gap = (PX_PER_SQUARE * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
+        right, down = (_covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
+        return np.asarray(down.T @ target.black @ right)
     ink = 1.0 - Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0).image(PX_PER_SQUARE) / 255.0
     if isinstance(target, Checkerboard):
         return ink
     dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
     side = PX_PER_SQUARE * target.marker_mm / target.square_mm
     edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
-    pixels = np.arange(PX_PER_SQUARE)
-    begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
-    covers = np.maximum(end - begin, 0.0)
+    covers = _covers(edges, PX_PER_SQUARE)
     white = ((row, col) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2)
     for number, (row, col) in enumerate(white):
         black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
         ink[square] = covers.T @ black @ covers
     return ink
+
+
+def _covers(edges: FloatArray, count: int | None = None) -> FloatArray:
+    """What the cells between edges (c + 1,) cover of each of `count` pixels (c, p); up to the last edge where None."""
+    pixels = np.arange(np.ceil(edges[-1]) if count is None else count)
+    begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
+    return np.maximum(end - begin, 0.0)
 
 
 def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:

@@ -23,6 +23,7 @@ BoolArray = NDArray[np.bool_]
 REACH = 1.6  # squares beyond the known points to which the warp is extrapolated
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
 ROUNDS = 15
+LINKED = 1.1  # of the longest distance between neighbours, for corners to be neighbours
 TRIES = 2  # of each corner: its expected position improves once its neighbours are found
 MANY = 40  # known points, from which positions are expected well enough at once
 NEIGHBOURS = 12
@@ -102,7 +103,7 @@ def _seen_corners(
     """Those of the corners (c, 2) of a print that can be seen, with their indices as ids."""
     found, look = _grown(picture, places, pixels, corners, target, mirrored=mirrored)
     have = np.flatnonzero(np.isfinite(found[:, 0]))
-    have = have[smooth(corners[have], found[have])]
+    have = have[smooth(corners[have], found[have], target.longest_step)]
     warp = Warp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
         return NONE
@@ -110,7 +111,7 @@ def _seen_corners(
     ids, seen = _confirmed(picture, have, warp.expected(corners[have], found[have]), look, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
-    return board.where(smooth(corners[board.ids], board.pixels))
+    return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
 
 
 def _grown(
@@ -119,14 +120,14 @@ def _grown(
     """Pixels (c, 2) of all corners, NaN where not found, and the print's appearance with the blur of the last ones."""
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
-    known_places, known_pixels = places, pixels
+    known_places, known_pixels, reach = places, pixels, REACH * target.longest_step
     look = replace(_first_appearance(places, pixels, target), rough=True)
     most_tries = 1 if len(places) >= MANY else TRIES
     for _ in range(ROUNDS):
         warp = Warp.through(known_places, known_pixels)
         if warp is None:
             break
-        near = cKDTree(known_places).query(corners, distance_upper_bound=REACH)[0] < REACH
+        near = cKDTree(known_places).query(corners, distance_upper_bound=reach)[0] < reach
         new = np.flatnonzero(near & (tries < most_tries) & np.isnan(found[:, 0]))
         if not len(new):
             break
@@ -228,7 +229,7 @@ def _like_the_others(seen: RefinedCorners) -> BoolArray:
     return np.asarray(sure & (rest < MAX_RELATIVE_UNEXPLAINED * np.median(rest) + UNEXPLAINED))
 
 
-def _largest_part(places: FloatArray, pixels: FloatArray) -> BoolArray:
+def _largest_part(places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
     """The largest connected part of the corners, where neighbours have nearly the same residual to the warp.
 
     Two mirrors may show a board as if it continued from one into the other, but for a step of a few pixels. A warp
@@ -238,29 +239,32 @@ def _largest_part(places: FloatArray, pixels: FloatArray) -> BoolArray:
     if warp is None:
         return np.zeros(len(places), dtype=bool)
     off = pixels - warp.at(places)
-    first, second = cKDTree(places).query_pairs(1.1, output_type="ndarray").T
-    step = np.linalg.norm(off[first] - off[second], axis=1)
-    linked = step < max(OUTLIER_SIGMAS * 1.4826 * float(np.median(step)) if len(step) else 0.0, MIN_STEP_PX)
-    linked &= step < MAX_STEP_PX
+    first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
+    change = np.linalg.norm(off[first] - off[second], axis=1)
+    linked = change < max(OUTLIER_SIGMAS * 1.4826 * float(np.median(change)) if len(change) else 0.0, MIN_STEP_PX)
+    linked &= change < MAX_STEP_PX
     graph = coo_array((np.ones(int(linked.sum())), (first[linked], second[linked])), shape=(len(places),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def connected(places: FloatArray) -> BoolArray:
-    """Mask (n,) of the largest part of corners (n, 2) that are neighbours on their grid."""
-    first, second = cKDTree(places).query_pairs(1.1, output_type="ndarray").T
+def connected(places: FloatArray, step: float = 1.0) -> BoolArray:
+    """Mask (n,) of the largest part of corners (n, 2) that are neighbours on their grid, at most `step` apart."""
+    first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def smooth(places: FloatArray, pixels: FloatArray) -> BoolArray:
-    """Mask (n,) of the corners on a smooth surface with the others of their largest connected part."""
+def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
+    """Mask (n,) of the corners on a smooth surface with the others of their largest connected part.
+
+    Neighbours are at most `step` squares apart.
+    """
     keep = np.zeros(len(places), dtype=bool)
     if len(places) < MIN_CORNERS:
         return keep
-    keep = _largest_part(places, pixels)
+    keep = _largest_part(places, pixels, step)
     for _ in range(5):
         if keep.sum() < MIN_CORNERS:
             return np.zeros(len(places), dtype=bool)

@@ -123,8 +123,8 @@ def _homography(places: FloatArray, pixels: FloatArray, off_px: float) -> FloatA
 
 
 def corner_places(target: Target) -> FloatArray:
-    """Places (n, 2) of the inner corners, in squares from the top left of the print, in the order of their ids."""
-    return target.corners_in_board_mm[:, :2] / target.square_mm
+    """Places (n, 2) of the corners, in squares (pitches) from the top left of the print, in the order of their ids."""
+    return target.corners_in_board_mm[:, :2] / target.pitch_mm
 
 
 def typical_cell_px(places: FloatArray, pixels: FloatArray) -> float:

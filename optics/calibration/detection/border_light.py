@@ -222,9 +222,9 @@ def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_fro
     start, along = starts @ turn + board_from_rig[:3, 3], directions @ turn
     with np.errstate(divide="ignore", invalid="ignore"):
         way = -start[..., 2] / along[..., 2]
-        at = (start + way[..., None] * along)[..., :2] / target.square_mm
+        at = (start + way[..., None] * along)[..., :2] / target.pitch_mm
     inside = (way > 0.0) & (along[..., 2] > 0.0)
-    inside &= ((at > ON_BOARD) & (at < np.array([target.cols, target.rows]) - ON_BOARD)).all(axis=-1)
+    inside &= ((at > ON_BOARD) & (at < np.array(target.size_mm) / target.pitch_mm - ON_BOARD)).all(axis=-1)
     steps = np.linalg.norm(np.diff(np.nan_to_num(at), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
     if not len(steps):
         return np.full(at.shape[:2], np.nan)

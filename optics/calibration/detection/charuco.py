@@ -1,4 +1,4 @@
-"""Any number of ChArUco boards in one image, by grids of corners and the markers between them."""
+"""Any number of ChArUco boards or AprilGrids in one image, by grids of corners and the markers between them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_place
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
 from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
+from mirrorcam.optics.calibration.detection.tag_grids import linked_tags
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco
+from mirrorcam.optics.geometry.targets import DICTIONARIES, TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -31,7 +32,7 @@ MIN_MARKERS = 2
 SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to belong to that board
 
 
-def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> list[Corners]:
+def find_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
     Grids of saddle points are numbered by the markers between them. Where they are not, as on boards whose markers
@@ -51,28 +52,39 @@ def find_boards(grey: Grey, target: Charuco, *, mirrored: bool, most: int) -> li
     picture = np.asarray(grey, dtype=np.float32)
     found: list[Corners] = []
     markers = _markers(target)
-    for places, pixels in linked_grids(grey):
+    for places, pixels in linked_grids(grey) if isinstance(target, Charuco) else linked_tags(grey, target):
         if not new_corners(pixels, found):
             continue
         grid = SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS)
         numbered = numbered_by_markers(picture, grid.as_printed if mirrored else grid, markers)
         if numbered is None:
             continue
-        board = grow_board(picture, numbered.places.astype(np.float64) + 1.0, pixels, target, mirrored=mirrored)
+        board = grow_board(picture, _on_print(numbered.places, target), pixels, target, mirrored=mirrored)
         if len(board) and not any(same_board(board, other) for other in found):
             found.append(board)
     return sorted(found or _from_markers(grey, target, mirrored=mirrored), key=len, reverse=True)[:most]
 
 
+def _on_print(places: IntArray, target: Charuco | AprilGrid) -> FloatArray:
+    """Places (n, 2) on the print, in pitches, of corners by their columns and rows (n, 2)."""
+    if isinstance(target, AprilGrid):
+        return target.line_mm(places) / target.pitch_mm
+    return places.astype(np.float64) + 1.0
+
+
 @lru_cache(maxsize=8)
-def _markers(target: Charuco) -> Markers:
+def _markers(target: Charuco | AprilGrid) -> Markers:
+    if isinstance(target, AprilGrid):
+        numbers = target.tag_numbers
+        tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
+        return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
     dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
     white = [(col - 1, row - 1) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2]
     codes = [dictionary.generateImageMarker(number, modules, borderBits=1)[1:-1, 1:-1] for number in range(len(white))]
     return Markers(np.array(codes) > 0, np.array(white), target.marker_mm / target.square_mm, parity=1)
 
 
-def _from_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> list[Corners]:
+def _from_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> list[Corners]:
     """The boards in a picture, grown from markers that were found one by one."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     places = marker_places(target)[ids]
@@ -99,7 +111,7 @@ def _from_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> list[Corner
     return found
 
 
-def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco) -> BoolArray:
+def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
     """Mask of the markers (n, 4, 2) with places (n, 4, 2) on the print that lie where a detected board has them."""
     warp = Warp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
@@ -110,12 +122,17 @@ def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuc
     return np.asarray(off < SAME_PLACE * np.sqrt(np.abs(np.linalg.det(cells))))
 
 
-def marker_places(target: Charuco) -> FloatArray:
+def marker_places(target: Charuco | AprilGrid) -> FloatArray:
     """Corners (markers, 4, 2) of the markers in squares from the top left of the print, in the detector's order."""
+    if isinstance(target, AprilGrid):
+        # From the top left of a tag as OpenCV draws it, which is half a turn from how it is printed.
+        numbers = target.tag_numbers.ravel().argsort()
+        low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
+        return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
     return np.array(target.opencv.getObjPoints())[:, :, :2] / target.square_mm
 
 
-def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
+def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
     """Ids (n,) and corners (n, 4, 2) of the target's markers, with repetitions.
 
     Not all need to be found, as boards are grown from a few; where there is none, other window sizes are tried.
@@ -125,18 +142,27 @@ def find_markers(grey: Grey, target: Charuco, *, mirrored: bool) -> tuple[IntArr
     bright = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0))
     parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = MIN_PERIMETER
+    parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
+    dictionary, count = _dictionary(target)
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
-        detector = cv2.aruco.ArucoDetector(target.opencv.getDictionary(), parameters)
+        detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
         names = np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()
-        known = names < len(target.opencv.getIds())
+        known = names < count
         if known.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
         corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
     return names[known], corners[known]
+
+
+def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int]:
+    """OpenCV's dictionary of a print's markers, and how many of them it has."""
+    if isinstance(target, AprilGrid):
+        return TAG_FAMILY, target.cols * target.rows
+    return target.opencv.getDictionary(), len(target.opencv.getIds())
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:

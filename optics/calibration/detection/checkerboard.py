@@ -84,7 +84,7 @@ def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
     return [
         (places[part], points.pixels[members[part]])
         for members, places in corner_grids(points)
-        for part in _smooth_parts(places, points.pixels[members])
+        for part in smooth_parts(places.astype(np.float64), points.pixels[members])
     ]
 
 
@@ -96,16 +96,19 @@ def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
     return bool((apart > SAME * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
 
 
-def _smooth_parts(places: IntArray, pixels: FloatArray) -> list[IntArray]:
-    """Split linked corners (n) into boards: two mirrors that meet may show two boards as if one continued the other."""
+def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> list[IntArray]:
+    """Split linked corners (n) into boards: two mirrors that meet may show two boards as if one continued the other.
+
+    Neighbours are at most `step` squares apart.
+    """
     parts = []
     left = np.arange(len(places))
     while len(left) >= MIN_CORNERS:
-        at, seen = places[left].astype(np.float64), pixels[left]
-        part = _smooth_around(at, seen, np.ones(len(left), dtype=bool))
+        at, seen = places[left], pixels[left]
+        part = _smooth_around(at, seen, np.ones(len(left), dtype=bool), step)
         if not part.all():
             near = np.abs(at[:, None] - at).max(axis=2) <= NEAR
-            part = _smooth_around(at, seen, near[near.sum(axis=1).argmax()])
+            part = _smooth_around(at, seen, near[near.sum(axis=1).argmax()], step)
         if part.sum() < MIN_CORNERS:
             break
         parts.append(left[part])
@@ -113,7 +116,7 @@ def _smooth_parts(places: IntArray, pixels: FloatArray) -> list[IntArray]:
     return parts
 
 
-def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray) -> BoolArray:
+def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, step: float) -> BoolArray:
     """The corners (n) connected with the first ones, on the smooth surface that goes through them and is grown."""
     part = first
     for _ in range(ROUNDS):
@@ -121,9 +124,9 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray) -> 
         if warp is None:
             return np.zeros(len(places), dtype=bool)
         off = np.linalg.norm(warp.at(places) - pixels, axis=1)
-        near = cKDTree(places[part]).query(places)[0] < REACH
+        near = cKDTree(places[part]).query(places)[0] < REACH * step
         grown = near & (off < STRAY * typical_cell_px(places[part], pixels[part]))
-        grown[grown] = connected(places[grown]) if grown.any() else False
+        grown[grown] = connected(places[grown], step) if grown.any() else False
         if (grown == part).all():
             break
         part = grown

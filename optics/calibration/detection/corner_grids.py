@@ -3,7 +3,8 @@
 Every corner has four edges, which lead to its neighbours. From one corner to the next the colours on the two sides of
 the edge between them stay, so that it is an edge of the first kind for one of them and of the second kind for the
 other (`SaddlePoints.axes`). Links count where four of them close around a square, and where they go on as the links
-before or after them do: where two mirrors meet, their boards do not.
+before or after them do: where two mirrors meet, their boards do not. On an AprilGrid, whose columns are wide and narrow
+by turns, they go on as the links after the next do.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from mirrorcam.optics.calibration.detection.saddle_points import SaddlePoints
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
 NEIGHBOURS = 24
+NEIGHBOURS_BY_TURNS = 64  # more, as there are saddle points inside tags, too
 MAX_ANGLE = np.deg2rad(20.0)  # between an edge and the line to the next corner
+MAX_ANGLE_BY_TURNS = np.deg2rad(10.0)  # less than to saddle points inside a tag
 MAX_RATIO = 1.7  # between opposite sides of a square
 MIN_CORNERS = 6
 MAX_CHANGE, MAX_CHANGE_PX = 0.15, 1.0  # from a link to the next one along a line: relative, and this much more
@@ -26,8 +29,15 @@ STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 NO_NEIGHBOUR = -1
 
 
-def corner_grids(points: SaddlePoints) -> list[tuple[IntArray, IntArray]]:
+def corner_grids(points: SaddlePoints, *, by_turns: bool = False) -> list[tuple[IntArray, IntArray]]:
     """Link saddle points (n) into grids.
+
+    Parameters
+    ----------
+    points
+        The saddle points.
+    by_turns
+        Whether squares are wide and narrow by turns, as those of an AprilGrid.
 
     Returns
     -------
@@ -38,8 +48,11 @@ def corner_grids(points: SaddlePoints) -> list[tuple[IntArray, IntArray]]:
     """
     if len(points) < MIN_CORNERS:
         return []
-    neighbour, back = _links(points)
-    neighbour = _straight(points.pixels, neighbour, back)
+    if by_turns:
+        neighbour, back = _links(points, NEIGHBOURS_BY_TURNS, MAX_ANGLE_BY_TURNS)
+    else:
+        neighbour, back = _links(points, NEIGHBOURS, MAX_ANGLE)
+    neighbour = _straight(points.pixels, neighbour, back, by_turns=by_turns)
     closed = _closed(points.pixels, neighbour, back)
     grids = []
     done = np.zeros(len(points), dtype=bool)
@@ -52,14 +65,14 @@ def corner_grids(points: SaddlePoints) -> list[tuple[IntArray, IntArray]]:
     return sorted(grids, key=lambda grid: -len(grid[0]))
 
 
-def _links(points: SaddlePoints) -> tuple[IntArray, IntArray]:
+def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray, IntArray]:
     """The neighbour (n, 4) of each saddle point along each of its directions, and its direction (n, 4) back.
 
     Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` where there is none, or
     where the neighbour's own neighbour in that direction is another one.
     """
     count = len(points)
-    distance, other = cKDTree(points.pixels).query(points.pixels, k=min(NEIGHBOURS + 1, count))
+    distance, other = cKDTree(points.pixels).query(points.pixels, k=min(most + 1, count))
     distance, other = distance[:, 1:], other[:, 1:]
     apart = points.pixels[other] - points.pixels[:, None]
     towards = np.arctan2(apart[..., 1], apart[..., 0])
@@ -67,13 +80,13 @@ def _links(points: SaddlePoints) -> tuple[IntArray, IntArray]:
     second = first + (second - first) % np.pi
     directions = np.stack([first, second, first + np.pi, second + np.pi], axis=1)
     off = _between(towards[:, None, :], directions[:, :, None])
-    row, side, rank = np.nonzero(off < MAX_ANGLE)
+    row, side, rank = np.nonzero(off < max_angle)
     theirs = _between((towards[row, rank] + np.pi)[:, None], directions[other[row, rank]])
     # An edge of the first kind here is one of the second kind there.
     theirs[(side[:, None] + np.arange(4)) % 2 == 0] = np.inf
     cost, returning = np.full(off.shape, np.inf), np.zeros(off.shape, dtype=np.int64)
     worst = np.maximum(off[row, side, rank], theirs.min(axis=1))
-    cost[row, side, rank] = np.where(worst < MAX_ANGLE, distance[row, rank] * (1.0 + worst), np.inf)
+    cost[row, side, rank] = np.where(worst < max_angle, distance[row, rank] * (1.0 + worst), np.inf)
     returning[row, side, rank] = theirs.argmin(axis=1)
     best = cost.argmin(axis=2)
     rows, sides = np.meshgrid(np.arange(count), np.arange(4), indexing="ij")
@@ -89,13 +102,22 @@ def _between(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.abs((a - b + np.pi) % (2.0 * np.pi) - np.pi))
 
 
-def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> IntArray:
-    """The neighbours (n, 4) without those that lie otherwise than the next ones on both sides, or on the only one."""
+def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, by_turns: bool) -> IntArray:
+    """The neighbours (n, 4) without those that lie otherwise than the next ones on both sides, or on the only one.
+
+    Where squares are wide and narrow by turns, these are the ones after the next.
+    """
     linked = neighbour != NO_NEIGHBOUR
     vector = np.where(linked[..., None], pixels[neighbour] - pixels[:, None], np.nan)
     length = np.linalg.norm(vector, axis=2)
-    opposite = np.roll(vector, 2, axis=1)
     beyond = vector[neighbour, (back + 2) % 4]
+    if by_turns:
+        next_one, onwards = neighbour[neighbour, (back + 2) % 4], (back[neighbour, (back + 2) % 4] + 2) % 4
+        known = linked & np.isfinite(beyond[..., 0])
+        beyond = np.where(known[..., None], vector[next_one, onwards], np.nan)
+        opposite = np.roll(np.where(linked[..., None], vector[neighbour, (back + 2) % 4], np.nan), 2, axis=1)
+    else:
+        opposite = np.roll(vector, 2, axis=1)
     changes = np.stack([np.linalg.norm(vector + opposite, axis=2), np.linalg.norm(beyond - vector, axis=2)])
     limit = MAX_CHANGE * length + MAX_CHANGE_PX
     smooth = (changes < limit).any(axis=0) | np.isnan(changes).all(axis=0)

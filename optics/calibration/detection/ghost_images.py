@@ -188,7 +188,7 @@ def _refined(light: Image, view: _Ghosted, target: Target) -> Corners:
         return view.corners.where(np.zeros(len(view.corners), dtype=bool))
     found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
     refined = Corners(view.corners.ids, seen.pixels, seen.sigma_px).where(found)
-    return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels))
+    return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels, target.longest_step))
 
 
 def ghost_images_of(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> GhostImages | None:

@@ -37,12 +37,16 @@ class Markers:
         Side of a marker with its border, in sides of that square.
     parity
         Sum of the coordinates of such corners, modulo 2.
+    every_other
+        Whether only every other square of that colour holds a marker, those with even coordinates on the print. On a
+        grid, these have odd x and even y.
     """
 
     codes: NDArray[np.bool_]
     places: IntArray
     side: float
     parity: int
+    every_other: bool = False
 
 
 def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> SeenGrid | None:
@@ -69,6 +73,9 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
         turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
         # Right of and below even corners is white on a grid, black on a print; a quarter turn swaps them.
         low, quads = _squares(turned, markers.parity + turn + 1)
+        if markers.every_other:
+            held = low[:, 0] % 2 == (turn < 2)
+            low, quads = low[held], quads[held]
         if not len(low):
             continue
         agreement = _standardised(_modules(picture, quads, markers)) @ codes.T

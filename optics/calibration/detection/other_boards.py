@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.detection.charuco import find_markers, linked_
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
 FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
@@ -47,6 +47,8 @@ def other_board(
     """
     pictures = pictures[:MOST_PICTURES]
     if not pictures:
+        return None
+    if isinstance(target, AprilGrid):
         return None
     if isinstance(target, Charuco):
         return _other_markers(pictures, target, mirrored=bool(mirrored), found=found and fits)

@@ -123,9 +123,9 @@ def scale_doubt(
     scale = common_scale(layout, virtual_centres, edges)
     fitting_mm, sigma_mm = square_mm / scale.factor, square_mm * scale.sigma / scale.factor**2
     message = (
-        f"the board's squares look like {fitting_mm:.4g} +- {sigma_mm:.2g} mm, board.toml says square_mm = "
+        f"the board's squares (or tags) look like {fitting_mm:.4g} +- {sigma_mm:.2g} mm, board.toml says "
         f"{square_mm:g}: all lengths come out {scale.factor:.3f} (+-{scale.sigma:.3f}) times those of the nominal "
-        "layout; measure the print, correct square_mm and calibrate again"
+        "layout; measure the print, correct board.toml and calibrate again"
     )
     if scale.beyond(ALARM_SIGMAS, REFUSED):
         raise InputError(message)

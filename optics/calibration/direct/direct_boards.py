@@ -9,14 +9,14 @@ import numpy as np
 
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.calibration.detection.charuco import find_boards as find_charucos
+from mirrorcam.optics.calibration.detection.charuco import find_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
 INVERTED = (
@@ -43,22 +43,24 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
     """The boards in each picture, up to `most` of each handedness; raises InputError where there are none at all."""
     found = []
     for number, picture in enumerate(pictures):
-        boards = _charucos(picture, target, most) if isinstance(target, Charuco) else _checkerboards(picture, target)
+        if isinstance(target, Checkerboard):
+            boards = _checkerboards(picture, target)
+        else:
+            boards = _with_markers(picture, target, most)
         found.append([board for board in boards if board.any is not None])
         progress(number + 1, len(pictures))
     if not any(found):
-        kind = "ChArUco board" if isinstance(target, Charuco) else "checkerboard"
         raise InputError(
             other_board(pictures, target, mirrored=False, found=False)
-            or f"no {target.cols} x {target.rows} {kind} found in any of {len(pictures)} pictures"
+            or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
         )
     return found
 
 
-def _charucos(picture: Grey, target: Charuco, most: int) -> list[SeenBoard]:
-    """ChArUco boards, whose markers tell whether they are seen in a mirror."""
+def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:
+    """ChArUco boards and AprilGrids, whose markers tell whether they are seen in a mirror."""
     direct, image = (
-        [board for board in find_charucos(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
+        [board for board in find_with_markers(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
         for mirrored in (False, True)
     )
     found = [*(FoundBoard([board], []) for board in direct), *(FoundBoard([], [board]) for board in image)]
@@ -122,11 +124,11 @@ def start_of(
 def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
     """All corners of all views of a checkerboard, detected again where the estimate predicts them.
 
-    This completes hidden boards; those of a ChArUco board are complete.
+    This completes hidden boards; those of boards with markers are complete.
     """
-    if isinstance(target, Charuco):
-        return start.observations
-    return _confirmed(pictures, start.estimate, target)
+    if isinstance(target, Checkerboard):
+        return _confirmed(pictures, start.estimate, target)
+    return start.observations
 
 
 def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:

@@ -19,7 +19,7 @@ from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.sheet_text import drawable, fitted
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
-from mirrorcam.optics.geometry.targets import Charuco, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Target
 
 MM_PER_INCH = 25.4
 PAGES_MM = {
@@ -150,13 +150,11 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     for at in (0, 50, 100):
         axes.text(left + at, top + 8.5, f"{at} mm" if at else "0", fontsize=POINTS, ha="center", va="baseline")
     width, height = target.size_mm
-    kind = "ChArUco" if isinstance(target, Charuco) else "checkerboard"
-    lines = [
-        fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm),
-        f"{kind}, {target.cols} x {target.rows} squares of {target.square_mm:g} mm",
-    ]
+    lines = [fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm), f"{target.name}, {target.layout_text}"]
     if isinstance(target, Charuco):
         lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}")
+    if isinstance(target, AprilGrid):
+        lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
     for number, line in enumerate(lines):
         place = left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM

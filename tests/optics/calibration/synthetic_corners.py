@@ -13,7 +13,7 @@ from shapely.geometry import Polygon
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.synthetic import posed
 
@@ -29,7 +29,7 @@ class Views:
 
 
 def mirrored_corners(
-    truth: Layout, target: Target, pose: FloatArray, noise_px: float, random: np.random.Generator
+    truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
     """The corners of one frame in every mirror that shows enough of them, each with noise of `noise_px` per axis."""
     points = transform(pose, target.corners_in_board_mm)
@@ -46,7 +46,7 @@ def mirrored_corners(
 
 
 def direct_corners(
-    truth: Layout, target: Target, pose: FloatArray, noise_px: float, random: np.random.Generator
+    truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
     """The corners of one frame that the bare camera sees, with noise of `noise_px` per axis."""
     pixels = truth.camera.project(transform(pose, target.corners_in_board_mm))
@@ -62,7 +62,7 @@ def noisy(observations: Observations, noise_px: float, random: np.random.Generat
     return Observations(observations.frame, observations.view, observations.corner, observations.pixels + noise)
 
 
-def mirrored_poses(target: Target, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
+def mirrored_poses(target: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
     """Boards 300 to 450 mm before the mirrors of the default scale, tilted by up to `tilt_deg` about each axis."""
     random = np.random.default_rng(seed)
     centres = np.array([0.0, 370.0, 80.0]) + np.array([30.0, 70.0, 20.0]) * random.uniform(-1, 1, (count, 3))
@@ -70,7 +70,7 @@ def mirrored_poses(target: Target, count: int, *, tilt_deg: float, seed: int) ->
     return [posed(target, centre, turn, direct=False) for centre, turn in zip(centres, turns, strict=True)]
 
 
-def direct_poses(target: Target, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
+def direct_poses(target: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
     """Boards 250 to 400 mm before the bare camera, tilted by up to `tilt_deg` about each axis."""
     random = np.random.default_rng(seed)
     centres = np.array([0.0, 0.0, 320.0]) + np.array([30.0, 15.0, 70.0]) * random.uniform(-1, 1, (count, 3))
@@ -80,7 +80,7 @@ def direct_poses(target: Target, count: int, *, tilt_deg: float, seed: int) -> l
 
 def views_of(
     truth: Layout,
-    target: Target,
+    target: Checkerboard | Charuco,
     mirrored: Sequence[FloatArray],
     direct: Sequence[FloatArray],
     *,

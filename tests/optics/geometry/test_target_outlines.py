@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
-from mirrorcam.optics.geometry.targets import DICTIONARIES, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard
 
 # Sizes at which OpenCV's raster is exact: a module of a marker is a whole number of pixels.
 BOARDS = [
@@ -20,7 +20,7 @@ BOARDS = [
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda board: getattr(board, "dictionary", board.kind))
-def test_ink_is_where_the_picture_is_black(board: Target) -> None:
+def test_ink_is_where_the_picture_is_black(board: Checkerboard | Charuco) -> None:
     picture = board.image(round(4 * board.square_mm))
     y, x = (np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5) / 4.0
     inked = shapely.contains_xy(ink_in_board_mm(board), x, y)
@@ -28,7 +28,7 @@ def test_ink_is_where_the_picture_is_black(board: Target) -> None:
 
 
 @pytest.mark.parametrize("board", BOARDS[:2], ids=["checkerboard", "charuco"])
-def test_no_polygon_overlaps_or_touches_another_along_an_edge(board: Target) -> None:
+def test_no_polygon_overlaps_or_touches_another_along_an_edge(board: Checkerboard | Charuco) -> None:
     ink = ink_in_board_mm(board)
     assert ink.area == pytest.approx(shapely.union_all(ink).area, rel=1e-12)
     polygons = shapely.get_parts(ink)
@@ -48,3 +48,10 @@ def test_sizes_that_are_no_whole_numbers_of_pixels_are_exact() -> None:
     assert shapely.MultiPolygon(markers[:1]).bounds == pytest.approx(
         (12.3 + low, low, 24.6 - low, 12.3 - low), abs=1e-12
     )
+
+
+def test_ink_of_an_aprilgrid_is_where_its_picture_is_black() -> None:
+    board = AprilGrid(cols=3, rows=2, tag_mm=10.0, spacing=0.25)
+    picture = board.image(40)
+    y, x = (np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5) / 4.0
+    np.testing.assert_array_equal(shapely.contains_xy(ink_in_board_mm(board), x, y), picture == 0)

@@ -13,6 +13,8 @@ from pydantic import ValidationError
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.targets import (
     DICTIONARIES,
+    TAG_FAMILY,
+    AprilGrid,
     Charuco,
     Checkerboard,
     Target,
@@ -23,10 +25,14 @@ from mirrorcam.optics.geometry.targets import (
 
 CHARUCO = Charuco(cols=7, rows=5, square_mm=12.5, marker_mm=9.0)
 PLAIN = Checkerboard(cols=8, rows=7, square_mm=3.0)
+TAGS = AprilGrid(cols=6, rows=4, tag_mm=88.0, spacing=0.3)
+# Of the family 36h11 of the AprilTags C++ library, ids 0 to 2: a set bit is white, the highest bit the upper left one
+# of a tag as Kalibr prints it.
+CODES = (0xD5D628584, 0xD97F18B49, 0xDD280910E)
 
 
 @pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board()])
-def test_corners_run_row_by_row_from_the_top_left(board: Target) -> None:
+def test_corners_run_row_by_row_from_the_top_left(board: Checkerboard | Charuco) -> None:
     corners = board.corners_in_board_mm
     assert corners.shape == ((board.rows - 1) * (board.cols - 1), 3)
     assert corners[0].tolist() == [board.square_mm, board.square_mm, 0]
@@ -64,7 +70,7 @@ def test_the_checkerboard_is_found_where_it_was_printed() -> None:
 
 
 @pytest.mark.parametrize("board", [CHARUCO, PLAIN])
-def test_the_top_left_square_is_black_and_squares_alternate(board: Target) -> None:
+def test_the_top_left_square_is_black_and_squares_alternate(board: Checkerboard | Charuco) -> None:
     image = board.image(40)
     # A square's border ring shows its colour: a marker leaves it free.
     ring = image.reshape(board.rows, 40, board.cols, 40)[:, 2, :, 20]
@@ -87,7 +93,9 @@ def test_the_dictionaries_are_those_of_opencv(name: str) -> None:
     assert len(dictionary.bytesList) == int(name.rsplit("_", 1)[1])
 
 
-@pytest.mark.parametrize("board", [CHARUCO, PLAIN, default_board(), Checkerboard(cols=3, rows=3, square_mm=1 / 3)])
+@pytest.mark.parametrize(
+    "board", [CHARUCO, PLAIN, TAGS, default_board(), Checkerboard(cols=3, rows=3, square_mm=1 / 3)]
+)
 def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
     save_board(tmp_path / "board.toml", board)
     back = load_board(tmp_path / "board.toml")
@@ -99,7 +107,10 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("cols = 8\nrows = 7\nsquare_mm = 3.0\n", "'kind'"),
-        ('kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n', "'dots', expected one of 'checkerboard', 'charuco'"),
+        (
+            'kind = "dots"\ncols = 8\nrows = 7\nsquare_mm = 3.0\n',
+            "'dots', expected one of 'checkerboard', 'charuco', 'aprilgrid'",
+        ),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\n', "checkerboard.square_mm: Field required"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = nan\n', "square_mm: Input should be a finite number"),
         ('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 3\nmarker_mm = 2\n', "marker_mm: not known"),
@@ -116,6 +127,9 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
             'kind = "charuco"\ncols = 12\nrows = 10\nsquare_mm = 3\nmarker_mm = 2\ndictionary = "DICT_4X4_50"\n',
             "60 markers are needed, DICT_4X4_50 has 50",
         ),
+        ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\n', "aprilgrid.spacing: Field required"),
+        ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\nspacing = 1.5\n', "spacing: Input should be less than"),
+        ('kind = "aprilgrid"\ncols = 30\nrows = 20\ntag_mm = 8\nspacing = 0.3\n', "600 tags are needed, 36h11 has 587"),
         ("cols == 8", "not valid TOML"),
         ("cols = 8\n", "'kind' is missing"),
     ],
@@ -139,3 +153,82 @@ def test_a_missing_board_file_is_refused(tmp_path: Path) -> None:
 def test_boards_refuse_what_cannot_be(changes: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         PLAIN.replaced(**changes)
+
+
+def test_aprilgrid_corners_are_where_kalibr_has_them() -> None:
+    # GridCalibrationTargetAprilgrid::createGridPoints: from the lower left corner of tag 0, y up, row by row.
+    size, spacing, cols, rows = 0.088, 0.3, 6, 4
+    kalibr = np.array(
+        [
+            [(c // 2) * (1 + spacing) * size + (c % 2) * size, (r // 2) * (1 + spacing) * size + (r % 2) * size]
+            for r in range(2 * rows)
+            for c in range(2 * cols)
+        ]
+    )
+    r, c = np.divmod(np.arange(len(kalibr)), 2 * cols)
+    ours = TAGS.corners_in_board_mm[(2 * rows - 1 - r) * 2 * cols + c]
+    _, height = TAGS.size_mm
+    np.testing.assert_allclose(ours[:, 0], 1000 * kalibr[:, 0] + TAGS.gap_mm, atol=1e-9)
+    np.testing.assert_allclose(ours[:, 1], height - TAGS.gap_mm - 1000 * kalibr[:, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_tags_are_printed_as_kalibr_prints_them(number: int) -> None:
+    code = np.array([[CODES[number] >> (35 - 6 * row - col) & 1 for col in range(6)] for row in range(6)], dtype=bool)
+    black = TAGS.tag(number)
+    np.testing.assert_array_equal(black[2:-2, 2:-2], ~code)
+    assert black.sum() == 100 - code.sum(), "two modules of black border"
+    # The lower row holds the first tags, from the left; gaps cross in black squares.
+    image = TAGS.image(100)
+    assert image.shape == (4 * 130 + 30, 6 * 130 + 30)
+    left, low = 30 + 130 * number, 30 + 3 * 130
+    np.testing.assert_array_equal(image[low : low + 100 : 10, left : left + 100 : 10] == 0, black)
+    assert (image[low - 30 : low, left - 30 : left] == 0).all()
+    assert (image[low - 30 : low, left : left + 100] == 255).all()
+
+
+def test_opencv_reads_the_tags_half_a_turn_round() -> None:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = 2
+    # Without the squares, which join the outlines of tags.
+    image = np.pad(TAGS.image(100), 30, constant_values=255)
+    for row in range(5):
+        for col in range(7):
+            image[30 + 130 * row : 60 + 130 * row, 30 + 130 * col : 60 + 130 * col] = 255
+    quads, ids, _ = cv2.aruco.ArucoDetector(TAG_FAMILY, parameters).detectMarkers(image)
+    assert ids is not None
+    assert sorted(np.ravel(ids)) == list(range(24))
+    first = np.asarray(quads[int(np.flatnonzero(np.ravel(ids) == 0)[0])]).reshape(4, 2)
+    low = 30 + 30 + 3 * 130
+    np.testing.assert_allclose(first[0], [60 + 100, low + 100], atol=1.5)
+    np.testing.assert_allclose(first[2], [60, low], atol=1.5)
+
+
+KALIBR = "target_type: 'aprilgrid' #gridtype\ntagCols: 6 #tags\ntagRows: 4\ntagSize: 0.088 # m\ntagSpacing: 0.3\n"
+
+
+@pytest.mark.parametrize("name", ["april_6x4.yaml", "grid.yml"])
+def test_kalibrs_own_file_is_read(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(KALIBR)
+    assert load_board(tmp_path / name) == TAGS
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("'aprilgrid'", "'checkerboard'", "target_type is 'checkerboard', expected 'aprilgrid'"),
+        ("tagSize: 0.088", "tagSize: wide", "tagSize: 'wide', expected a number"),
+        ("tagSize: 0.088", "tagSize: 1e", "could not convert"),
+        ("tagRows: 4", "", "tagRows: '', expected a number"),
+        ("tagRows: 4", "tagRows: 4.5", "rows: Input should be a valid integer"),
+        ("tagSpacing: 0.3", "tagSpacing: 3", "spacing: Input should be less than"),
+    ],
+)
+def test_files_of_kalibr_are_refused_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "target.yaml"
+    path.write_text(KALIBR.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_board(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

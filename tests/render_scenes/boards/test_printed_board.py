@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards.printed_board import (
     board_from_texels,
@@ -25,7 +25,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
         (Charuco(cols=6, rows=5, square_mm=16.0, marker_mm=12.0, dictionary="DICT_4X4_50"), 8),
     ],
 )
-def test_the_print_is_exact_with_few_texels(target: Target, texels: int) -> None:
+def test_the_print_is_exact_with_few_texels(target: Checkerboard | Charuco, texels: int) -> None:
     page = print_on_paper(target)
     assert page.shape == ((5 + 2) * texels, (6 + 2) * texels)
     printed = page[texels:-texels, texels:-texels]
@@ -47,7 +47,7 @@ def test_markers_that_fit_no_texels_keep_their_squares() -> None:
 @pytest.mark.parametrize(
     "target", [Checkerboard(cols=6, rows=5, square_mm=24.0), Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=9.0)]
 )
-def test_texels_and_mitsubas_rectangle_span_the_print_with_its_margin(target: Target) -> None:
+def test_texels_and_mitsubas_rectangle_span_the_print_with_its_margin(target: Checkerboard | Charuco) -> None:
     rows, columns = print_on_paper(target).shape
     width, height = target.size_mm
     margin = target.square_mm
@@ -67,3 +67,18 @@ def test_radiance_is_that_of_paper_and_ink() -> None:
     assert set(np.unique(radiance.round(9))) == {0.1, 0.7}
     assert radiance[0, 0] == 0.7
     assert radiance[1, 1] == 0.1
+
+
+@pytest.mark.parametrize(("spacing", "texels"), [(0.3, 10), (0.25, 20), (0.33, 100), (1 / 3, 30)])
+def test_corners_of_an_aprilgrid_fall_on_texels(spacing: float, texels: int) -> None:
+    target = AprilGrid(cols=3, rows=2, tag_mm=24.0, spacing=spacing)
+    page = print_on_paper(target)
+    board_from_page = board_from_texels(target)
+    assert board_from_page[0, 0] == pytest.approx(24.0 / texels)
+    at = np.linalg.solve(board_from_page, np.column_stack([target.corners_in_board_mm[:, :2], np.ones(24)]).T)[:2]
+    np.testing.assert_allclose(at, at.round(), atol=1e-9)
+    x, y = at.round().astype(int)
+    # Black and white cross there.
+    np.testing.assert_array_equal(page[y, x] == page[y - 1, x - 1], np.ones(24, dtype=bool))
+    np.testing.assert_array_equal(page[y - 1, x] == page[y, x - 1], np.ones(24, dtype=bool))
+    np.testing.assert_array_equal(page[y, x] == page[y - 1, x], np.zeros(24, dtype=bool))

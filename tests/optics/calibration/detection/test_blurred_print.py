@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, blurred_print, sample, sample_blurred
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 
 PLAIN = Checkerboard(cols=6, rows=5, square_mm=10.0)
 CHARUCO = Charuco(cols=6, rows=5, square_mm=10.0, marker_mm=7.3)
@@ -19,7 +19,7 @@ def at(places: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("target", [PLAIN, CHARUCO])
-def test_inner_corners_are_half_black(target: Target) -> None:
+def test_inner_corners_are_half_black(target: Checkerboard | Charuco) -> None:
     places = target.corners_in_board_mm[:, :2] / target.square_mm
     value = blurred_print(target, 0.03).value
     np.testing.assert_allclose(sample(value, at(places)), 0.0, atol=1e-3)

@@ -1,12 +1,13 @@
-"""ChArUco boards in one image: named corners, and markers grouped into boards."""
+"""ChArUco boards and AprilGrids in one image: named corners, and markers grouped into boards."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.detection.charuco import find_boards, groups, marker_places
+from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, marker_places
 from mirrorcam.optics.geometry.targets import Charuco
+from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
 
@@ -24,6 +25,30 @@ def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
     truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
     assert find_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("turn_deg", [6.0, 97.0, -170.0])
+def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) -> None:
+    layout = one_mirror() if mirrored else None
+    middle = np.array([10.0, 300.0, 80.0]) if mirrored else np.array([10.0, 0.0, 300.0])
+    pose = posed(Sheet(), middle, np.array([10.0, -12.0, turn_deg]), direct=not mirrored)
+    picture = render(CAMERA, layout, Sheet(), pose, noise_grey=1.0)
+    (corners,) = find_boards(picture, GRID, mirrored=mirrored, most=4)
+    assert len(corners) > 80
+    truth = seen(GRID.corners_in_board_mm, pose, layout)[corners.ids]
+    assert rms(corners.pixels - truth) < 0.01
+    assert find_boards(picture, GRID, mirrored=not mirrored, most=4) == []
+
+
+def test_tags_have_their_places_and_turn() -> None:
+    pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
+    picture = render(CAMERA, None, Sheet(), pose)
+    ids, quads = find_markers(picture, GRID, mirrored=False)
+    assert len(ids) >= 2, "most tags are joined by the squares between them"
+    at = marker_places(GRID)[ids].reshape(-1, 2) * GRID.pitch_mm
+    points = np.column_stack([at, np.zeros(len(at))])
+    assert rms(quads.reshape(-1, 2) - seen(points, pose, None)) < 1.5
 
 
 def test_markers_lie_amid_the_white_squares() -> None:

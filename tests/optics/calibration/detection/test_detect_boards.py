@@ -17,7 +17,7 @@ from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
@@ -46,7 +46,7 @@ TILTED = tilted(2.0)
 
 
 def frame(
-    target: Target, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
+    target: Checkerboard | Charuco, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
 ) -> tuple[Grey, FloatArray]:
     """A picture via mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
     pose = posed(target, np.array(middle), np.array(turn_deg), direct=False)

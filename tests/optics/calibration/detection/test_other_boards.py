@@ -11,7 +11,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
 
@@ -24,7 +24,7 @@ SELFIE = "as those of a selfie camera"
 
 
 @lru_cache
-def pictures(target: Target, *, mirrored: bool) -> tuple[Grey, ...]:
+def pictures(target: Checkerboard | Charuco, *, mirrored: bool) -> tuple[Grey, ...]:
     """Two pictures of a board, through mirrors or by the bare camera."""
     far = 330.0 if mirrored else 220.0 if isinstance(target, Checkerboard) else 300.0
     place = np.array([0.0, far, 85.0]) if mirrored else np.array([0.0, 0.0, far])
@@ -36,7 +36,7 @@ def pictures(target: Target, *, mirrored: bool) -> tuple[Grey, ...]:
     )
 
 
-def flipped(target: Target, *, mirrored: bool) -> list[Grey]:
+def flipped(target: Checkerboard | Charuco, *, mirrored: bool) -> list[Grey]:
     return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(target, mirrored=mirrored)]
 
 

@@ -11,14 +11,14 @@ from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.synthetic_corners import as_built, mirrored_poses, views_of
 
 MARKED = Charuco(cols=10, rows=7, square_mm=16.0, marker_mm=11.0)
 PLAIN = Checkerboard(cols=9, rows=7, square_mm=6.0)
 
 
-def shown(target: Target, truth: Layout, nominal: Layout, *, upside_down: bool) -> list[Observations]:
+def shown(target: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, upside_down: bool) -> list[Observations]:
     """What is found in frames, turned by 180 degrees or not."""
     last = np.array([nominal.camera.width_px, nominal.camera.height_px]) - 1.0
     frames = []
@@ -31,7 +31,9 @@ def shown(target: Target, truth: Layout, nominal: Layout, *, upside_down: bool) 
 
 
 @pytest.mark.parametrize("target", [MARKED, PLAIN])
-def test_pictures_that_are_upside_down_fit_once_they_are_turned(target: Target, fold_90_layout: Layout) -> None:
+def test_pictures_that_are_upside_down_fit_once_they_are_turned(
+    target: Checkerboard | Charuco, fold_90_layout: Layout
+) -> None:
     truth = as_built(fold_90_layout, seed=1)
     seen = shown(target, truth, fold_90_layout, upside_down=True)
     with pytest.raises(InputError):

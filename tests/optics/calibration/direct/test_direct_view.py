@@ -81,7 +81,7 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="pictures of 2 sizes"):
         calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
     charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
-    with pytest.raises(InputError, match="no 8 x 7 ChArUco board found in any of 1 pictures"):
+    with pytest.raises(InputError, match="no 8 x 7 ChArUco found in any of 1 pictures"):
         calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])
     bare = [render(CAMERA, None, BOARD, lying(*pose)) for pose in POSES[:3]]
     with pytest.raises(InputError, match="the pictures show 0 mirrors, expected 2"):

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, resid
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.synthetic import render
 
@@ -93,7 +93,7 @@ def moved_by_hand(frames: int, seed: int = 0) -> FloatArray:
     )
 
 
-def picture_of(layout: Layout, pose: FloatArray, seed: int, board: Target = BOARD) -> Grey:
+def picture_of(layout: Layout, pose: FloatArray, seed: int, board: Checkerboard | Charuco = BOARD) -> Grey:
     """The mirrors' picture with the board itself in front of it."""
     through = render(CAMERA, layout, board, pose, noise_grey=1.0, seed=seed)
     direct = render(CAMERA, None, board, pose, noise_grey=1.0, seed=seed)
