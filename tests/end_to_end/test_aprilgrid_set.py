@@ -31,6 +31,6 @@ def test_every_limit_is_met(default_layout: Layout, tmp_path: Path) -> None:
     render_set(request, tmp_path / "set")
     assert load_board(tmp_path / "set" / "board.toml") == BOARD
     validation = validate(tmp_path / "set")
-    assert validation.metrics["corners_used"].value > 6000
+    assert validation.metrics["corners"].value > 6000
     for name in set(LIMITS) & set(validation.metrics):
         assert validation.metrics[name].value <= LIMITS[name], name
