@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -308,9 +309,9 @@ def _concluded(
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
     edges = [] if extremes is None else seen_edges(calibrated, extremes)
-    first, second = selection.model.board.corners_in_board_mm[:2, 0]
-    square_mm = float(second - first)
-    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, square_mm)
+    side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
+    what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
+    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
     if edges:
         calibrated, moved = outlined(calibrated, edges)
         notes += moved

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -117,15 +118,19 @@ def _prior(mirrors: int) -> FloatArray:
 
 
 def scale_doubt(
-    layout: Layout, virtual_centres: FloatArray, edges: Sequence[Mapping[int, SeenEdge]], square_mm: float
+    layout: Layout,
+    virtual_centres: FloatArray,
+    edges: Sequence[Mapping[int, SeenEdge]],
+    side_mm: float,
+    what: Literal["square", "tag"] = "square",
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Alarms and notes on the common scale; raises InputError where it is far off and the board must be another."""
     scale = common_scale(layout, virtual_centres, edges)
-    fitting_mm, sigma_mm = square_mm / scale.factor, square_mm * scale.sigma / scale.factor**2
+    fitting_mm, sigma_mm = side_mm / scale.factor, side_mm * scale.sigma / scale.factor**2
     message = (
-        f"the board's squares (or tags) look like {fitting_mm:.4g} +- {sigma_mm:.2g} mm, board.toml says "
-        f"{square_mm:g}: all lengths come out {scale.factor:.3f} (+-{scale.sigma:.3f}) times those of the nominal "
-        "layout; measure the print, correct board.toml and calibrate again"
+        f"the board's {what}s look like {fitting_mm:.4g} +- {sigma_mm:.2g} mm, board.toml says {what}_mm = "
+        f"{side_mm:g}: all lengths come out {scale.factor:.3f} (+-{scale.sigma:.3f}) times those of the nominal "
+        f"layout; measure the print, correct {what}_mm and calibrate again"
     )
     if scale.beyond(ALARM_SIGMAS, REFUSED):
         raise InputError(message)
