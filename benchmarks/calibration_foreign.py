@@ -72,12 +72,17 @@ def thickness(layout: Layout) -> str:
     return f"{mean:.4f} +- {np.sqrt(known.covariance[place, place]):.4f} mm"
 
 
+def worst_normal_deg(layout: Layout, truth: dict[str, Any]) -> float:
+    """Largest angle between a mirror's normal and the true one."""
+    found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    unit, true_unit = (c / np.linalg.norm(c, axis=1, keepdims=True) for c in (found, np.array(truth["C"])))
+    return float(np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max()))
+
+
 def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> None:
     """Print the figures of one calibration."""
     layout, true = calibration.layout, np.array(truth["C"])
     found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
-    unit, true_unit = (c / np.linalg.norm(c, axis=1, keepdims=True) for c in (found, true))
-    normal_deg = np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max())
     distance_mm = np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
     level = "" if calibration.diagnostics is None else calibration.diagnostics.level
     everything, mirrors, lens = (
@@ -86,7 +91,7 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> None:
     )
     print(
         f"  {how}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, normals "
-        f"{normal_deg:.4f} deg, distances {distance_mm:.4f} mm"
+        f"{worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
     )
     print(f"    NEES per parameter {everything:.2f}, of mirrors {mirrors:.2f}, of intrinsics {lens:.2f}")
     if truth["sheet"]:

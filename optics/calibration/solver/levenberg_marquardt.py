@@ -24,6 +24,8 @@ BoolArray = NDArray[np.bool_]
 HUBER_SCALE = 1.345
 SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
+MOST_OUTLIERS = 0.25
+"""Fraction of the corners: more contradict the model, not the others."""
 MAX_ITERATIONS = 50
 RELATIVE_GAIN = 1e-9
 """Fraction of the cost: a step with a smaller predicted decrease is the last one. For 60,000 residuals that is a step
@@ -90,6 +92,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
     Outliers follow the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond
     4 sigma are dropped and the fit is repeated, until none is found. Sigma is re-estimated from the remaining corners.
+    Where that would drop more than `MOST_OUTLIERS`, none further is.
 
     Parameters
     ----------
@@ -118,7 +121,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     inliers = np.ones(len(observations), dtype=bool)
     scale = _robust_scale(r)
     while True:
-        inliers &= ~_outliers(r, observations.view, inliers, scale)
+        inliers = _without_outliers(r, observations.view, inliers, scale)
         kept = observations.where(inliers)
         terms = effective_frame_terms(estimate, kept, model)
         unknowns = len(parameters) + 6 * frames + terms
@@ -130,7 +133,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
         r_px = residuals(estimate, observations, model.board)
         r = observations.standardised(r_px)
         scale = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
-        if not _outliers(r, observations.view, inliers, scale).any():
+        if np.array_equal(_without_outliers(r, observations.view, inliers, scale), inliers):
             break
     covariance = scale**2 * _inverse_information(estimate, kept, model)
     sigma_px = scale * float(np.median(kept.sigma_px))
@@ -173,10 +176,12 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def _outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
+def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
+    """The inliers that are no outliers; all of them where these would be many, which the model is wrong about."""
     norm = np.abs(r).max(axis=1)
     found = inliers & (norm > FIND_SIGMAS * scale)
-    return inliers & np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale)
+    left = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
+    return left if left.mean() >= 1.0 - MOST_OUTLIERS else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:

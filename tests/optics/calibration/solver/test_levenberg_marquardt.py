@@ -9,7 +9,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.optics.calibration.diagnostics.cross_validation import frames_of
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit, minimise
+from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.residuals import (
     Estimate,
     residuals,
@@ -86,6 +88,20 @@ def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
     np.testing.assert_allclose(
         solution.estimate.virtual_centres_in_rig_mm, clean.estimate.virtual_centres_in_rig_mm, atol=0.005
     )
+
+
+def test_what_most_of_a_kind_of_corners_contradict_is_the_model() -> None:
+    """With the camera held, corners in mirrors of another focal length are no outliers of the others."""
+    scene = small_scene()
+    seen, _ = scene.noisy(0)
+    principal = scene.truth.camera.intrinsics[2:4]
+    pixels = np.where((seen.view != DIRECT)[:, None], principal + 1.01 * (seen.pixels - principal), seen.pixels)
+    frames = np.arange(len(scene.truth.rig_from_board))
+    rows, start = frames_of(replace(seen, pixels=pixels), scene.truth, (frames < 1) | (frames >= 8))
+    rows = rows.where(rows.view < 3)
+    solution = fit(start, rows, replace(scene.model, intrinsics=(), mirrors=False))
+    assert solution.inliers.mean() > 0.75
+    assert set(rows.view[solution.inliers]) == set(rows.view)
 
 
 def test_a_bent_misprinted_board_is_found_with_its_modes() -> None:

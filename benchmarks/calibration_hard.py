@@ -1,0 +1,125 @@
+"""Calibration from pictures that are hard: `python -m benchmarks.calibration_hard SET [SET ...]`.
+
+A set is one of `benchmarks.calibration_foreign`. Its pictures are calibrated as they are, and with few of them, without
+those of the bare camera, compressed, overexposed, blurred, of two sizes, and partly hidden. Prints for each case what
+was refused and why, or the corners found and dropped, the worst normal against the truth, NEES per parameter and the
+verdict.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.calibration_foreign import nees, worst_normal_deg
+from benchmarks.detection_parts import hidden
+from mirrorcam.optics.base.pictures import pictures_in, read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
+from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import load_board
+
+JPEG_QUALITY = 25
+GAIN = 1.8  # of an overexposed picture, which clips white
+BLUR_PX = 2.5
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures through the mirrors and without them."""
+
+    seen: Sequence[Grey]
+    base: Sequence[Grey]
+
+    def each(self, change: Callable[[Grey], Grey]) -> Pictures:
+        """All of them changed."""
+        return Pictures([change(grey) for grey in self.seen], [change(grey) for grey in self.base])
+
+
+def compressed(grey: Grey) -> Grey:
+    """As a strong JPEG."""
+    _, coded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+
+
+def overexposed(grey: Grey) -> Grey:
+    """Brighter, so that white clips."""
+    return np.asarray(np.clip(GAIN * grey.astype(np.float64), 0.0, 255.0), dtype=np.uint8)
+
+
+def blurred(grey: Grey) -> Grey:
+    """Out of focus."""
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR_PX), dtype=np.uint8)
+
+
+def of_two_sizes(pictures: Pictures) -> Pictures:
+    """One of them at half the size."""
+    return Pictures(
+        [*pictures.seen[:-1], np.asarray(cv2.resize(pictures.seen[-1], None, fx=0.5, fy=0.5))], pictures.base
+    )
+
+
+def partly_hidden(pictures: Pictures, layout: Layout) -> Pictures:
+    """With blobs and bars in front of the boards."""
+    random = np.random.default_rng(0)
+    seen = [hidden(hidden(grey, "blobs", layout, random), "bars", layout, random) for grey in pictures.seen]
+    return Pictures(seen, pictures.base)
+
+
+def cases(pictures: Pictures, layout: Layout) -> dict[str, Pictures]:
+    """All cases by what they are."""
+    return {
+        "as they are": pictures,
+        "3 frames": Pictures(pictures.seen[:3], pictures.base),
+        "no base": Pictures(pictures.seen, []),
+        "3 frames, no base": Pictures(pictures.seen[:3], []),
+        f"JPEG {JPEG_QUALITY}": pictures.each(compressed),
+        "overexposed": pictures.each(overexposed),
+        f"blurred by {BLUR_PX:g} px": pictures.each(blurred),
+        "two sizes": of_two_sizes(pictures),
+        "partly hidden": partly_hidden(pictures, layout),
+    }
+
+
+def outcome(pictures: Pictures, folder: Path, layout: Layout, truth: dict[str, Any]) -> str:
+    """What comes of one case, in a line."""
+    try:
+        found = calibrate(pictures.seen, pictures.base, layout, load_board(folder / "board.toml"), workers=cores())
+    except InputError as error:
+        return f"refused: {error}"
+    verdict = check_solution(found, view_figures(found))
+    level = "" if found.diagnostics is None else found.diagnostics.level
+    return (
+        f"{len(found.inliers)} corners, {np.mean(~found.inliers):.2%} dropped, {level}, normals "
+        f"{worst_normal_deg(found.layout, truth):.4f} deg, NEES {nees(found.layout, truth, lambda _: True):.2f}, "
+        f"{STATES[verdict.state].lower()}{''.join(f'; {reason}' for reason in verdict.reasons[:1])}"
+    )
+
+
+def main(folders: list[Path]) -> None:
+    for folder in folders:
+        layout = Layout.load(folder / "layout.json")
+        truth = json.loads((folder / "truth" / "truth.json").read_text())
+        seen, base = (
+            [read_image(path, grey=True) for path in pictures_in([folder / name])] for name in ("frames", "base")
+        )
+        print(folder.name)
+        for name, pictures in cases(Pictures(seen, base), layout).items():
+            print(f"  {name:20} {outcome(pictures, folder, layout, truth)}", flush=True)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main([Path(name) for name in sys.argv[1:]])
