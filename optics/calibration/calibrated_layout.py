@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mirrorcam.optics.base.bounds import LENGTH_MM
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
@@ -11,7 +12,11 @@ from mirrorcam.optics.geometry.mirror import Mirror
 
 
 def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
-    """A nominal layout with the camera, planes, plates and curvatures of an estimate, without figures."""
+    """A nominal layout with the camera, planes, plates and curvatures of an estimate, without figures.
+
+    A plate that comes out as none, which an alarm says, is as thin as a layout can have it.
+    """
+    thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.least)
     mirrors = tuple(
         moved_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
@@ -19,7 +24,7 @@ def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
         for mirror, centre, thickness, curvature in zip(
             layout.mirrors,
             estimate.virtual_centres_in_rig_mm,
-            estimate.thickness_mm.tolist(),
+            thickness_mm.tolist(),
             estimate.curvature_per_m,
             strict=True,
         )
