@@ -15,6 +15,7 @@ from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Checkerbo
 Image = NDArray[np.float32]
 
 PX_PER_SQUARE = 40
+PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
 BLUR_STEP = 2.0**0.125
 LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
 SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
@@ -54,12 +55,12 @@ class PrintSamples:
 
 
 def _ink(target: Target) -> FloatArray:
-    """The black fraction of each pixel (rows * p, cols * p) of a print, with p pixels per pitch.
+    """The black fraction of each pixel of a print, `px_per_pitch` of them per pitch.
 
     `target.image` would not do: it rounds markers to whole pixels, and a corner is found to 1/2000 of a square.
     """
     if isinstance(target, AprilGrid):
-        tag, gap = (PX_PER_SQUARE * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
+        tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
         right, down = (_covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
         return np.asarray(down.T @ target.black @ right)
     ink = 1.0 - Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0).image(PX_PER_SQUARE) / 255.0
@@ -77,9 +78,29 @@ def _ink(target: Target) -> FloatArray:
     return ink
 
 
+def px_per_pitch(target: Target) -> int:
+    """Pixels of a print per pitch: about as many for all prints, so that corners lie between pixels.
+
+    Elsewhere they would be found wrong by 1/5000 of a pitch, as samples are interpolated.
+    """
+    if not isinstance(target, AprilGrid):
+        return PX_PER_SQUARE
+
+    def off(px: int) -> float:
+        tag = px * target.tag_mm / target.pitch_mm
+        return round(abs(tag - round(tag)), 6)
+
+    return min(PX_OF_TAGS, key=lambda px: (off(px), abs(px - PX_PER_SQUARE)))
+
+
+def in_print_px(target: Target, places: FloatArray) -> FloatArray:
+    """Pixels in the images of a print of places on it, in pitches; it has a margin of one pitch."""
+    return (places + 1.0) * px_per_pitch(target) - 0.5
+
+
 def _covers(edges: FloatArray, count: int | None = None) -> FloatArray:
     """What the cells between edges (c + 1,) cover of each of `count` pixels (c, p); up to the last edge where None."""
-    pixels = np.arange(np.ceil(edges[-1]) if count is None else count)
+    pixels = np.arange(np.ceil(edges[-1] - 1e-6) if count is None else count)
     begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
     return np.maximum(end - begin, 0.0)
 
@@ -104,7 +125,7 @@ def sample_blurred(target: Target, places: FloatArray, blur: FloatArray) -> Prin
     blur
         Covariances (n, 2, 2) of the blur around each of n corners, in cells.
     """
-    at = (places + 1.0) * PX_PER_SQUARE - 0.5
+    at = in_print_px(target, places)
     steps = _step(np.linalg.det(blur) ** 0.25)
     value, first, second = (np.empty((*places.shape[:2], *more)) for more in ((), (2,), (3,)))
     for step in np.unique(steps):
@@ -134,10 +155,11 @@ def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]
 
 @lru_cache(maxsize=48)
 def _blurred(target: Target, step: int) -> BlurredPrint:
-    blur_px = BLUR_STEP**step * PX_PER_SQUARE
-    padded = np.pad(1.0 - 2.0 * _ink(target), PX_PER_SQUARE, constant_values=1.0).astype(np.float32)
+    scale = px_per_pitch(target)
+    blur_px = BLUR_STEP**step * scale
+    padded = np.pad(1.0 - 2.0 * _ink(target), scale, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
-    half, twice = np.array([[-0.5, 0.0, 0.5]]) * PX_PER_SQUARE, np.array([[1.0, -2.0, 1.0]]) * PX_PER_SQUARE**2
+    half, twice = np.array([[-0.5, 0.0, 0.5]]) * scale, np.array([[1.0, -2.0, 1.0]]) * scale**2
     right, down, twice_right, both, twice_down = (
         np.asarray(cv2.filter2D(value, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
         for kernel in (half, half.T, twice, half.T @ half, twice.T)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
+from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, in_print_px, sample
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, cut
@@ -230,7 +230,7 @@ def _shown(target: Target, starts: FloatArray, directions: FloatArray, board_fro
         return np.full(at.shape[:2], np.nan)
     at = np.nan_to_num(at)
     square_px = STEP_PX / max(float(np.median(steps)), 1e-6)
-    value = sample(blurred_print(target, BLUR_PX / square_px).value, (at + 1.0) * PX_PER_SQUARE - 0.5)
+    value = sample(blurred_print(target, BLUR_PX / square_px).value, in_print_px(target, at))
     return np.where(inside, value, np.nan)
 
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import (
-    PX_PER_SQUARE,
     BlurredPrint,
     blurred_print,
+    in_print_px,
     local_print,
     sample,
     sample_blurred,
@@ -187,7 +187,7 @@ class LinearModel:
         ghosts = []
         if appearance.ghosts is not None:
             blur_cells = appearance.blur_px / float(np.median(patches.side_px))
-            ghosts = _ghosts(blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
+            ghosts = _ghosts(local, blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
         by_px = printed.first @ squares_per_px
@@ -225,11 +225,13 @@ def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
     return float(np.clip(np.median(contrast[shown] / level[shown]), LEAST_MODULATION, MOST_MODULATION))
 
 
-def _ghosts(blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages) -> list[FloatArray]:
+def _ghosts(
+    target: Target, blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages
+) -> list[FloatArray]:
     """The ghost images (n, m) of a print at places (n, m, 2) on it, those of each kind together."""
     shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
     images = [
-        strength[:, None] * sample(blurred.value, (at - shift[:, None] + 1.0) * PX_PER_SQUARE - 0.5)
+        strength[:, None] * sample(blurred.value, in_print_px(target, at - shift[:, None]))
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T, strict=True)
     ]
     kinds = range(max(ghosts.kind, default=-1) + 1)

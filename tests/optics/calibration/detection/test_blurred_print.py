@@ -6,8 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, blurred_print, sample, sample_blurred
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.calibration.detection.blurred_print import (
+    PX_PER_SQUARE,
+    blurred_print,
+    in_print_px,
+    px_per_pitch,
+    sample,
+    sample_blurred,
+)
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
 
 PLAIN = Checkerboard(cols=6, rows=5, square_mm=10.0)
 CHARUCO = Charuco(cols=6, rows=5, square_mm=10.0, marker_mm=7.3)
@@ -67,3 +74,14 @@ def test_a_blur_along_one_direction_is_that_of_the_sharp_print_blurred_so() -> N
     alike = sample(blurred_print(CHARUCO, 0.059).value, (places + 1.0) * PX_PER_SQUARE - 0.5)
     assert np.sqrt(np.mean((found - expected) ** 2)) < 0.015
     assert np.sqrt(np.mean((found - expected) ** 2)) < 0.5 * np.sqrt(np.mean((alike - expected) ** 2))
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.25, 0.3, 0.33])
+def test_a_print_of_tags_is_half_black_at_its_corners(spacing: float) -> None:
+    target = AprilGrid(cols=3, rows=2, tag_mm=20.0, spacing=spacing)
+    assert 32 <= px_per_pitch(target) <= 60
+    at = in_print_px(target, target.corners_in_board_mm[:, :2] / target.pitch_mm)
+    values = sample(blurred_print(target, 0.02).value, at[None])
+    assert np.abs(values).max() < 0.02
+    # The paper around it is white.
+    assert blurred_print(target, 0.02).value[0].min() == 1.0

@@ -41,6 +41,15 @@ def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) 
     assert find_boards(picture, GRID, mirrored=not mirrored, most=4) == []
 
 
+def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
+    pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
+    (corners,) = find_boards(render(CAMERA, None, Sheet(), pose), GRID, mirrored=False, most=1)
+    off = corners.pixels - seen(GRID.corners_in_board_mm, pose, None)[corners.ids]
+    row, col = np.divmod(corners.ids, 2 * GRID.cols)
+    for kind in range(4):
+        assert np.abs(off[(row % 2 == kind // 2) & (col % 2 == kind % 2)].mean(axis=0)).max() < 1.5e-3
+
+
 def test_tags_have_their_places_and_turn() -> None:
     pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, Sheet(), pose)
